@@ -1,0 +1,137 @@
+"""Every setting once: type, default, unit, range and help. Options, presets and saved files are made from this page.
+
+Imports no torch, so that `wegs --help` answers at once.
+"""
+
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+from core.errors import BadSetting
+
+
+def setting(default: Any, help: str, *, low: float | None = None, high: float | None = None, choices: tuple = ()) -> Any:
+    """A field of Settings: its default, its help, and the values it accepts."""
+    return field(default=default, metadata={"help": help, "low": low, "high": high, "choices": choices})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that decides how a run turns out. Fractions are of `steps`; lengths are scene units (scene radius 1)."""
+
+    # --- the run
+    steps: int = setting(4000, "Optimisation steps; every schedule is a fraction of them.", low=1)
+    seed: int = setting(0, "Seed of everything random.", low=0)
+    device: str = setting("auto", "Where to compute.", choices=("auto", "cpu", "cuda"))
+    backend: str = setting("auto", "Rasterizer.", choices=("auto", "reference", "cpu", "cuda"))
+    resolution: int = setting(-1, "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 decides.", low=-1)
+    max_gaussians: int = setting(40_000, "Never more Gaussians than this (without the sky's).", low=1)
+    sh_degree: int = setting(2, "Degree of the spherical harmonics.", low=0, high=3)
+
+    # --- the parts of the method, each a switch of the paper's ablation
+    appearance: str = setting("full", "How looks differ: not at all, by an affine colour map, by SH transfer.", choices=("off", "exposure", "full"))
+    transients: str = setting("on", "Whether passers-by are masked.", choices=("off", "on"))
+    sky: str = setting("dome", "What stands behind everything: a far dome of Gaussians, or nothing (black).", choices=("none", "dome"))
+    embedding: str = setting("encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo"))
+    mask: str = setting("attention", "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).", choices=("attention", "cnn", "mlp"))
+    channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
+    residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
+    detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
+
+    # --- sizes
+    embedding_size: int = setting(16, "Numbers in a photo's embedding.", low=1)
+    latent_size: int = setting(0, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position.", low=0)
+    transfer_width: int = setting(64, "Width of the SH transfer MLP.", low=1)
+    position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0)
+    sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0)
+    residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
+    encoder_side_px: int = setting(128, "Photos are shrunk to this short side before the encoder, never enlarged.", low=16)
+    sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
+    sky_radius: float = setting(30.0, "Radius of the sky's dome.", low=2)
+
+    # --- losses
+    ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1)
+    mask_loss: str = setting("weighted", "How masks enter the picture loss: weighting the maps, or multiplying the pictures (paper).", choices=("weighted", "paper"))
+    mask_regularisation: float = setting(0.15, "Weight of mean((1 - M)^2) (L_regM).", low=0)
+    sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
+    transient_regularisation: float = setting(0.01, "Weight of the opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
+    gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
+    mask_start: float = setting(0.15, "Fraction at which the mask begins to learn.", low=0, high=1)
+    mask_apply: float = setting(0.25, "Fraction from which the mask weights the picture loss.", low=0, high=1)
+
+    # --- learning rates (Adam)
+    mean_rate: float = setting(1.6e-3, "Of centres, decaying to a hundredth; scene units a step.", low=0)
+    quaternion_rate: float = setting(2e-3, "Of quaternions.", low=0)
+    scale_rate: float = setting(8e-3, "Of log scales.", low=0)
+    opacity_rate: float = setting(4e-2, "Of logit opacities.", low=0)
+    sh_rate: float = setting(5e-3, "Of DC coefficients; the other bands get a twentieth.", low=0)
+    network_rate: float = setting(2e-3, "Of encoder and SH transfer, decaying to a tenth.", low=0)
+    embedding_rate: float = setting(1e-2, "Of GLO embeddings and latents, decaying to a tenth.", low=0)
+
+    # --- density control
+    densify_from: float = setting(0.02, "Fraction at which growth starts.", low=0, high=1)
+    densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
+    densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
+    opacity_resets: int = setting(0, "Opacity resets during growth.", low=0)
+    prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
+
+    # --- schedule
+    coarse_until: float = setting(0.15, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
+    held_out_checks: int = setting(4, "Times held-out quality is measured on the way.", low=0)
+    checkpoints: int = setting(4, "Checkpoints written on the way.", low=1)
+
+    def __post_init__(self):
+        for item in fields(self):
+            check(item, getattr(self, item.name))
+
+    def changed(self, **values: Any) -> "Settings":
+        """A copy with other values; unknown names and values out of range raise BadSetting."""
+        known = {item.name for item in fields(self)}
+        for name in values:
+            if name not in known:
+                raise BadSetting(f"There is no setting {name!r}.", "`wegs train --help` lists them.")
+        return replace(self, **values)
+
+    def to_json(self) -> dict:
+        return asdict(self)
+
+
+def check(item, value: Any) -> None:
+    """Raise BadSetting unless `value` has the type and lies in the range of the Settings field `item`."""
+    rules = item.metadata
+    good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))
+    if item.type is float:
+        good = isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
+    if not good:
+        raise BadSetting(f"{item.name}={value!r} is not of type {item.type.__name__}.", item.metadata["help"])
+    if rules["choices"] and value not in rules["choices"]:
+        raise BadSetting(f"{item.name}={value!r} is not a choice.", f"Choose one of: {', '.join(rules['choices'])}.")
+    if rules["low"] is not None and value < rules["low"]:
+        raise BadSetting(f"{item.name}={value!r} is too small.", f"The least is {rules['low']}.")
+    if rules["high"] is not None and value > rules["high"]:
+        raise BadSetting(f"{item.name}={value!r} is too large.", f"The most is {rules['high']}.")
+
+
+# What each preset changes. Command line beats preset beats default.
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {},
+    "quick": {"steps": 1500, "max_gaussians": 20_000},
+    "paper": {
+        "steps": 150_000,
+        "max_gaussians": 3_000_000,
+        "sh_degree": 3,
+        "sky": "none",
+        "transfer_width": 128,
+        "encoder_side_px": 256,
+        "mask_loss": "paper",
+        "sh_regularisation": 0.1,
+        "gauge": 0.0,
+    },
+    "vanilla": {"appearance": "off", "transients": "off"},
+}
+
+
+def preset(name: str) -> Settings:
+    """The settings of a preset, a key of PRESETS."""
+    if name not in PRESETS:
+        raise BadSetting(f"There is no preset {name!r}.", f"Choose one of: {', '.join(PRESETS)}.")
+    return Settings().changed(**PRESETS[name])

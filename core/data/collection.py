@@ -1,0 +1,47 @@
+"""What every kind of photo collection is read into."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from core.scene.camera import Camera
+from core.scene.frame import SceneFrame
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A posed photo. `camera` is pinhole, at the size the photo has on disk (as displayed), in the scene frame.
+
+    lens: the COLMAP camera as {"model", "width", "height", "params"} where the file itself is distorted, else None;
+    core.data.photos undistorts with it. points: indices into Collection.points of the SfM points it sees.
+    """
+
+    name: str
+    path: Path
+    camera: Camera
+    split: str  # "train" or "test"
+    points: np.ndarray
+    lens: dict | None = None
+
+
+@dataclass(frozen=True)
+class Collection:
+    """Posed photos and SfM points, in the scene frame; `frame` leads back to world units.
+
+    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: one line for each thing dropped or decided, with the
+    reason, for the user to read.
+    """
+
+    name: str
+    root: Path
+    kind: str
+    photos: tuple[Photo, ...]
+    points: np.ndarray
+    point_colours: np.ndarray
+    frame: SceneFrame
+    notes: tuple[str, ...] = field(default=())
+
+    def split(self, name: str) -> tuple[Photo, ...]:
+        """The photos of one split, in order of name."""
+        return tuple(photo for photo in self.photos if photo.split == name)

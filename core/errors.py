@@ -1,0 +1,25 @@
+"""The mistakes a user can make, as exceptions that say what, where and what to do."""
+
+
+class WegsError(Exception):
+    """A user's mistake: shown as one line, exit code 1, never as a traceback.
+
+    `what` names the fault with the offending value or path; `fix` says what to type or change.
+    """
+
+    def __init__(self, what: str, fix: str = ""):
+        self.what = what
+        self.fix = fix
+        super().__init__(f"{what} {fix}".strip())
+
+
+class BadInput(WegsError):
+    """A file, folder or photo that cannot be used."""
+
+
+class BadSetting(WegsError):
+    """A setting that does not exist, or a value outside its range."""
+
+
+class TrainingStopped(WegsError):
+    """Training could not go on; a checkpoint was written and `fix` says how to continue."""

@@ -1,0 +1,62 @@
+"""What a rasterizer must do. Every backend shares these constants, these tie-breaks and these signatures."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+
+# The constants of the original 3DGS viewer, so that a baked file looks there as it looks here.
+ALPHA_MIN = 1.0 / 255.0  # a weaker contribution to a pixel is skipped
+ALPHA_MAX = 0.99  # keeps 1 / (1 - alpha) tame; the gradient is zero where alpha is clamped
+STOP_TRANSMITTANCE = 1e-4  # a pixel is finished when the next splat would bring it below this
+BLUR_PX2 = 0.3  # added to the diagonal of every 2D covariance (EWA low-pass), px^2
+
+NEAR = 0.01  # scene units; nearer centres are culled before any division
+JACOBIAN_MARGIN = 0.15  # x/z and y/z are clamped to the picture's box widened by this share on each side, for J only
+QUATERNION_MIN_NORM2 = 1e-12  # below: culled
+LOG_SCALE_RANGE = (-20.0, 10.0)  # scene units; clamped before exp, zero gradient outside
+
+
+@dataclass
+class Rendering:
+    """A picture and what is left of the light behind it.
+
+    image: linear blend of the splats over the background, not clamped at 1. transmittance: share of the background that
+    shows, in [0, 1]; not differentiable.
+    """
+
+    image: Float[Tensor, "h w 3"]
+    transmittance: Float[Tensor, "h w"]
+
+
+class Rasterizer(Protocol):
+    """A backend. Stateless for the caller; pictures and gradients do not depend on the number of threads.
+
+    Order: front to back by camera depth, ties by index. Culled (drawn as absent, zero gradient of the right shape): not
+    finite in any parameter, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity < ALPHA_MIN, footprint outside
+    the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN around the projected centre.
+    """
+
+    name: str
+
+    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+        """Ascending indices of the Gaussians that are not culled in this view (a tight superset of those drawn)."""
+
+    def render(
+        self,
+        splats: Splats,
+        camera: Camera,
+        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        probe: Float[Tensor, "n 2"] | None = None,
+    ) -> Rendering:
+        """The picture, differentiable in every tensor of `splats`.
+
+        probe: zeros that are added to the projected centres (px); its gradient dL/d(centre) drives density control.
+        """
+
+    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
+        """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable."""

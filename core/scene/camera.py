@@ -1,0 +1,55 @@
+"""The pinhole camera."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from core.scene.frame import SceneFrame
+
+
+@dataclass(frozen=True)
+class Camera:
+    """An undistorted pinhole camera with OpenCV axes (x right, y down, z forward).
+
+    x_camera = world_to_camera @ (x_world - centre). Keeping the centre, not a translation, lets callers subtract
+    before they rotate, which is what keeps float32 exact far from the origin.
+
+    world_to_camera: (3, 3) float64 rotation. centre: (3,) float64.
+    fx, fy, cx, cy: pixels, COLMAP's convention: the centre of the top-left pixel is at (0.5, 0.5).
+    """
+
+    world_to_camera: np.ndarray
+    centre: np.ndarray
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def resized(self, width: int, height: int) -> "Camera":
+        """The same view at another picture size (pixels); x and y scale independently."""
+        x, y = width / self.width, height / self.height
+        return replace(
+            self, fx=self.fx * x, fy=self.fy * y, cx=self.cx * x, cy=self.cy * y, width=width, height=height
+        )
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
+        """The window of the picture that starts at (left, top); all in pixels."""
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
+
+    def in_scene(self, frame: SceneFrame) -> "Camera":
+        """The camera moved from world units into the scene frame."""
+        return replace(self, centre=frame.to_scene(self.centre))
+
+    def in_world(self, frame: SceneFrame) -> "Camera":
+        """The camera moved from the scene frame back into world units."""
+        return replace(self, centre=frame.to_world(self.centre))
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (P, 3) -> pixel positions (P, 2) and depths (P,), float64. Depths <= 0 lie behind the camera."""
+        local = (np.asarray(points, dtype=np.float64) - self.centre) @ self.world_to_camera.T
+        depth = local[:, 2]
+        safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
+        pixels = np.stack([self.fx * local[:, 0] / safe + self.cx, self.fy * local[:, 1] / safe + self.cy], axis=1)
+        return pixels, depth

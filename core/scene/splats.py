@@ -1,0 +1,72 @@
+"""Splats: the Gaussians of one look, which is all that rasterizers, exporters and viewers ever see."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from core.scene.frame import SceneFrame
+from core.scene.harmonics import degree_of
+
+
+@dataclass
+class Splats:
+    """N Gaussians, parametrised as in a 3DGS .ply.
+
+    means: scene units. quaternions: w x y z, any norm > 1e-6. log_scales: natural log of the standard deviations, scene
+    units. logit_opacities: before the sigmoid. sh: coefficients (C = 1, 4, 9 or 16 a channel), DC first.
+    """
+
+    means: Float[Tensor, "n 3"]
+    quaternions: Float[Tensor, "n 4"]
+    log_scales: Float[Tensor, "n 3"]
+    logit_opacities: Float[Tensor, " n"]
+    sh: Float[Tensor, "n c 3"]
+
+    def __len__(self) -> int:
+        return self.means.shape[0]
+
+    @property
+    def degree(self) -> int:
+        return degree_of(self.sh.shape[1])
+
+    def tensors(self) -> dict[str, Tensor]:
+        """The parameters by name, in the order of the fields."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def map(self, function) -> "Splats":
+        """`function` applied to every tensor."""
+        return Splats(**{name: function(tensor) for name, tensor in self.tensors().items()})
+
+    def __getitem__(self, rows) -> "Splats":
+        """The Gaussians selected by an index tensor, mask or slice."""
+        return self.map(lambda tensor: tensor[rows])
+
+    def with_sh(self, sh: Float[Tensor, "n c 3"]) -> "Splats":
+        """The same Gaussians in another look."""
+        return replace(self, sh=sh)
+
+    def detached(self) -> "Splats":
+        return self.map(torch.Tensor.detach)
+
+    @staticmethod
+    def concatenate(parts: "list[Splats]") -> "Splats":
+        """The Gaussians of all parts, in order. All parts share one SH degree."""
+        names = [field.name for field in fields(Splats)]
+        return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in names})
+
+    def in_world(self, frame: SceneFrame) -> "Splats":
+        """The Gaussians in world units; the sum is formed in float64 and returned in this dtype."""
+        means = torch.from_numpy(frame.to_world(self.means.detach().double().cpu().numpy()))
+        return replace(
+            self, means=means.to(self.means), log_scales=self.log_scales + float(np.log(frame.radius))
+        )
+
+    def in_scene(self, frame: SceneFrame) -> "Splats":
+        """The inverse of `in_world`."""
+        means = torch.from_numpy(frame.to_scene(self.means.detach().double().cpu().numpy()))
+        return replace(
+            self, means=means.to(self.means), log_scales=self.log_scales - float(np.log(frame.radius))
+        )

@@ -53,7 +53,7 @@ class Settings:
     mask_loss: str = setting("weighted", "How masks enter the picture loss: weighting the maps, or multiplying the pictures (paper).", choices=("weighted", "paper"))
     mask_regularisation: float = setting(0.15, "Weight of mean((1 - M)^2) (L_regM).", low=0)
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
-    transient_regularisation: float = setting(0.01, "Weight of the opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
+    transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
     mask_start: float = setting(0.15, "Fraction at which the mask begins to learn.", low=0, high=1)
     mask_apply: float = setting(0.25, "Fraction from which the mask weights the picture loss.", low=0, high=1)

@@ -1,0 +1,62 @@
+"""Adam for Gaussians: only the rows seen in this step are touched.
+
+A Gaussian outside the view has no gradient; updating it all the same would move it by stale momentum and cost memory
+traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction.
+"""
+
+import numpy as np
+import torch
+from numba import njit
+from torch import Tensor
+
+from core.threads import in_parallel
+
+BETA_1, BETA_2 = 0.9, 0.999
+EPSILON = 1e-15  # 3DGS: gradients of means over pixels are tiny
+ROWS_A_BLOCK = 4096
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _update(values, first, second, counts, rows, gradient, rates, begin, end):
+    columns = values.shape[1]
+    for i in range(begin, end):
+        row = rows[i]
+        unbias_1 = np.float32(1.0 / (1.0 - BETA_1 ** counts[row]))
+        unbias_2 = np.float32(1.0 / (1.0 - BETA_2 ** counts[row]))
+        for j in range(columns):
+            g = gradient[i, j]
+            m = np.float32(BETA_1) * first[row, j] + np.float32(1 - BETA_1) * g
+            v = np.float32(BETA_2) * second[row, j] + np.float32(1 - BETA_2) * g * g
+            first[row, j] = m
+            second[row, j] = v
+            values[row, j] -= rates[j] * m * unbias_1 / (np.sqrt(v * unbias_2) + np.float32(EPSILON))
+
+
+def adam_rows(
+    values: Tensor, first: Tensor, second: Tensor, counts: Tensor, rows: Tensor, gradient: Tensor, rates: Tensor
+) -> None:
+    """One Adam step (Kingma & Ba 2015) on some rows, in place.
+
+    values, first, second: (N, ...) float32 parameters and moments. counts: (N,) int32 updates of each row, this one included.
+    rows: (V,) int64. gradient: (V, ...). rates: one learning rate for each element of a row.
+    """
+    if values.device.type != "cpu":
+        _adam_rows_torch(values, first, second, counts, rows, gradient, rates)
+        return
+    arrays = [tensor.reshape(len(tensor), -1).numpy() for tensor in (values, first, second)]
+    flat = gradient.reshape(len(gradient), -1).numpy()
+    in_parallel(
+        lambda begin, end: _update(*arrays, counts.numpy(), rows.numpy(), flat, rates.numpy(), begin, end),
+        len(rows),
+        ROWS_A_BLOCK,
+    )
+
+
+def _adam_rows_torch(values, first, second, counts, rows, gradient, rates):
+    m = BETA_1 * first[rows] + (1 - BETA_1) * gradient
+    v = BETA_2 * second[rows] + (1 - BETA_2) * gradient**2
+    first[rows], second[rows] = m, v
+    steps = counts[rows].double().reshape(-1, *[1] * (values.dim() - 1))
+    m = m / (1 - BETA_1**steps)
+    v = v / (1 - BETA_2**steps)
+    values[rows] -= (rates.reshape(values.shape[1:]) * m / (v.sqrt() + EPSILON)).to(values)

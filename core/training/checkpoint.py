@@ -1,0 +1,79 @@
+"""Checkpoints: one safetensors file with every tensor of a run, and its plain facts as JSON in the header. No pickle."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from core.errors import BadInput
+
+PATTERN = "checkpoint_*.safetensors"
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """tensors: by dotted name, the part they belong to first. facts: JSON values; always holds `step`."""
+
+    tensors: dict[str, Tensor]
+    facts: dict
+
+    def part(self, name: str) -> dict[str, Tensor]:
+        """The tensors of one part, with its name taken off."""
+        prefix = name + "."
+        return {key[len(prefix) :]: tensor for key, tensor in self.tensors.items() if key.startswith(prefix)}
+
+
+def save(folder: Path, checkpoint: Checkpoint) -> Path:
+    """Write FOLDER/checkpoint_STEP.safetensors under a temporary name, rename it, and drop the older ones."""
+    path = folder / f"checkpoint_{checkpoint.facts['step']:06d}.safetensors"
+    temporary = path.with_suffix(".tmp")
+    tensors = {name: tensor.detach().contiguous() for name, tensor in checkpoint.tensors.items()}
+    try:
+        save_file(tensors, temporary, metadata={"wegs": json.dumps({"version": VERSION, **checkpoint.facts})})
+        os.replace(temporary, path)
+    except (OSError, SafetensorError) as error:
+        temporary.unlink(missing_ok=True)
+        raise BadInput(f"{path} could not be written: {error}.", "Free some space, then `wegs train --resume`.") from None
+    for old in folder.glob(PATTERN):
+        if old != path:
+            old.unlink()
+    return path
+
+
+def newest(folder: Path) -> Path | None:
+    """The checkpoint with the highest step in a run folder, or None."""
+    return max(folder.glob(PATTERN), key=lambda path: path.name, default=None)
+
+
+def load(path: Path) -> Checkpoint:
+    """Read a checkpoint; BadInput if it is cut off or not one of ours."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            facts = json.loads((file.metadata() or {})["wegs"])
+            tensors = {name: file.get_tensor(name) for name in file.keys()}
+    except (OSError, SafetensorError, KeyError, ValueError) as error:
+        raise BadInput(f"{path} is not a readable checkpoint: {error}.", "Train again, or name another run.") from None
+    if facts.get("version") != VERSION:
+        raise BadInput(f"{path} has version {facts.get('version')}, this is version {VERSION}.", "Train again.")
+    return Checkpoint(tensors, facts)
+
+
+def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """The state of a torch optimizer as flat tensors, by parameter index and entry."""
+    state = optimizer.state_dict()["state"]
+    return {f"{index}.{name}": value for index, entries in state.items() for name, value in entries.items()}
+
+
+def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: dict[str, Tensor]) -> None:
+    """The inverse of `optimizer_tensors`; learning rates are the caller's."""
+    state: dict[int, dict[str, Tensor]] = {}
+    for key, value in tensors.items():
+        index, name = key.split(".", 1)
+        state.setdefault(int(index), {})[name] = value
+    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})

@@ -1,0 +1,83 @@
+"""Density control under a hard cap (3DGS section 5.2, with a budget in place of a free threshold)."""
+
+import torch
+from torch import Tensor
+
+from core.config import Settings
+from core.training.gaussians import Gaussians
+
+SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
+SPLIT_SHRINK = 1.6  # 3DGS
+GRADIENT_FLOOR = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
+LARGEST_SCALE = 1.0  # scene units; what is larger is haze, not surface
+RESET_OPACITY = 0.01  # 3DGS
+
+
+def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int) -> None:
+    """Add one view's screen-space gradients to the statistics.
+
+    probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter.
+    """
+    scale = probe_gradient.new_tensor([width / 2, height / 2])
+    gaussians.gradient_sum[rows] += (probe_gradient * scale).norm(dim=1)
+    gaussians.seen[rows] += 1
+
+
+def prune(gaussians: Gaussians, settings: Settings) -> int:
+    """Remove what is too faint, too large or not finite; returns how many went."""
+    splats = gaussians.splats
+    bad = torch.sigmoid(splats.logit_opacities) < settings.prune_opacity
+    bad |= splats.log_scales.amax(dim=1) > torch.tensor(LARGEST_SCALE).log()
+    for tensor in splats.tensors().values():
+        bad |= ~torch.isfinite(tensor.reshape(len(tensor), -1)).all(dim=1)
+    bad[gaussians.solid :] = False
+    gaussians.keep(~bad)
+    return int(bad.sum())
+
+
+def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch.Generator) -> int:
+    """Clone or split the Gaussians that the pictures pull at most, at most `budget` of them; returns how many were born.
+
+    A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
+    """
+    solid = gaussians.solid
+    pull = gaussians.gradient_sum / gaussians.seen.clamp_min(1)
+    pull[solid:] = 0
+    gaussians.gradient_sum.zero_()
+    gaussians.seen.zero_()
+    count = min(budget, int((pull > GRADIENT_FLOOR).sum()))
+    if count <= 0:
+        return 0
+    # A stable order makes ties, and with them whole runs, reproducible.
+    chosen = torch.sort(pull, descending=True, stable=True).indices[:count].sort().values
+    born = {name: tensor[chosen].clone() for name, tensor in gaussians.parameters.items()}
+    large = born["log_scales"].amax(dim=1) > torch.tensor(SPLIT_SCALE).log()
+    born["log_scales"][large] -= torch.tensor(SPLIT_SHRINK).log()
+    spread = torch.exp(gaussians.parameters["log_scales"][chosen[large]])
+    turn = _rotations(born["quaternions"][large])
+    for target in (gaussians.parameters["means"], born["means"]):
+        offset = torch.randn(spread.shape, generator=generator) * spread
+        rows = chosen[large] if target is gaussians.parameters["means"] else torch.nonzero(large).squeeze(1)
+        target[rows] += torch.einsum("nij,nj->ni", turn, offset)
+    gaussians.parameters["log_scales"][chosen[large]] = born["log_scales"][large]
+    gaussians.insert(born)
+    return count
+
+
+def reset_opacity(gaussians: Gaussians) -> None:
+    """Bring every opacity down to RESET_OPACITY, so that what the pictures do not need fades (3DGS)."""
+    solid = gaussians.solid
+    gaussians.parameters["logit_opacities"][:solid].clamp_(max=torch.logit(torch.tensor(RESET_OPACITY)))
+    gaussians.first["logit_opacities"].zero_()
+    gaussians.second["logit_opacities"].zero_()
+
+
+def _rotations(quaternions: Tensor) -> Tensor:
+    """(K, 4) quaternions w x y z -> (K, 3, 3) rotation matrices."""
+    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return torch.stack(rows, dim=1).reshape(-1, 3, 3)

@@ -1,0 +1,60 @@
+"""The losses beside the picture's own (paper section IV-C, with the gaps of the text closed)."""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from core.scene.camera import Camera
+
+SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
+COLLAPSED = 0.6  # a photo of which less counts as static is not a photo of this place
+
+
+def mask_loss(
+    mask: Float[Tensor, "1 h w"], error: Float[Tensor, "H W"], regularisation: float
+) -> Float[Tensor, ""]:
+    """What teaches the mask: it may drop a pixel only where the error pays for it.
+
+    error: per-pixel picture error of the detached render. Its median over the photo is taken off and the rest clipped at 0: an
+    error that the whole photo shares says that the look is not learnt yet, not that people stand in the way. A pixel is best
+    masked by 1 - M = excess / (2 * regularisation). L_regM is the mean of (1 - M)^2.
+    """
+    excess = (error - error.median()).clamp_min(0)
+    excess = F.interpolate(excess[None, None], size=mask.shape[-2:], mode="area")[0]
+    return (mask * excess).mean() + regularisation * ((1 - mask) ** 2).mean()
+
+
+def pixel_weights(
+    mask: Float[Tensor, "1 h w"], height: int, width: int, mean_mask: float
+) -> Float[Tensor, "H W"]:
+    """The mask as weights of the picture's pixels, detached.
+
+    mean_mask: running mean over photos. Below COLLAPSED the masks are raised until their mean is COLLAPSED again.
+    """
+    hidden = 1 - F.interpolate(mask.detach()[None], size=(height, width), mode="bilinear", align_corners=False)[0, 0]
+    if mean_mask < COLLAPSED:
+        hidden = hidden * (1 - COLLAPSED) / (1 - mean_mask)
+    return 1 - hidden
+
+
+def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
+    """L_regSH: the mean over Gaussians of |residual|; a mean, because a sum would drown the picture."""
+    return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
+
+
+def transient_rows(
+    means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], camera: Camera
+) -> Bool[Tensor, " v"]:
+    """Which Gaussians stand for passers-by in this view (L_regTS): centre where M < 0.5, and at the front.
+
+    At the front means that it reaches a tenth of some pixel: what hides behind a pedestrian must not be punished.
+    """
+    pixels, depth = camera.project(means.detach().numpy())
+    pixels = torch.from_numpy(pixels)
+    h, w = mask.shape[-2:]
+    columns: Int[Tensor, " v"] = (pixels[:, 0] * w / camera.width).clamp(-1, w).long()
+    rows: Int[Tensor, " v"] = (pixels[:, 1] * h / camera.height).clamp(-1, h).long()
+    inside = (columns >= 0) & (columns < w) & (rows >= 0) & (rows < h) & (torch.from_numpy(depth) > 0)
+    hidden = mask.detach()[0, rows.clamp(0, h - 1), columns.clamp(0, w - 1)] < 0.5
+    return inside & hidden & (contributions > 0.1)

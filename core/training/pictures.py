@@ -1,0 +1,95 @@
+"""The training photos, decoded once, at the sizes that the run needs."""
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from core.appearance.encoder import shrink
+from core.data import photos as files
+from core.data.collection import Photo
+from core.scene.camera import Camera
+from core.training.photometric import Target
+
+AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
+DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
+TARGET_BYTES = 3_000_000_000  # cached targets; beyond, the oldest are made again when needed
+
+
+def training_size(photo: Photo, resolution: int, auto_factor: float) -> tuple[int, int]:
+    """Width and height (px) that a photo is trained at; `auto_factor` divides where resolution is -1."""
+    width, height = photo.camera.width, photo.camera.height
+    if resolution in DIVISORS:
+        factor = float(resolution)
+    elif resolution > 0:
+        factor = max(width / resolution, 1.0)
+    else:
+        factor = auto_factor
+    return max(1, round(width / factor)), max(1, round(height / factor))
+
+
+def auto_factor(photos: tuple[Photo, ...], device: str) -> float:
+    """By how much -r -1 shrinks every photo so that the mean one has AUTO_PIXELS; never enlarges."""
+    mean = sum(photo.camera.width * photo.camera.height for photo in photos) / max(len(photos), 1)
+    return max(1.0, math.sqrt(mean / AUTO_PIXELS[device]))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A decoded photo. pixels: (H, W, 3) uint8. valid: (H, W) bool or None. camera: at this size. encoder_input: (3, h, w)."""
+
+    photo: Photo
+    pixels: np.ndarray
+    valid: np.ndarray | None
+    camera: Camera
+    encoder_input: Tensor
+
+
+class Pictures:
+    """Photos of one split at training size, and their targets at every coarse-to-fine size."""
+
+    def __init__(self, photos: tuple[Photo, ...], resolution: int, factor: float, encoder_side_px: int):
+        self.pictures = []
+        for photo in photos:
+            width, height = training_size(photo, resolution, factor)
+            loaded = files.load(photo, width, height)
+            full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
+            camera = photo.camera.resized(width, height)
+            small = shrink(full, encoder_side_px)
+            self.pictures.append(Picture(photo, loaded.pixels, loaded.valid, camera, small))
+        self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self.pictures)
+
+    def __getitem__(self, index: int) -> Picture:
+        return self.pictures[index]
+
+    def target(self, index: int, factor: int) -> tuple[Camera, Target]:
+        """The photo as a training target, shrunk by `factor`, and its camera at that size."""
+        picture = self.pictures[index]
+        width, height = max(1, picture.camera.width // factor), max(1, picture.camera.height // factor)
+        key = (index, factor)
+        if key not in self._targets:
+            pixels, valid = picture.pixels, picture.valid
+            if factor > 1:
+                pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+                if valid is not None:
+                    valid = cv2.resize(valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_AREA) > 0
+            pixels = torch.from_numpy(pixels).float() / 255
+            self._targets[key] = Target(pixels, None if valid is None else torch.from_numpy(valid))
+            self._bytes += _bytes(width, height)
+            while self._bytes > TARGET_BYTES and len(self._targets) > 1:
+                (old, old_factor), _ = self._targets.popitem(last=False)
+                camera = self.pictures[old].camera
+                self._bytes -= _bytes(camera.width // old_factor, camera.height // old_factor)
+        return picture.camera.resized(width, height), self._targets[key]
+
+
+def _bytes(width: int, height: int) -> int:
+    return 3 * 3 * 4 * max(1, width) * max(1, height)  # three float32 maps of three channels

@@ -1,0 +1,38 @@
+"""Every schedule of a run, as functions of its progress in [0, 1]."""
+
+from core.config import Settings
+
+MEAN_RATE_DECAY = 0.01
+NETWORK_RATE_DECAY = 0.1
+COARSEST = 4  # coarse-to-fine starts at a quarter of the size
+
+
+def decayed(rate: float, progress: float, final_share: float) -> float:
+    """Exponential decay from `rate` to `final_share * rate`, as 3DGS does for centres."""
+    return rate * final_share**progress
+
+
+def shrink_factor(settings: Settings, progress: float) -> int:
+    """By how much photos are shrunk now: 4, then 2, then 1 for the rest of the run."""
+    if progress >= settings.coarse_until:
+        return 1
+    return COARSEST if progress < settings.coarse_until / 2 else COARSEST // 2
+
+
+def mask_regularisation(settings: Settings, progress: float) -> float:
+    """Weight of L_regM: eight times its value when the mask starts to learn, once from mask_apply on (method: anneal)."""
+    span = max(settings.mask_apply - settings.mask_start, 1e-9)
+    learnt = min(max((progress - settings.mask_start) / span, 0.0), 1.0)
+    return settings.mask_regularisation * 8.0 ** (1.0 - learnt)
+
+
+def densification_steps(settings: Settings) -> list[int]:
+    """The steps after which the set of Gaussians changes, ascending and distinct."""
+    first, last = settings.densify_from * settings.steps, settings.densify_until * settings.steps
+    rounds = settings.densify_rounds
+    return sorted({max(1, round(first + (last - first) * i / max(rounds - 1, 1))) for i in range(rounds)})
+
+
+def evenly(count: int, steps: int) -> set[int]:
+    """`count` steps spread evenly over the run, the last one included."""
+    return {max(1, round(steps * (i + 1) / count)) for i in range(count)}

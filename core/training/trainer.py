@@ -1,0 +1,264 @@
+"""The training loop: photos in, Gaussians and an appearance model out."""
+
+import csv
+import dataclasses
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+import core.rasterizer
+from core.appearance.model import AppearanceModel, Look
+from core.config import Settings
+from core.data.collection import Collection
+from core.errors import TrainingStopped
+from core.scene.splats import Splats
+from core.training import checkpoint, densify, losses, schedule
+from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
+from core.training.photometric import photometric, photometric_paper
+from core.training.pictures import Picture, Pictures, auto_factor
+
+TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
+GAUGE_ROWS = 1024  # Gaussians drawn each step to hold the neutral look
+SKIPS_ALLOWED = 10  # non-finite steps in a row before training stops
+HELD_OUT_PHOTOS = 4
+HISTORY = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr")
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What a step tells the user. messages: decisions and warnings worth a line."""
+
+    step: int
+    seconds: float
+    gaussians: int
+    loss: float
+    picture_loss: float
+    mask_mean: float
+    residual: float
+    held_out_psnr: float | None = None
+    messages: tuple[str, ...] = ()
+
+
+class Trainer:
+    """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed."""
+
+    def __init__(self, collection: Collection, settings: Settings, folder: Path):
+        torch.manual_seed(settings.seed)
+        self.collection, self.settings, self.folder = collection, settings, folder
+        self.generator = torch.Generator().manual_seed(settings.seed)
+        self.backend = "cpu" if settings.backend == "auto" else settings.backend
+        self.rasterizer = core.rasterizer.create(self.backend)
+        factor = auto_factor(collection.photos, "cpu")
+        size = (settings.resolution, factor, settings.encoder_side_px)
+        self.pictures = Pictures(collection.split("train"), *size)
+        self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
+        names = [picture.photo.name for picture in self.pictures.pictures]
+        self.model = AppearanceModel(settings, names)
+        weights = list(self.model.parameters())
+        self.optimizer = torch.optim.Adam(weights, lr=settings.network_rate, fused=True) if weights else None
+        self.gaussians = initial_gaussians(collection, settings, self.generator)
+        self.done = 0
+        self.seconds = 0.0
+        self.order: list[int] = []
+        self.mask_mean = 1.0
+        self.skipped = 0
+        self.skipped_in_a_row = 0
+        self.collapse_told = False
+
+    # --- the loop
+
+    def train(self) -> Iterator[StepReport]:
+        """Run to the last step, yielding a report after each; checkpoints and history.csv are written on the way."""
+        settings = self.settings
+        densify_at = set(schedule.densification_steps(settings))
+        checks = schedule.evenly(settings.held_out_checks, settings.steps) if settings.held_out_checks else set()
+        saves = schedule.evenly(settings.checkpoints, settings.steps)
+        with (self.folder / "history.csv").open("a", newline="") as file:
+            history = csv.DictWriter(file, HISTORY)
+            if not file.tell():
+                history.writeheader()
+            while self.done < settings.steps:
+                start = time.perf_counter()
+                report = self.step()
+                if self.done in densify_at:
+                    self.control_density()
+                self.seconds += time.perf_counter() - start
+                if self.done in checks:
+                    report = dataclasses.replace(report, held_out_psnr=self.held_out_psnr())
+                report = dataclasses.replace(report, seconds=self.seconds, gaussians=self.gaussians.solid)
+                if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
+                    history.writerow({name: getattr(report, name) for name in HISTORY})
+                    file.flush()
+                if self.done in saves:
+                    self.save()
+                yield report
+
+    def step(self) -> StepReport:
+        """One photo, one update of everything."""
+        settings, progress = self.settings, self.done / self.settings.steps
+        index = self._next_photo()
+        camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
+        picture = self.pictures[index]
+        rows = self.rasterizer.visible(self.gaussians.splats, camera)
+        leaves = self.gaussians.leaves(rows)
+        look = self.model.look(picture.encoder_input, index)
+        latents = leaves.get("latents")
+        sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), look.embedding, latents)
+        seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
+        probe = torch.zeros(len(rows), 2, requires_grad=True)
+        image = self.rasterizer.render(seen, camera, probe=probe).image
+
+        picture_loss, error = self._picture_loss(image, target, look, progress)
+        loss = picture_loss + self._regularisers(look, residual, error, seen, camera, progress)
+        self.done += 1
+        messages = []
+        if not math.isfinite(float(loss)):
+            messages.append(self._skip(picture))
+        else:
+            self.skipped_in_a_row = 0
+            loss.backward()
+            self._update(rows, leaves, progress)
+            densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
+            messages += self._remember(look, progress)
+        return StepReport(
+            step=self.done,
+            seconds=self.seconds,
+            gaussians=self.gaussians.solid,
+            loss=float(loss.detach()),
+            picture_loss=float(picture_loss.detach()),
+            mask_mean=self.mask_mean,
+            residual=0.0 if residual is None else float(residual.detach().abs().mean()),
+            messages=tuple(messages),
+        )
+
+    def _picture_loss(self, image, target, look: Look, progress: float) -> tuple[Tensor, Tensor]:
+        settings = self.settings
+        if look.mask is None or progress < settings.mask_apply:
+            return photometric(image, target, None, settings.ssim_weight)
+        weight = losses.pixel_weights(look.mask, *image.shape[:2], self.mask_mean)
+        loss = photometric_paper if settings.mask_loss == "paper" else photometric
+        return loss(image, target, weight, settings.ssim_weight)
+
+    def _regularisers(self, look: Look, residual, error, seen: Splats, camera, progress: float) -> Tensor:
+        settings = self.settings
+        total = torch.zeros(())
+        if look.mask is not None and progress >= settings.mask_start:
+            total = total + losses.mask_loss(look.mask, error, schedule.mask_regularisation(settings, progress))
+            if progress >= settings.mask_apply and self.done % TRANSIENT_EVERY == 0:
+                front = self.rasterizer.contributions(seen.detached(), camera)
+                rows = losses.transient_rows(seen.means, front, look.mask, camera)
+                opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
+                total = total + settings.transient_regularisation * TRANSIENT_EVERY * opacity
+        if residual is not None:
+            total = total + settings.sh_regularisation * losses.residual_norm(residual)
+            if settings.gauge:
+                total = total + settings.gauge * self._gauge()
+        return total
+
+    def _gauge(self) -> Tensor:
+        """The mean squared residual of the mean embedding, over a draw of Gaussians: 0 where the base is the neutral look."""
+        splats, latents = self.gaussians.splats, self.gaussians.latents
+        rows = torch.randint(len(self.gaussians), (GAUGE_ROWS,), generator=self.generator)
+        latents = None if latents is None else latents[rows]
+        _, residual = self.model.transfer(splats.sh[rows], splats.means[rows], self.model.mean_embedding, latents)
+        return (residual**2).sum(dim=(1, 2)).mean()
+
+    def _update(self, rows: Tensor, leaves: dict[str, Tensor], progress: float) -> None:
+        settings = self.settings
+        mean_rate = schedule.decayed(settings.mean_rate, progress, schedule.MEAN_RATE_DECAY)
+        latent_rate = schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)
+        self.gaussians.step(rows, leaves, learning_rates(settings, mean_rate, latent_rate))
+        if self.optimizer is not None:
+            for group in self.optimizer.param_groups:
+                group["lr"] = schedule.decayed(settings.network_rate, progress, schedule.NETWORK_RATE_DECAY)
+            self.optimizer.step()
+            self.optimizer.zero_grad(set_to_none=True)
+
+    def _remember(self, look: Look, progress: float) -> list[str]:
+        if look.embedding is not None:
+            self.model.remember(look.embedding.detach())
+        if look.mask is None or progress < self.settings.mask_start:
+            return []
+        self.mask_mean += 0.05 * (float(look.mask.detach().mean()) - self.mask_mean)
+        if self.mask_mean >= losses.COLLAPSED or self.collapse_told:
+            return []
+        self.collapse_told = True
+        return [
+            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - losses.COLLAPSED:.0%} from here on: "
+            "raise mask_regularisation if the pictures in masks/ look wrong."
+        ]
+
+    def _skip(self, picture: Picture) -> str:
+        self.skipped += 1
+        self.skipped_in_a_row += 1
+        if self.optimizer is not None:
+            self.optimizer.zero_grad(set_to_none=True)
+        if self.skipped_in_a_row >= SKIPS_ALLOWED:
+            path = self.save()
+            raise TrainingStopped(
+                f"The loss was not finite for {SKIPS_ALLOWED} steps in a row (last photo {picture.photo.name}); saved {path}.",
+                "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
+            )
+        return f"Step {self.done} was skipped: its loss was not finite (photo {picture.photo.name})."
+
+    def _next_photo(self) -> int:
+        if not self.order:
+            self.order = torch.randperm(len(self.pictures), generator=self.generator).tolist()
+        return self.order.pop()
+
+    # --- density, quality, checkpoints
+
+    def control_density(self) -> None:
+        """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
+        settings = self.settings
+        densify.prune(self.gaussians, settings)
+        rounds = schedule.densification_steps(settings)
+        now = sum(step <= self.done for step in rounds) / len(rounds)
+        allowed = round(settings.max_gaussians * (0.25 + 0.75 * now))
+        densify.grow(self.gaussians, settings, allowed - self.gaussians.solid, self.generator)
+
+    def held_out_psnr(self) -> float | None:
+        """Mean PSNR (dB) of a few test photos, each in the look its whole photo gives, without masks."""
+        values = []
+        with torch.no_grad():
+            for index in range(len(self.held_out)):
+                picture = self.held_out[index]
+                _, target = self.held_out.target(index, 1)
+                look = self.model.look(picture.encoder_input, None)
+                splats = self.model.bake(self.gaussians.splats, look.embedding, self.gaussians.latents)
+                image = self.rasterizer.render(splats, picture.camera).image.clamp(0, 1)
+                photo = torch.from_numpy(picture.pixels).float() / 255
+                values.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
+        return sum(values) / len(values) if values else None
+
+    def save(self) -> Path:
+        """Write a checkpoint that `resume` continues from bit for bit."""
+        tensors = {f"gaussians.{name}": tensor for name, tensor in self.gaussians.tensors().items()}
+        tensors |= {f"model.{name}": tensor for name, tensor in self.model.state_dict().items()}
+        if self.optimizer is not None:
+            tensors |= {f"optimizer.{name}": t for name, t in checkpoint.optimizer_tensors(self.optimizer).items()}
+        tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
+        names = ("done", "seconds", "order", "mask_mean", "skipped", "skipped_in_a_row", "collapse_told")
+        facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in names}}
+        facts |= {
+            "settings": self.settings.to_json(),
+            "frame": self.collection.frame.to_json(),
+            "photos": [picture.photo.name for picture in self.pictures.pictures],
+        }
+        return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
+
+    def resume(self, saved: checkpoint.Checkpoint) -> None:
+        """Take over the state of a checkpoint of the same collection and settings."""
+        self.gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
+        self.model.load_state_dict(saved.part("model"))
+        if self.optimizer is not None:
+            checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
+        self.generator.set_state(saved.tensors["random.generator"])
+        torch.set_rng_state(saved.tensors["random.torch"])
+        for name, value in saved.facts["trainer"].items():
+            setattr(self, name, value)

@@ -1,0 +1,50 @@
+"""A collection small enough to train in a test: coloured balls seen by a ring of cameras, each photo in its own light."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from core.config import Settings
+from core.data.collection import Collection, Photo
+from core.scene.camera import Camera
+from core.scene.frame import SceneFrame
+
+WIDTH, HEIGHT = 48, 36
+
+
+def small_settings(**changes) -> Settings:
+    """A run of seconds that still goes through growth, masks and coarse-to-fine."""
+    return Settings(
+        steps=40, max_gaussians=600, sky_gaussians=60, densify_rounds=4, encoder_side_px=32, checkpoints=2, sh_degree=1
+    ).changed(**changes)
+
+
+def small_collection(folder: Path, photos: int = 6) -> Collection:
+    """Photos written into `folder`; every third one is a test photo."""
+    random = np.random.default_rng(5)
+    points = random.normal(size=(200, 3)) * 0.4
+    colours = random.uniform(0.1, 0.9, size=(200, 3)).astype(np.float32)
+    made = []
+    for index in range(photos):
+        camera = ring_camera(2 * np.pi * index / photos)
+        gain = 0.6 + 0.8 * index / photos
+        picture = np.full((HEIGHT, WIDTH, 3), 0.5 * gain)
+        pixels, depth = camera.project(points)
+        for row in np.argsort(-depth):
+            centre = tuple(int(x) for x in pixels[row])
+            cv2.circle(picture, centre, 2, tuple(float(c) for c in colours[row] * gain), -1)
+        path = folder / f"photo_{index}.png"
+        cv2.imwrite(str(path), (picture[..., ::-1].clip(0, 1) * 255).astype(np.uint8))
+        split = "test" if index % 3 == 2 else "train"
+        made.append(Photo(path.name, path, camera, split, np.arange(len(points))))
+    return Collection("small", folder, "test", tuple(made), points, colours, SceneFrame(np.zeros(3), 1.0))
+
+
+def ring_camera(angle: float, distance: float = 3.0) -> Camera:
+    """A camera at `angle` (radians) around the y axis that looks at the origin."""
+    centre = distance * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    forward = -centre / distance
+    right = np.array([np.cos(angle), 0.0, np.sin(angle)])
+    rotation = np.stack([right, np.array([0.0, 1.0, 0.0]), forward])
+    return Camera(rotation, centre, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT)

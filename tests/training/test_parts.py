@@ -1,0 +1,147 @@
+"""The parts of training, one by one."""
+
+import numpy as np
+import pytest
+import torch
+
+from core.config import Settings
+from core.errors import BadInput
+from core.training import checkpoint, densify, losses, schedule
+from core.training.adam import _adam_rows_torch, adam_rows
+from core.training.gaussians import Gaussians, initial_gaussians
+from tests.small import ring_camera, small_collection, small_settings
+
+
+@pytest.fixture
+def gaussians(tmp_path) -> Gaussians:
+    settings = small_settings()
+    return initial_gaussians(small_collection(tmp_path), settings, torch.Generator().manual_seed(1))
+
+
+# --- Adam
+
+
+def test_adam_equals_torch_where_every_row_is_seen():
+    torch.manual_seed(0)
+    ours = torch.randn(50, 3)
+    theirs = ours.clone().requires_grad_()
+    optimizer = torch.optim.Adam([theirs], lr=0.01, eps=1e-15)
+    first, second, counts = torch.zeros(50, 3), torch.zeros(50, 3), torch.zeros(50, dtype=torch.int32)
+    for _ in range(20):
+        gradient = torch.randn(50, 3)
+        theirs.grad = gradient.clone()
+        optimizer.step()
+        counts += 1
+        adam_rows(ours, first, second, counts, torch.arange(50), gradient, torch.full((3,), 0.01))
+    torch.testing.assert_close(ours, theirs.detach(), rtol=1e-5, atol=1e-6)  # float32, 20 steps
+
+
+def test_adam_leaves_unseen_rows_alone_and_both_paths_agree():
+    torch.manual_seed(0)
+    values = torch.randn(9000, 4, 3)
+    rows = torch.arange(0, 9000, 2)
+    gradient, rates = torch.randn(len(rows), 4, 3), torch.rand(12)
+    results = []
+    for update in (adam_rows, _adam_rows_torch):
+        state = [values.clone(), torch.zeros_like(values), torch.zeros_like(values)]
+        counts = torch.zeros(9000, dtype=torch.int32)
+        counts[rows] += 1
+        update(*state, counts, rows, gradient, rates)
+        assert torch.equal(state[0][1::2], values[1::2])
+        results.append(state[0])
+    torch.testing.assert_close(*results, rtol=1e-5, atol=1e-6)
+
+
+# --- density control
+
+
+def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gaussians):
+    solid, sky = gaussians.solid, gaussians.sky
+    gaussians.parameters["logit_opacities"][0] = -20
+    gaussians.parameters["log_scales"][1] = 5
+    gaussians.parameters["means"][2] = float("nan")
+    assert densify.prune(gaussians, small_settings()) == 3
+    assert (gaussians.solid, gaussians.sky) == (solid - 3, sky)
+    assert all(len(tensor) == len(gaussians) for tensor in gaussians.tensors().values())
+
+
+def test_growth_clones_the_small_and_splits_the_large(gaussians):
+    solid = gaussians.solid
+    gaussians.seen.fill_(1)
+    gaussians.gradient_sum[:2] = 1.0
+    gaussians.parameters["log_scales"][0] = np.log(0.5)
+    gaussians.parameters["log_scales"][1] = np.log(0.001)
+    small = gaussians.parameters["means"][1].clone()
+    assert densify.grow(gaussians, small_settings(), 100, torch.Generator().manual_seed(0)) == 2
+    parameters = gaussians.parameters
+    assert gaussians.solid == solid + 2
+    expected = torch.full((3,), 0.5 / 1.6)
+    torch.testing.assert_close(parameters["log_scales"][0].exp(), expected)
+    torch.testing.assert_close(parameters["log_scales"][solid].exp(), expected)
+    assert torch.equal(parameters["means"][solid + 1], small) and torch.equal(parameters["means"][1], small)
+
+
+def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
+    gaussians.seen.fill_(1)
+    gaussians.gradient_sum[: gaussians.solid] = torch.arange(gaussians.solid) + 1.0
+    solid = gaussians.solid
+    strongest = gaussians.parameters["sh"][solid - 3 : solid].clone()
+    assert densify.grow(gaussians, small_settings(), 3, torch.Generator().manual_seed(0)) == 3
+    assert torch.equal(gaussians.parameters["sh"][solid : solid + 3], strongest)
+
+
+# --- losses
+
+
+def test_the_mask_pays_for_what_it_hides():
+    error = torch.zeros(40, 40)
+    error[:10] = 0.5
+    mask = torch.full((1, 10, 10), 0.9, requires_grad=True)
+    for _ in range(300):
+        losses.mask_loss(mask, error, 0.15).backward()
+        with torch.no_grad():
+            mask -= 5 * mask.grad
+            mask.clamp_(0, 1)
+        mask.grad = None
+    mask = mask.detach()
+    assert float(mask[0, :2].max()) < 0.05 and float(mask[0, 3:].min()) > 0.95
+
+
+def test_collapsed_masks_are_raised_to_the_floor():
+    mask = torch.full((1, 5, 5), 0.2)
+    assert float(losses.pixel_weights(mask, 20, 20, mean_mask=0.2).mean()) == pytest.approx(losses.COLLAPSED)
+    assert float(losses.pixel_weights(mask, 20, 20, mean_mask=0.9).mean()) == pytest.approx(0.2)
+
+
+def test_transient_rows_are_those_in_front_inside_the_mask():
+    camera = ring_camera(0.0)
+    means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.0, 0.0, -9.0], [50.0, 0.0, 0.0]])
+    mask = torch.ones(1, 9, 12)
+    mask[:, :, :6] = 0  # the left half of the picture
+    rows = losses.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, camera)
+    assert rows.tolist() == [True, False, False, False, False]
+
+
+# --- schedules
+
+
+def test_schedules_are_fractions_of_the_steps():
+    short, long = Settings(steps=100), Settings(steps=100_000)
+    assert schedule.densification_steps(long)[-1] == 1000 * schedule.densification_steps(short)[-1]
+    assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until * 0.6, 0.9)] == [4, 2, 1]
+    assert schedule.mask_regularisation(short, 1.0) == short.mask_regularisation
+    assert schedule.evenly(4, 100) == {25, 50, 75, 100}
+
+
+# --- checkpoints
+
+
+def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
+    saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
+    path = checkpoint.save(tmp_path, saved)
+    assert checkpoint.newest(tmp_path) == path
+    loaded = checkpoint.load(path)
+    assert torch.equal(loaded.part("a")["b"], torch.arange(3)) and loaded.facts["step"] == 7
+    path.write_bytes(path.read_bytes()[:40])
+    with pytest.raises(BadInput, match="not a readable checkpoint"):
+        checkpoint.load(path)

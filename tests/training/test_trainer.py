@@ -1,0 +1,108 @@
+"""The loop as a whole: it learns, it resumes bit for bit, it survives what it should."""
+
+import math
+
+import pytest
+import torch
+
+from core.errors import TrainingStopped
+from core.training import checkpoint
+from core.training.trainer import Trainer
+from tests.small import small_collection, small_settings
+
+
+@pytest.fixture
+def collection(tmp_path):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    return small_collection(folder)
+
+
+def run(collection, folder, settings, until=None):
+    folder.mkdir(exist_ok=True)
+    trainer = Trainer(collection, settings, folder)
+    reports = []
+    for report in trainer.train():
+        reports.append(report)
+        if report.step == until:
+            break
+    return trainer, reports
+
+
+def test_the_picture_loss_falls(collection, tmp_path):
+    _, reports = run(collection, tmp_path / "run", small_settings(steps=120))
+    first = sum(report.picture_loss for report in reports[:10]) / 10
+    last = sum(report.picture_loss for report in reports[-10:]) / 10
+    assert last < 0.7 * first
+    assert reports[-1].held_out_psnr > 12
+
+
+@pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4}])
+def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, changes):
+    settings = small_settings(**changes)
+    whole, _ = run(collection, tmp_path / "whole", settings)
+    run(collection, tmp_path / "broken", settings, until=20)
+    resumed = Trainer(collection, settings, tmp_path / "broken")
+    resumed.resume(checkpoint.load(checkpoint.newest(tmp_path / "broken")))
+    assert resumed.done == 20
+    for _ in resumed.train():
+        pass
+    expected = {**whole.gaussians.tensors(), **whole.model.state_dict()}
+    actual = {**resumed.gaussians.tensors(), **resumed.model.state_dict()}
+    assert expected.keys() == actual.keys()
+    for name, tensor in expected.items():
+        assert torch.equal(tensor, actual[name]), name
+
+
+def test_the_cap_always_holds(collection, tmp_path):
+    _, reports = run(collection, tmp_path / "run", small_settings(max_gaussians=150))
+    assert max(report.gaussians for report in reports) <= 150
+
+
+def test_what_is_off_is_never_built(collection, tmp_path):
+    trainer, _ = run(collection, tmp_path / "run", small_settings(appearance="off", transients="off"))
+    assert not list(trainer.model.parameters())
+    assert not any(name.startswith("optimizer") for name in checkpoint.load(checkpoint.newest(trainer.folder)).tensors)
+
+
+def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
+    trainer, _ = run(collection, tmp_path / "run", small_settings())
+    fresh = Trainer(collection, small_settings(), tmp_path / "run").gaussians
+    learnt = trainer.gaussians
+    for name in ("means", "quaternions", "log_scales", "logit_opacities"):
+        assert torch.equal(learnt.parameters[name][-learnt.sky :], fresh.parameters[name][-fresh.sky :]), name
+    assert not torch.equal(learnt.parameters["sh"][-learnt.sky :], fresh.parameters["sh"][-fresh.sky :])
+
+
+def test_a_loss_that_is_not_finite_is_skipped_and_counted(collection, tmp_path):
+    (tmp_path / "run").mkdir()
+    trainer = Trainer(collection, small_settings(), tmp_path / "run")
+    before = trainer.gaussians.parameters["means"].clone()
+    poison(trainer, steps=1)
+    report = trainer.step()
+    assert math.isnan(report.loss) and "skipped" in report.messages[0]
+    assert trainer.skipped == 1
+    assert torch.equal(before, trainer.gaussians.parameters["means"])
+    assert math.isfinite(trainer.step().loss)
+
+
+def test_training_stops_with_a_checkpoint_when_no_step_is_finite(collection, tmp_path):
+    (tmp_path / "run").mkdir()
+    trainer = Trainer(collection, small_settings(), tmp_path / "run")
+    poison(trainer, steps=100)
+    with pytest.raises(TrainingStopped, match="10 steps in a row"):
+        for _ in trainer.train():
+            pass
+    assert checkpoint.newest(tmp_path / "run") is not None
+
+
+def poison(trainer, steps):
+    """Let the next picture losses be NaN."""
+    honest, left = trainer._picture_loss, [steps]
+
+    def picture_loss(*arguments):
+        loss, error = honest(*arguments)
+        left[0] -= 1
+        return (loss * float("nan") if left[0] >= 0 else loss), error
+
+    trainer._picture_loss = picture_loss

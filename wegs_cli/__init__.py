@@ -1,0 +1,1 @@
+"""The command line: `wegs train`, `wegs bake` and the rest. Everything it does is a call into core.pipeline."""

@@ -1,0 +1,26 @@
+"""Files for other programs, by suffix. Adding a format is a module and a line in FORMATS."""
+
+from importlib import import_module
+from pathlib import Path
+
+from core.errors import BadInput
+from core.scene.splats import Splats
+
+# Suffix -> writer(path, splats_in_world, comment) -> Gaussians dropped. Imported only when asked for.
+FORMATS = {".ply": "core.export.ply:write_ply"}
+
+
+def check_format(path: Path) -> None:
+    """Raise BadInput unless the suffix of `path` is a key of FORMATS: asked before the work, not after it."""
+    if path.suffix.lower() not in FORMATS:
+        raise BadInput(f"{path} has no suffix that can be written.", f"End its name in one of: {', '.join(FORMATS)}.")
+
+
+def write(path: Path, splats_in_world: Splats, comment: str) -> int:
+    """Write Gaussians (world units) in the format of the suffix of `path`; returns how many had to be dropped."""
+    check_format(path)
+    module, attribute = FORMATS[path.suffix.lower()].split(":")
+    return getattr(import_module(module), attribute)(path, splats_in_world, comment)
+
+
+__all__ = ["FORMATS", "check_format", "write"]

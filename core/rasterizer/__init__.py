@@ -10,10 +10,12 @@ BACKENDS = {
     "reference": "core.rasterizer.reference:ReferenceRasterizer",
     "cpu": "core.rasterizer.cpu.backend:CpuRasterizer",
 }
+AUTO = "cpu"  # what `auto` stands for
 
 
 def create(name: str) -> Rasterizer:
-    """The backend called `name`, a key of BACKENDS."""
+    """The backend called `name`, a key of BACKENDS or `auto`."""
+    name = AUTO if name == "auto" else name
     if name not in BACKENDS:
         raise BadSetting(f"There is no backend {name!r}.", f"Choose one of: {', '.join(BACKENDS)}.")
     module, attribute = BACKENDS[name].split(":")

@@ -11,7 +11,9 @@ from core.scene.splats import Splats
 
 # The constants of the original 3DGS viewer, so that a baked file looks there as it looks here.
 ALPHA_MIN = 1.0 / 255.0  # a weaker contribution to a pixel is skipped
-ALPHA_MAX = 0.99  # keeps 1 / (1 - alpha) tame; the gradient is zero where alpha is clamped
+# Keeps 1 / (1 - alpha) tame; the gradient is zero where alpha is clamped. The float32 number next to 0.99, in every precision:
+# two clamped splats leave (1 - ALPHA_MAX)^2, which only then lies on the same side of STOP_TRANSMITTANCE for all backends.
+ALPHA_MAX = 0.9900000095367432
 STOP_TRANSMITTANCE = 1e-4  # a pixel is finished when the next splat would bring it below this
 BLUR_PX2 = 0.3  # added to the diagonal of every 2D covariance (EWA low-pass), px^2
 

@@ -1,0 +1,142 @@
+"""The appearance model: a photo's look, the Gaussians in that look, and the bake after which appearance is over."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from core.appearance.encoder import PhotoEncoder, PlainMask, shrink
+from core.appearance.exposure import ExposureTransfer
+from core.appearance.mask_table import MaskTable
+from core.appearance.sh_transfer import SHTransfer
+from core.appearance.threads import one_torch_thread
+from core.config import Settings
+from core.errors import BadInput
+from core.scene.splats import Splats
+
+TABLE_SPREAD = 0.1  # of GLO embeddings at the start, about that of an untrained encoder's
+MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos
+
+
+@dataclass(frozen=True)
+class Look:
+    """A photo's embedding, and its mask: 1 = static, 0 = transient, at 1/4 of the shrunk photo's size, rounded up."""
+
+    embedding: Float[Tensor, " e"]
+    mask: Float[Tensor, "1 h w"] | None
+
+
+class AppearanceModel(nn.Module):
+    """Everything about looks that is learned, built from the settings; what they switch off does not exist.
+
+    photo_names: the photos that tables (GLO embeddings, MLP masks) have rows for, in the order of those rows.
+    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first.
+    """
+
+    def __init__(self, settings: Settings, photo_names: Sequence[str]):
+        super().__init__()
+        self.settings = settings
+        self.photo_names = tuple(photo_names)
+        with_appearance, with_masks = settings.appearance != "off", settings.transients == "on"
+        self.encoder = None
+        self.embedding_table = None
+        self.mask_network = None
+        self.sh_transfer = None
+        if (with_appearance and settings.embedding == "encoder") or (with_masks and settings.mask == "attention"):
+            self.encoder = PhotoEncoder(settings)
+        if with_appearance and settings.embedding == "glo":
+            size = len(self.photo_names), settings.embedding_size
+            self.embedding_table = nn.Parameter(TABLE_SPREAD * torch.randn(size))
+        if with_masks and settings.mask == "cnn":
+            self.mask_network = PlainMask()
+        if with_masks and settings.mask == "mlp":
+            self.mask_network = MaskTable(len(self.photo_names))
+        if with_appearance:
+            self.sh_transfer = (SHTransfer if settings.appearance == "full" else ExposureTransfer)(settings)
+        self.register_buffer("mean_embedding", torch.zeros(settings.embedding_size))
+        self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
+
+    def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None) -> Look:
+        """The look of a picture ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
+
+        photo: its row in `photo_names`; the embedding then heeds the predicted mask. None for a photo from outside: it
+        is encoded with M := 1 and its mask, where a network predicts one, is only for looking at. A GLO table knows
+        nothing of a photo from outside: its embedding is the mean, the place to start a refinement. Without
+        appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
+        """
+        if photo is not None and not 0 <= photo < len(self.photo_names):
+            raise BadInput(f"There is no photo {photo} among {len(self.photo_names)}.", "Count from 0.")
+        picture = shrink(picture, self.settings.encoder_side_px)
+        embedding = mask = None
+        if self.encoder is not None:
+            # A few ms of work: more threads cost more than they save, and would round the embedding differently.
+            with one_torch_thread():
+                embedding, mask = self.encoder(picture, photo is not None)
+        if self.embedding_table is not None and photo is not None:
+            embedding = self.embedding_table[photo]
+        if isinstance(self.mask_network, PlainMask):
+            mask = self.mask_network(picture)
+        elif self.mask_network is not None and photo is not None:
+            height, width = (-(-side // 4) for side in picture.shape[1:])
+            mask = self.mask_network(photo, height, width)
+        return Look(self.mean_embedding if embedding is None else embedding, mask)
+
+    def transfer(
+        self,
+        sh: Float[Tensor, "v c 3"],
+        means: Float[Tensor, "v 3"],
+        embedding: Float[Tensor, " e"],
+        latents: Float[Tensor, "v l"] | None = None,
+    ) -> tuple[Float[Tensor, "v c 3"], Float[Tensor, "v c 3"] | None]:
+        """(sh', residual): the coefficients in a look, and what was added to the base to get them.
+
+        sh: base coefficients; means: scene frame. The residual is None where there is none to regularise: without
+        appearance (sh' is sh itself), and where the transfer predicts sh' directly (`residual` off).
+        """
+        if self.sh_transfer is None:
+            return sh, None
+        output = self.sh_transfer(sh, means, embedding, latents)
+        if self.settings.appearance == "full" and not self.settings.residual:
+            return output, None
+        return sh + output, output
+
+    @torch.no_grad()
+    def bake(
+        self,
+        splats: Splats,
+        embedding: Float[Tensor, " e"],
+        latents: Float[Tensor, "n l"] | None = None,
+        chunk: int = 65_536,
+    ) -> Splats:
+        """The Gaussians in one look, in one pass and without a gradient.
+
+        chunk: Gaussians at a time, which bounds the memory; on the CPU in float32 the result is the same for any, bit for
+        bit, and the same as that of `transfer`.
+        """
+        base = splats.detached()
+        sh = torch.empty_like(base.sh)
+        for start in range(0, len(base), chunk):
+            rows = slice(start, start + chunk)
+            part = None if latents is None else latents[rows]
+            sh[rows] = self.transfer(base.sh[rows], base.means[rows], embedding, part)[0]
+        return base.with_sh(sh)
+
+    @torch.no_grad()
+    def remember(self, embedding: Float[Tensor, " e"]) -> None:
+        """Let an embedding enter `mean_embedding`, an exponential moving average corrected for its start.
+
+        With decay d the t-th embedding enters with weight (1 - d) / (1 - d^t), 1 for the first: Adam's correction of
+        the start (its section 3), written for the corrected mean.
+        """
+        self.remembered += 1
+        decay = 1 - 1 / (MEAN_WINDOW_ROUNDS * max(1, len(self.photo_names)))
+        weight = (1 - decay) / (1 - decay ** int(self.remembered))
+        # A new tensor, not a change in place: looks and graphs that hold the old mean keep their value.
+        self.mean_embedding = torch.lerp(self.mean_embedding, embedding, weight)
+
+
+def interpolate(first: Float[Tensor, " e"], second: Float[Tensor, " e"], share: float) -> Float[Tensor, " e"]:
+    """The embedding `share` of the way from one look to another; exactly the one or the other at 0 and 1."""
+    return torch.lerp(first, second, share)

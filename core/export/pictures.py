@@ -1,0 +1,58 @@
+"""Renders as files to look at: PNG, contact sheet, video."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from core.errors import WegsError
+from core.export.atomic import replacing
+
+SHEET_COLUMNS = 5
+SHEET_TILE_PX = 320  # widest tile of a contact sheet
+VIDEO_SECONDS = 3.0
+
+
+def to_8_bit(image: Float[Tensor, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    """A rendering as pixels: clamped to [0, 1], rounded to the nearest of 256 steps."""
+    return (image.detach().clamp(0, 1) * 255).round().byte().cpu().numpy()
+
+
+def write_png(path: Path, pixels: UInt8[np.ndarray, "h w 3"]) -> None:
+    """Write RGB pixels, whole or not at all."""
+    with replacing(path) as temporary:
+        if not cv2.imwrite(str(temporary), cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)):
+            raise WegsError(f"{path} could not be written.", "Look whether the disk is full.")
+
+
+def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """All frames (of one size), shrunk, row by row in reading order; unused tiles stay black."""
+    height, width = frames[0].shape[:2]
+    share = min(1.0, SHEET_TILE_PX / width)
+    size = max(1, round(width * share)), max(1, round(height * share))
+    columns = min(SHEET_COLUMNS, len(frames))
+    sheet = np.zeros((math.ceil(len(frames) / columns) * size[1], columns * size[0], 3), dtype=np.uint8)
+    for number, frame in enumerate(frames):
+        top, left = number // columns * size[1], number % columns * size[0]
+        tile = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
+        sheet[top : top + size[1], left : left + size[0]] = tile
+    return sheet
+
+
+def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> None:
+    """Write an .mp4 (MPEG-4 part 2) of VIDEO_SECONDS; frames of one size lose an odd last row or column."""
+    height, width = (side - side % 2 for side in frames[0].shape[:2])  # the codec stores colour at half the size
+    with replacing(path) as temporary:
+        code = cv2.VideoWriter_fourcc(*"mp4v")
+        writer = cv2.VideoWriter(str(temporary), code, len(frames) / VIDEO_SECONDS, (width, height))
+        if not writer.isOpened():
+            raise WegsError(
+                f"{path} could not be written: this OpenCV has no MPEG-4 writer.", "Use the frames instead."
+            )
+        for frame in frames:
+            writer.write(cv2.cvtColor(frame[:height, :width], cv2.COLOR_RGB2BGR))
+        writer.release()

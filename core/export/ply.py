@@ -1,0 +1,153 @@
+"""The vanilla 3DGS .ply, which every viewer of Gaussians reads.
+
+binary_little_endian, one element `vertex`, 62 float32 properties, 248 bytes a Gaussian. f_rest is channel-major (all of
+R, then G, then B), opacity a logit, scale a natural log, rot w x y z: the original project's save_ply, byte for byte.
+
+The only module that imports plyfile, whose licence is GPL-3.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import plyfile
+import torch
+from jaxtyping import Bool, Float, Float32
+from torch import Tensor
+
+from core.errors import BadInput
+from core.export.atomic import replacing
+from core.scene.harmonics import MAX_DEGREE, coefficient_count
+from core.scene.splats import Splats
+
+_MIN_NORM2 = 1e-12  # Splats takes quaternions of any norm above 1e-6; the rasterizers draw nothing below
+_REST_OF_DEGREE = {degree: 3 * (coefficient_count(degree) - 1) for degree in range(MAX_DEGREE + 1)}
+
+
+def _properties(rest: int) -> list[str]:
+    """The names of the columns, in order, with `rest` higher SH coefficients."""
+    return [
+        *("x", "y", "z", "nx", "ny", "nz"),
+        *(f"f_dc_{i}" for i in range(3)),
+        *(f"f_rest_{i}" for i in range(rest)),
+        "opacity",
+        *(f"scale_{i}" for i in range(3)),
+        *(f"rot_{i}" for i in range(4)),
+    ]
+
+
+PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
+
+
+def _undrawable(table: Float32[np.ndarray, "n p"], names: list[str]) -> Bool[np.ndarray, " n"]:
+    """Which rows (n,) no viewer can draw: anything NaN or infinite, or a quaternion of zero length."""
+    quaternions = table[:, names.index("rot_0") : names.index("rot_3") + 1]
+    norm2 = np.einsum("nk,nk->n", quaternions, quaternions, dtype=np.float64)
+    # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
+    return ~np.isfinite(table.sum(axis=1, dtype=np.float64)) | (norm2 < _MIN_NORM2)
+
+
+def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
+    """Write Gaussians (world units) for any 3DGS viewer; returns how many undrawable ones were left out.
+
+    The file appears whole or not at all. Always 45 f_rest columns, zero above the degree, because several viewers
+    assume them. comment: one line in the header; anything but ASCII is escaped.
+    Errors: as core.export.atomic.replacing; BadInput if no Gaussian is left.
+    """
+    with np.errstate(over="ignore"):  # a float64 beyond float32 becomes Inf here, and is then dropped and counted
+        parts = {name: tensor.detach().cpu().numpy() for name, tensor in splats_in_world.tensors().items()}
+        count, coefficients = parts["sh"].shape[:2]
+        higher = coefficients - 1
+        table = np.zeros((count, len(PROPERTIES)), dtype="<f4")
+        table[:, 0:3] = parts["means"]
+        table[:, 6:9] = parts["sh"][:, 0]
+        for channel in range(3):
+            start = 9 + channel * (_REST_OF_DEGREE[MAX_DEGREE] // 3)
+            table[:, start : start + higher] = parts["sh"][:, 1:, channel]
+        table[:, 54] = parts["logit_opacities"]
+        table[:, 55:58] = parts["log_scales"]
+        table[:, 58:62] = parts["quaternions"]
+    dropped = _undrawable(table, PROPERTIES)
+    if dropped.any():
+        table = table[~dropped]
+    if not len(table):
+        raise BadInput(f"{path} was not written: none of {count} Gaussians can be drawn.", "Train again.")
+    rows = table.view([(name, "<f4") for name in PROPERTIES])[:, 0]
+    line = " ".join(comment.encode("ascii", "backslashreplace").decode().split())
+    # The original viewer counts lines: the comment must follow the `element` line, which is where plyfile puts those
+    # of an element, not those of a file.
+    vertices = plyfile.PlyElement.describe(rows, "vertex", comments=[line] if line else [])
+    with replacing(path) as temporary:
+        plyfile.PlyData([vertices], byte_order="<").write(str(temporary))
+    return int(dropped.sum())
+
+
+def read_ply(path: Path) -> Splats:
+    """The Gaussians (world units, float32) of a 3DGS .ply, binary or ASCII, of SH degree 0 to 3.
+
+    Raises BadInput naming what is wrong: no such file, not a .ply, cut short, a column missing, a number of f_rest
+    columns that fits no degree, a row that cannot be drawn.
+    """
+    vertices = _vertices(path)
+    names = vertices.dtype.names
+    rest = sum(name.startswith("f_rest_") for name in names)
+    degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
+    if degree is None:
+        raise BadInput(f"{path} has {rest} f_rest columns.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them.")
+    wanted = [name for name in _properties(rest) if name not in ("nx", "ny", "nz")]
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        raise BadInput(f"{path} lacks the column {missing[0]}.", "It is not a 3DGS .ply; export it as one.")
+    table = np.empty((len(vertices), len(wanted)), dtype=np.float32)
+    for column, name in enumerate(wanted):
+        table[:, column] = vertices[name]
+    bad = np.flatnonzero(_undrawable(table, wanted))
+    if bad.size:
+        raise BadInput(
+            f"{path}: row {bad[0]} (of {bad.size} bad ones) holds NaN, Inf or a zero quaternion.",
+            "Export the file again without such Gaussians.",
+        )
+    return _splats(torch.from_numpy(table), coefficient_count(degree))
+
+
+def _splats(table: Float[Tensor, "n p"], coefficients: int) -> Splats:
+    """Columns x y z, SH, opacity, scale, rot -> Splats."""
+    sizes = [3, 3, 3 * (coefficients - 1), 1, 3, 4]
+    means, dc, rest, opacities, scales, quaternions = (part.contiguous() for part in table.split(sizes, dim=1))
+    higher = rest.reshape(len(table), 3, coefficients - 1).transpose(1, 2)
+    sh = torch.cat([dc[:, None, :], higher], dim=1)
+    return Splats(means, quaternions, scales, opacities[:, 0], sh)
+
+
+def _vertices(path: Path) -> np.ndarray:
+    """The structured array of the element `vertex`."""
+    path = Path(path)
+    if not path.is_file():
+        raise BadInput(f"There is no file {path}.", "Give the path of a .ply.")
+    try:
+        vertices = plyfile.PlyData.read(str(path))["vertex"].data  # by path: a stream is read row by row, in minutes
+    except plyfile.PlyElementParseError as problem:
+        row = f" at row {problem.row}" if problem.row is not None else ""
+        raise BadInput(
+            f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again."
+        ) from None
+    except (plyfile.PlyParseError, UnicodeDecodeError) as problem:
+        raise BadInput(f"{path} is not a .ply: {problem}.", "Give a 3DGS .ply.") from None
+    except KeyError:
+        raise BadInput(f"{path} has no element `vertex`.", "Give a 3DGS .ply.") from None
+    except ValueError:  # numpy cannot map zero rows
+        raise BadInput(f"{path} holds no Gaussians.", "Export it again.") from None
+    if not len(vertices):
+        raise BadInput(f"{path} holds no Gaussians.", "Export it again.")
+    return vertices
+
+
+def write_points(path: Path, points: Float[np.ndarray, "n 3"], colours: Float[np.ndarray, "n 3"]) -> None:
+    """Write a point cloud as the run folder's `input.ply`. points: world units. colours: [0, 1], stored in 8 bits."""
+    position = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
+    rows = np.zeros(len(points), dtype=[*position, ("red", "u1"), ("green", "u1"), ("blue", "u1")])
+    for axis, name in enumerate("xyz"):
+        rows[name] = points[:, axis]
+    for channel, name in enumerate(("red", "green", "blue")):
+        rows[name] = np.clip(np.rint(np.asarray(colours)[:, channel] * 255), 0, 255)
+    with replacing(path) as temporary:
+        plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex")], byte_order="<").write(str(temporary))

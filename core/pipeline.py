@@ -1,0 +1,229 @@
+"""Photos -> scene -> trained run -> .ply: the whole story on one page. The command line is a thin skin over it."""
+
+import time
+from pathlib import Path
+
+import core
+import core.export
+import core.rasterizer
+from core.config import Settings
+from core.data import load_collection, sfm
+from core.data.collection import Collection, Photo
+from core.errors import BadInput
+from core.export.atomic import filling
+from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
+from core.report import Report
+from core.scene.splats import Splats
+from core.training import checkpoint, run, saved_look
+from core.training.interrupt import StopRequest
+from core.training.masks import write_masks
+from core.training.trained import Appearance, Run, bake, blend, find_appearance, load_run
+from core.training.trainer import Trainer
+
+__all__ = [
+    "bake",
+    "evaluate",
+    "export",
+    "find_appearance",
+    "find_cameras",
+    "interpolate",
+    "load_run",
+    "resume",
+    "train",
+]
+QUIET = Report()
+FADE = ("frame_*.png", "step_*.ply", "sheet.png", "video.mp4")  # what an interpolation writes
+
+
+# --- photos -> scene
+
+
+def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
+    """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
+    sfm.reconstruct(photos, output, report)
+    report.say(f"Next: wegs train {output}")
+    return output
+
+
+# --- scene -> trained run
+
+
+def train(
+    scene: Path, settings: Settings, output: Path | None = None, report: Report = QUIET, force: bool = False
+) -> Path:
+    """Train on the photos in `scene`; returns the run folder. Nothing is written before the scene has been read."""
+    folder = run.choose_folder(output, scene.resolve().name or "scene", force)
+    collection = load_collection(scene)
+    _tell_collection(collection, report)
+    trainer = Trainer(collection, settings, folder)
+    run.create(folder, collection, settings)
+    return _train(trainer, report)
+
+
+def resume(folder: Path | None, report: Report = QUIET) -> Path:
+    """Go on with a stopped run (default: the newest), as if it had never stopped."""
+    folder = run.find_run(folder)
+    _, settings, before = run.read_config(folder)
+    path = checkpoint.newest(folder)
+    if path is None:
+        raise BadInput(
+            f"{folder} has no checkpoint to go on from.", f"Type: wegs train {before.root} -o {folder} --force"
+        )
+    saved = checkpoint.load(path)
+    if saved.facts["step"] >= settings.steps:
+        raise BadInput(
+            f"{folder} is finished: {settings.steps} steps.",
+            f"Type: wegs bake --run {folder} --appearance PHOTO -o look.ply",
+        )
+    collection = load_collection(before.root)
+    if _essence(collection) != _essence(before):
+        raise BadInput(f"The photos in {before.root} are not those that {folder} began with.", "Train a new run.")
+    report.say(f"Going on with {folder} from step {saved.facts['step']}")
+    trainer = Trainer(collection, settings, folder)
+    trainer.resume(saved)
+    return _train(trainer, report)
+
+
+def _train(trainer: Trainer, report: Report) -> Path:
+    folder, settings = trainer.folder, trainer.settings
+    _tell_sizes(trainer, report)
+    step = None
+    with StopRequest() as stop:
+        for step in trainer.train():
+            for message in step.messages:
+                report.warn(message)
+            if step.held_out_psnr is not None:
+                report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
+            report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
+            if stop.asked and step.step < settings.steps:
+                trainer.save()
+                raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: wegs train --resume -o {folder}")
+    trained = load_run(folder)
+    neutral = run.point_cloud_path(folder, trained.step)
+    _write_look(trained, find_appearance(trained, "neutral"), neutral, report)
+    masks = write_masks(folder, trainer.model, trainer.pictures)
+    rows = [
+        ("run", str(folder)),
+        ("steps", f"{trained.step} in {trainer.seconds:.0f} s"),
+        ("Gaussians", f"{len(trained.splats)} (sky {trainer.gaussians.sky})"),
+        ("neutral look", f"{neutral} ({neutral.stat().st_size / 1e6:.1f} MB)"),
+    ]
+    if masks:
+        rows.append(("masks", str(folder / "masks")))
+    report.table("Done", rows)
+    report.say("Next: wegs bake --appearance PHOTO -o look.ply   (any photo; then open look.ply in a 3DGS viewer)")
+    return folder
+
+
+def _essence(collection: Collection) -> list[tuple]:
+    """What must not have changed for a run to go on."""
+    return [(photo.name, photo.split, photo.camera.centre.tolist()) for photo in collection.photos]
+
+
+def _tell_collection(collection: Collection, report: Report) -> None:
+    splits = ", ".join(f"{len(collection.split(name))} {name}" for name in ("train", "test"))
+    photos, points = len(collection.photos), len(collection.points)
+    report.say(f"{collection.name} ({collection.kind}): {photos} photos ({splits}), {points} points")
+    for note in collection.notes:
+        report.warn(note)
+
+
+def _tell_sizes(trainer: Trainer, report: Report) -> None:
+    sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures.pictures})
+    spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
+    report.say(
+        f"Training {trainer.settings.steps} steps at {spread} px, at most {trainer.settings.max_gaussians} Gaussians"
+    )
+
+
+# --- trained run -> .ply and pictures
+
+
+def export(
+    folder: Path | None,
+    word: str,
+    output: Path,
+    report: Report = QUIET,
+    force: bool = False,
+    save_as: str | None = None,
+) -> Path:
+    """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well."""
+    core.export.check_format(output)
+    if output.exists() and not force:
+        raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
+    trained = load_run(run.find_run(folder))
+    if save_as is not None:
+        saved_look.path_of(trained.folder, save_as)  # a bad name is refused before the work
+    appearance = find_appearance(trained, word)
+    report.say(f"{trained.folder}, step {trained.step}: look of {appearance.source}")
+    if trained.settings.appearance == "off":
+        report.warn("This run was trained without appearance: all its looks are one.")
+    start = time.perf_counter()
+    _write_look(trained, appearance, output, report)
+    if save_as is not None:
+        kept = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity)
+        report.say(f"Look kept as {saved_look.save(trained.folder, kept)}")
+    seconds = time.perf_counter() - start
+    report.say(f"{output}: {len(trained.splats)} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
+    return output
+
+
+def _write_look(trained: Run, appearance: Appearance, path: Path, report: Report) -> Splats:
+    """Bake and write one look; returns it in the scene frame."""
+    splats = bake(trained, appearance)
+    comment = f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}"
+    dropped = core.export.write(path, splats.in_world(trained.collection.frame), comment)
+    if dropped:
+        report.warn(
+            f"{path}: {dropped} Gaussians could not be drawn (NaN, Inf or a zero quaternion) and were left out."
+        )
+    return splats
+
+
+def interpolate(
+    folder: Path | None,
+    first: str,
+    last: str,
+    steps: int = 10,
+    output: Path | None = None,
+    report: Report = QUIET,
+    view: str | None = None,
+    ply: bool = False,
+    force: bool = False,
+) -> Path:
+    """Fade from one look to another in `steps` frames seen by the camera of photo `view`; returns their folder.
+
+    The first and the last step are the two looks themselves, bit for bit: their embeddings are not computed but taken.
+    """
+    trained = load_run(run.find_run(folder))
+    ends = [find_appearance(trained, word) for word in (first, last)]
+    photo = _view(trained.collection, view)
+    output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
+    camera = trained.picture(photo).camera
+    rasterizer = core.rasterizer.create(trained.settings.backend)
+    report.say(f"{trained.folder}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
+    with filling(output, FADE, force) as work:
+        frames = []
+        for step in range(steps):
+            appearance = blend(*ends, step / (steps - 1))
+            if ply:
+                splats = _write_look(trained, appearance, work / f"step_{step:03d}.ply", report)
+            else:
+                splats = bake(trained, appearance)
+            frames.append(to_8_bit(rasterizer.render(splats, camera).image))
+            write_png(work / f"frame_{step:03d}.png", frames[-1])
+            report.progress("Frames", step + 1, steps)
+        write_png(work / "sheet.png", contact_sheet(frames))
+        write_video(work / "video.mp4", frames)
+    report.say(f"{output}: {steps} frames, sheet.png, video.mp4")
+    return output
+
+
+def _view(collection: Collection, name: str | None) -> Photo:
+    """The photo called `name`, or the first held-out one, or the first."""
+    if name is None:
+        return (collection.split("test") or collection.photos)[0]
+    for photo in collection.photos:
+        if photo.name == name:
+            return photo
+    raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {collection.photos[0].name}.")

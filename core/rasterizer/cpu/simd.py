@@ -1,0 +1,210 @@
+"""Eight float32 lanes as a Numba type, and the few atoms that Numba lacks.
+
+LLVM does not vectorise the blending loops by itself (tried: eight times slower), so the vectors are spelled out. They are LLVM's
+own vector type and generic instructions only, nothing of one processor: the compiler maps them to one 256-bit register where
+there are such, to two of 128 bits on SSE or NEON.
+"""
+
+import operator
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+LANES = 8
+
+FLOATS = ir.VectorType(ir.FloatType(), LANES)
+INTEGERS = ir.VectorType(ir.IntType(32), LANES)
+BITS = ir.VectorType(ir.IntType(1), LANES)
+
+
+class Float8Type(types.Type):
+    """Eight float32 numbers in one register."""
+
+    def __init__(self):
+        super().__init__(name="Float8")
+
+
+class Mask8Type(types.Type):
+    """Eight truth values, as comparisons make them."""
+
+    def __init__(self):
+        super().__init__(name="Mask8")
+
+
+float8, mask8 = Float8Type(), Mask8Type()
+
+
+@register_model(Float8Type)
+class Float8Model(models.PrimitiveModel):
+    def __init__(self, manager, numba_type):
+        super().__init__(manager, numba_type, FLOATS)
+
+
+@register_model(Mask8Type)
+class Mask8Model(models.PrimitiveModel):
+    def __init__(self, manager, numba_type):
+        super().__init__(manager, numba_type, BITS)
+
+
+# ----------------------------------------------------------------------------------------------------------- operators
+
+
+def define_operator(function, result, emit) -> None:
+    """Let `function(Float8, Float8)`, an operator, stand for the instruction that `emit(builder, a, b)` appends."""
+
+    class Template(ConcreteTemplate):
+        cases = [signature(result, float8, float8)]
+
+    infer_global(function)(Template)
+    lower_builtin(function, float8, float8)(lambda context, builder, sig, args: emit(builder, *args))
+
+
+# No fast-math flag on any of them: `power_of_two` counts on its roundings, and the backward pass on repeating the forward's.
+define_operator(operator.add, float8, lambda builder, a, b: builder.fadd(a, b))
+define_operator(operator.sub, float8, lambda builder, a, b: builder.fsub(a, b))
+define_operator(operator.mul, float8, lambda builder, a, b: builder.fmul(a, b))
+define_operator(operator.truediv, float8, lambda builder, a, b: builder.fdiv(a, b))
+define_operator(operator.ge, mask8, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+define_operator(operator.le, mask8, lambda builder, a, b: builder.fcmp_ordered("<=", a, b))
+
+
+class MaskAnd(ConcreteTemplate):
+    cases = [signature(mask8, mask8, mask8)]
+
+
+infer_global(operator.and_)(MaskAnd)
+lower_builtin(operator.and_, mask8, mask8)(lambda context, builder, sig, args: builder.and_(*args))
+
+
+# -------------------------------------------------------------------------------------------------------------- memory
+
+
+def element_pointer(context, builder, array_type, array, index):
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.gep(data, [index])
+
+
+@intrinsic
+def load(typing_context, array, index):
+    """The eight float32 numbers of a contiguous array from element `index` on; no alignment is asked for."""
+
+    def generate(context, builder, sig, args):
+        pointer = element_pointer(context, builder, sig.args[0], *args)
+        return builder.load(builder.bitcast(pointer, FLOATS.as_pointer()), align=4)
+
+    return float8(array, types.intp), generate
+
+
+@intrinsic
+def store(typing_context, array, index, value):
+    """Write eight numbers to a contiguous float32 array from element `index` on."""
+
+    def generate(context, builder, sig, args):
+        pointer = element_pointer(context, builder, sig.args[0], *args[:2])
+        builder.store(args[2], builder.bitcast(pointer, FLOATS.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, float8), generate
+
+
+@intrinsic
+def fetch_add(typing_context, counters, index, amount):
+    """Add `amount` to counters[index] (int64) as one indivisible step and return what was there before."""
+
+    def generate(context, builder, sig, args):
+        pointer = element_pointer(context, builder, sig.args[0], *args[:2])
+        return builder.atomic_rmw("add", pointer, args[2], "monotonic")
+
+    return types.int64(counters, types.intp, types.int64), generate
+
+
+# ---------------------------------------------------------------------------------------------------------- arithmetic
+
+
+@intrinsic
+def broadcast(typing_context, number):
+    """A number, rounded to float32, in all eight lanes."""
+
+    def generate(context, builder, sig, args):
+        vector = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), args[0], ir.Constant(ir.IntType(32), 0))
+        return builder.shuffle_vector(vector, ir.Constant(FLOATS, ir.Undefined), ir.Constant(INTEGERS, [0] * LANES))
+
+    return float8(types.float32), generate
+
+
+@intrinsic
+def multiply_add(typing_context, a, b, c):
+    """a * b + c, rounded once where the processor has the instruction, twice where it has not."""
+
+    def generate(context, builder, sig, args):
+        function = builder.module.declare_intrinsic("llvm.fmuladd", [FLOATS])
+        return builder.call(function, args)
+
+    return float8(float8, float8, float8), generate
+
+
+@intrinsic
+def minimum(typing_context, a, b):
+    """The smaller, lane by lane; `b` where either is NaN."""
+
+    def generate(context, builder, sig, args):
+        return builder.select(builder.fcmp_ordered("<", *args), *args)
+
+    return float8(float8, float8), generate
+
+
+@intrinsic
+def maximum(typing_context, a, b):
+    """The larger, lane by lane; `b` where either is NaN."""
+
+    def generate(context, builder, sig, args):
+        return builder.select(builder.fcmp_ordered(">", *args), *args)
+
+    return float8(float8, float8), generate
+
+
+@intrinsic
+def select(typing_context, mask, a, b):
+    """`a` where the mask is set, else `b`; what the other holds, NaN included, does not matter."""
+
+    def generate(context, builder, sig, args):
+        return builder.select(*args)
+
+    return float8(mask8, float8, float8), generate
+
+
+@intrinsic
+def bits(typing_context, mask):
+    """The mask as an integer, lane 0 in the lowest bit."""
+
+    def generate(context, builder, sig, args):
+        return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), ir.IntType(32))
+
+    return types.uint32(mask8), generate
+
+
+@intrinsic
+def lowest_set_bit(typing_context, number):
+    """The position of the lowest set bit of a uint32 that is not zero."""
+
+    def generate(context, builder, sig, args):
+        position = builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+        return builder.zext(position, ir.IntType(64))
+
+    return types.intp(types.uint32), generate
+
+
+@intrinsic
+def permuted(typing_context, a, b, lanes):
+    """Eight of the sixteen numbers of `a` (0..7) and `b` (8..15), named by a constant tuple."""
+    if not isinstance(lanes, types.BaseTuple):
+        return None
+    chosen = [lane.literal_value for lane in lanes]
+
+    def generate(context, builder, sig, args):
+        return builder.shuffle_vector(args[0], args[1], ir.Constant(INTEGERS, chosen))
+
+    return float8(float8, float8, lanes), generate

@@ -1,0 +1,272 @@
+"""The definition of the picture: 3D Gaussian splatting in plain torch, one function a stage.
+
+Read it from top to bottom: cull, project, colour, sort, blend. Nothing is approximated beyond what the contract states and
+every gradient is autograd's, so the fast backends are judged by this one in float64. It looks at every splat in every
+pixel: use it for small pictures only.
+
+Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (2023), sections 4 and 6, and Zwicker et
+al., "EWA Volume Splatting" (2001), for the projection.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint
+
+from core.rasterizer.contract import (
+    ALPHA_MAX,
+    ALPHA_MIN,
+    BLUR_PX2,
+    JACOBIAN_MARGIN,
+    LOG_SCALE_RANGE,
+    NEAR,
+    QUATERNION_MIN_NORM2,
+    STOP_TRANSMITTANCE,
+    Rendering,
+)
+from core.scene.camera import Camera
+from core.scene.harmonics import colour
+from core.scene.splats import Splats
+
+CHUNK = 1 << 20  # pairs of a pixel and a splat that are blended at once; bounds the memory (some 20 numbers a pair)
+
+
+@dataclass
+class Projection:
+    """N Gaussians as 2D ones in the picture.
+
+    centres: px. conics: the entries (xx, xy, yy) of the inverse 2D covariances, px^-2. variances: the diagonal of the 2D
+    covariances, px^2. directions: unit vectors from the camera to the means. opacities: in [0, 1].
+    """
+
+    centres: Float[Tensor, "n 2"]
+    conics: Float[Tensor, "n 3"]
+    variances: Float[Tensor, "n 2"]
+    directions: Float[Tensor, "n 3"]
+    opacities: Float[Tensor, " n"]
+
+
+class ReferenceRasterizer:
+    """The contract's definition; any floating dtype, any device. See `contract.Rasterizer` for the methods.
+
+    One difference from the contract: torch's own sums may differ in the last bit between numbers of threads.
+    """
+
+    name = "reference"
+
+    @torch.no_grad()
+    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+        candidates = torch.nonzero(can_be_projected(splats, camera)).squeeze(1)
+        projection = project(splats[candidates], camera)
+        return candidates[touches_picture(projection, camera)]
+
+    def render(
+        self,
+        splats: Splats,
+        camera: Camera,
+        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        probe: Float[Tensor, "n 2"] | None = None,
+    ) -> Rendering:
+        # Selected before any differentiable arithmetic: a NaN that enters it would come back out of the gradient of a
+        # mere mask, because 0 * NaN = NaN.
+        rows = self.visible(splats, camera)
+        rows = rows[front_to_back(splats[rows], camera)]
+        projection = project(splats[rows], camera)
+        colours = colour(splats.sh[rows], projection.directions)
+        centres = projection.centres if probe is None else projection.centres + probe[rows]
+
+        pictures, transmittances = [], []
+        for pixels in pixel_chunks(camera, len(rows), centres):
+            # A checkpoint keeps only the inputs and blends once more in the backward pass: memory for one chunk, not for all.
+            picture, transmittance = checkpoint(
+                blend,
+                pixels,
+                centres,
+                projection.conics,
+                projection.opacities,
+                colours,
+                colours.new_tensor(background),
+                use_reentrant=False,
+            )
+            pictures.append(picture)
+            transmittances.append(transmittance.detach())
+        size = camera.height, camera.width
+        return Rendering(torch.cat(pictures).reshape(*size, 3), torch.cat(transmittances).reshape(size))
+
+    @torch.no_grad()
+    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
+        rows = self.visible(splats, camera)
+        rows = rows[front_to_back(splats[rows], camera)]
+        projection = project(splats[rows], camera)
+        largest = projection.opacities.new_zeros(len(rows))
+        for pixels in pixel_chunks(camera, len(rows), projection.centres):
+            weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
+            largest = torch.maximum(largest, weights.amax(dim=0))
+        return splats.logit_opacities.new_zeros(len(splats)).index_put((rows,), largest)
+
+
+# ---------------------------------------------------------------------------------------------------------------- cull
+
+
+def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:
+    """Which Gaussians are finite, in front of the camera, rotated by a real rotation and not too faint to show anywhere."""
+    keep = torch.ones(len(splats), dtype=torch.bool, device=splats.means.device)
+    for tensor in splats.tensors().values():
+        keep &= torch.isfinite(tensor).flatten(1).all(dim=1) if tensor.dim() > 1 else torch.isfinite(tensor)
+    offsets = offsets_from(camera, splats.means)
+    _, _, depths = in_camera_axes(camera, offsets)
+    norms2 = splats.quaternions.square().sum(dim=1)
+    # Comparisons with NaN are false, so what is not finite fails each test. Finite inputs whose squares overflow fail too.
+    keep &= depths > NEAR
+    keep &= torch.isfinite(offsets.square().sum(dim=1))
+    keep &= (norms2 >= QUATERNION_MIN_NORM2) & torch.isfinite(norms2)
+    keep &= torch.sigmoid(splats.logit_opacities) >= ALPHA_MIN
+    return keep
+
+
+def touches_picture(projection: Projection, camera: Camera) -> Bool[Tensor, " n"]:
+    """Whether the box around the ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN meets the picture."""
+    extents = (2 * torch.log(projection.opacities / ALPHA_MIN).clamp_min(0)[:, None] * projection.variances).sqrt()
+    size = extents.new_tensor([camera.width, camera.height])
+    inside = (projection.centres + extents >= 0) & (projection.centres - extents <= size)
+    return inside.all(dim=1) & torch.isfinite(projection.conics).all(dim=1)
+
+
+# ------------------------------------------------------------------------------------------------------------- project
+
+
+def project(splats: Splats, camera: Camera) -> Projection:
+    """The Gaussians as the camera sees them (3DGS equation 5; every row must pass `can_be_projected`).
+
+    The 2D covariance is J W S W' J' + blur, where S = R D D R' is the covariance in space (3DGS equation 6), W the rotation of
+    the camera and J the Jacobian of the perspective division at the mean. With the 2x3 factor V = J W R D that is V V' + blur.
+    """
+    offsets = offsets_from(camera, splats.means)
+    x, y, depths = in_camera_axes(camera, offsets)
+    centres = torch.stack([camera.fx * x / depths + camera.cx, camera.fy * y / depths + camera.cy], dim=1)
+
+    scales = splats.log_scales.clamp(*LOG_SCALE_RANGE).exp()
+    rotation = offsets.new_tensor(camera.world_to_camera)
+    factor = jacobians(camera, x / depths, y / depths, depths) @ rotation @ rotations(splats.quaternions)
+    v_x, v_y = (factor * scales[:, None, :]).unbind(dim=1)
+    xx, xy, yy = (v_x * v_x).sum(dim=1), (v_x * v_y).sum(dim=1), (v_y * v_y).sum(dim=1)
+    variances = torch.stack([xx, yy], dim=1) + BLUR_PX2
+    # det(V V' + e I) from the factor: a difference of products, xx * yy - xy^2, is nothing but rounding for a needle.
+    determinants = torch.linalg.cross(v_x, v_y).square().sum(dim=1) + BLUR_PX2 * (xx + yy) + BLUR_PX2**2
+    conics = torch.stack([variances[:, 1], -xy, variances[:, 0]], dim=1) / determinants[:, None]
+
+    directions = offsets / offsets.square().sum(dim=1, keepdim=True).sqrt()
+    return Projection(centres, conics, variances, directions, torch.sigmoid(splats.logit_opacities))
+
+
+def offsets_from(camera: Camera, means: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+    """World axes, from the camera. Subtracted before anything is rotated: far from the origin float32 needs that."""
+    return means - means.new_tensor(camera.centre)
+
+
+def in_camera_axes(
+    camera: Camera, offsets: Float[Tensor, "n 3"]
+) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]]:
+    """x right, y down, z forward."""
+    x, y, z = offsets.unbind(dim=1)
+    # Term by term: a matrix product may round each row in its own way, and equal depths have to stay equal.
+    right, down, forward = [row[0] * x + row[1] * y + row[2] * z for row in camera.world_to_camera.tolist()]
+    return right, down, forward
+
+
+def jacobians(
+    camera: Camera, x_slopes: Float[Tensor, " n"], y_slopes: Float[Tensor, " n"], depths: Float[Tensor, " n"]
+) -> Float[Tensor, "n 2 3"]:
+    """d(pixel) / d(camera axes) at slopes x / z and y / z, which are clamped to the neighbourhood of the picture.
+
+    Without the clamp a wide Gaussian beside the picture has a footprint out of all proportion; it is the original's, made
+    to follow the principal point.
+    """
+    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
+    x_slopes = x_slopes.clamp((-margin_x - camera.cx) / camera.fx, (camera.width + margin_x - camera.cx) / camera.fx)
+    y_slopes = y_slopes.clamp((-margin_y - camera.cy) / camera.fy, (camera.height + margin_y - camera.cy) / camera.fy)
+    zero = torch.zeros_like(depths)
+    row_x = torch.stack([camera.fx / depths, zero, -camera.fx * x_slopes / depths], dim=1)
+    row_y = torch.stack([zero, camera.fy / depths, -camera.fy * y_slopes / depths], dim=1)
+    return torch.stack([row_x, row_y], dim=1)
+
+
+def rotations(quaternions: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3 3"]:
+    """Rotation matrices of quaternions w x y z, which are normalised first."""
+    norms = quaternions.square().sum(dim=1, keepdim=True).sqrt()
+    w, x, y, z = (quaternions / norms).unbind(dim=1)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
+
+
+# ---------------------------------------------------------------------------------------------------------------- sort
+
+
+def front_to_back(splats: Splats, camera: Camera) -> Int[Tensor, " n"]:
+    """The order of blending: by depth; the stable sort breaks ties by index."""
+    _, _, depths = in_camera_axes(camera, offsets_from(camera, splats.means.detach()))
+    return torch.sort(depths, stable=True).indices
+
+
+# --------------------------------------------------------------------------------------------------------------- blend
+
+
+def pixel_chunks(camera: Camera, splat_count: int, like: Tensor) -> tuple[Float[Tensor, "p 2"], ...]:
+    """The centres (px) of all pixels, row by row, in chunks of at most CHUNK pixel-splat pairs; dtype and device of `like`."""
+    x = torch.arange(camera.width, dtype=like.dtype, device=like.device) + 0.5
+    y = torch.arange(camera.height, dtype=like.dtype, device=like.device) + 0.5
+    rows, columns = torch.meshgrid(y, x, indexing="ij")
+    return torch.stack([columns.flatten(), rows.flatten()], dim=1).split(max(1, CHUNK // max(1, splat_count)))
+
+
+def blend(
+    pixels: Float[Tensor, "p 2"],
+    centres: Float[Tensor, "n 2"],
+    conics: Float[Tensor, "n 3"],
+    opacities: Float[Tensor, " n"],
+    colours: Float[Tensor, "n 3"],
+    background: Float[Tensor, " 3"],
+) -> tuple[Float[Tensor, "p 3"], Float[Tensor, " p"]]:
+    """The colours of the pixels, and how much of the background shows in each. The splats come front to back."""
+    weights, transmittances = blend_weights(pixels, centres, conics, opacities)
+    return weights @ colours + transmittances[:, None] * background, transmittances
+
+
+def blend_weights(
+    pixels: Float[Tensor, "p 2"],
+    centres: Float[Tensor, "n 2"],
+    conics: Float[Tensor, "n 3"],
+    opacities: Float[Tensor, " n"],
+) -> tuple[Float[Tensor, "p n"], Float[Tensor, " p"]]:
+    """How much of each splat shows in each pixel, and how much of the background (3DGS equations 3 and 4).
+
+    Each splat covers alpha = opacity * exp(-d' S^-1 d / 2) of what is behind it, so its weight is
+    alpha times the transmittance in front of it, the product of 1 - alpha over all splats before.
+    """
+    alphas = coverage(pixels, centres, conics, opacities)
+    alphas = torch.where(alphas < ALPHA_MIN, 0, alphas).clamp_max(ALPHA_MAX)
+    with torch.no_grad():
+        unfinished = torch.cumprod(1 - alphas, dim=1) >= STOP_TRANSMITTANCE
+    # Everything from the stopping splat on is absent, the stopping splat included.
+    alphas = torch.where(unfinished, alphas, 0)
+    behind = torch.cumprod(1 - alphas, dim=1)
+    before = torch.cat([torch.ones_like(pixels[:, :1]), behind], dim=1)
+    return alphas * before[:, :-1], before[:, -1].clone()
+
+
+def coverage(
+    pixels: Float[Tensor, "p 2"],
+    centres: Float[Tensor, "n 2"],
+    conics: Float[Tensor, "n 3"],
+    opacities: Float[Tensor, " n"],
+) -> Float[Tensor, "p n"]:
+    """opacity * exp(-d' S^-1 d / 2) of each splat at each pixel, before any threshold."""
+    x, y = (pixels[:, None, :] - centres[None, :, :]).unbind(dim=2)
+    xx, xy, yy = conics.unbind(dim=1)
+    return opacities * torch.exp(-0.5 * (xx * x * x + yy * y * y) - xy * x * y)

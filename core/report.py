@@ -1,0 +1,17 @@
+"""How the engine tells what it does. Imports nothing, so that every layer may speak."""
+
+
+class Report:
+    """A listener that hears everything and says nothing; the command line has one that prints."""
+
+    def say(self, line: str) -> None:
+        """A finding or decision, one line."""
+
+    def warn(self, line: str) -> None:
+        """Something dropped or suspicious, one line."""
+
+    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
+        """`done` of `total` parts of `what` are through; `note` holds figures for the end of the bar."""
+
+    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
+        """Names and values, at the end of something."""

@@ -1,0 +1,123 @@
+"""The picture loss: weighted L1 and SSIM between a render and a photo.
+
+    loss  = sum over valid pixels p and channels c of  w_p ((1 - s) |x - y| + s (1 - SSIM(x, y)))_pc  /  (3 V)
+    error = the same map without w, averaged over the channels
+
+V is the number of valid pixels, whatever the weights: a mask that hides half of a photo halves its loss, so hidden pixels
+do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma 1.5, constants
+0.01^2 and 0.03^2 for a range of 1, and zeros beyond the picture. Invalid pixels are beyond the picture: zero on both sides.
+Paper: section IV-C (lambda_1 = 0.2 is `ssim_weight`). This module is the definition, in any dtype on any device; float32 on a
+CPU goes through core.training.photometric_kernel, which equals it.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from core.errors import BadInput
+
+WINDOW = 11  # px
+RADIUS = WINDOW // 2
+SIGMA = 1.5  # px
+C1 = 0.01**2
+C2 = 0.03**2
+
+
+def window(dtype: torch.dtype = torch.float64) -> Float[Tensor, " 11"]:
+    """The Gaussian window along one axis; sums to 1."""
+    offsets = torch.arange(WINDOW, dtype=torch.float64) - RADIUS
+    weights = torch.exp(-(offsets**2) / (2 * SIGMA**2))
+    return (weights / weights.sum()).to(dtype)
+
+
+def blur(planes: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
+    """The planes convolved with the Gaussian window, zeros beyond the picture."""
+    taps = window(planes.dtype).to(planes.device)
+    rows = F.conv2d(planes[:, None], taps.view(1, 1, WINDOW, 1), padding=(RADIUS, 0))
+    return F.conv2d(rows, taps.view(1, 1, 1, WINDOW), padding=(0, RADIUS))[:, 0]
+
+
+class Target:
+    """A photo as the loss sees it, with what is constant of it computed once.
+
+    picture: (H, W, 3) in [0, 1]. valid: (H, W), False where the photo shows nothing (the rim of an undistorted photo), or None.
+    Raises BadInput for a photo without a valid pixel.
+
+    planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
+    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. valid_pixels: V. Everything has the dtype and
+    the device of `picture`.
+    """
+
+    def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None):
+        self.valid = None if valid is None or bool(valid.all()) else valid
+        self.padded = F.pad(_planes(picture, self.valid), (0, 0, RADIUS, RADIUS))
+        self.planes = self.padded[:, RADIUS:-RADIUS]
+        self.mean = blur(self.planes)
+        self.mean_square = blur(self.planes**2)
+        self.valid_pixels = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
+        if self.valid_pixels == 0:
+            raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
+
+
+def photometric(
+    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
+) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+    """(loss, error): the scalar to minimise, and the unweighted error of every pixel, detached, 0 where invalid.
+
+    image: the render, not clamped; the only input that gets a gradient. weight: w, from 0 (ignored) to 1, or None for 1
+    everywhere. ssim_weight: s in [0, 1]. An image that is not finite in a valid pixel gives a loss that is not finite.
+    """
+    if image.dtype == torch.float32 and image.device.type == "cpu":
+        from core.training.photometric_kernel import photometric_fast  # Numba takes half a second to load
+
+        return photometric_fast(image, target, weight, ssim_weight)
+    return photometric_definition(image, target, weight, ssim_weight)
+
+
+def photometric_definition(
+    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
+) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+    """`photometric` in plain torch: what the kernel has to equal."""
+    planes = _planes(image, target.valid)
+    error = _error(planes, target.planes, target.mean, target.mean_square, ssim_weight)
+    if target.valid is not None:
+        error = torch.where(target.valid, error, 0)
+    weighted = error if weight is None else error * weight.detach()
+    return weighted.sum() / target.valid_pixels, error.detach()
+
+
+def photometric_paper(
+    image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
+) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+    """`photometric` as the paper writes it: both pictures are multiplied by the mask before L1 and SSIM.
+
+    The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero. The error is
+    that of the unmasked pictures, as in `photometric`, so that the mask learns from the same signal in both readings.
+    """
+    mask = mask.detach()
+    planes = _planes(image, target.valid)
+    photo = target.planes * mask
+    masked = _error(planes * mask, photo, blur(photo), blur(photo**2), ssim_weight)
+    if target.valid is not None:
+        masked = torch.where(target.valid, masked, 0)
+    with torch.no_grad():
+        _, error = photometric(image.detach(), target, None, ssim_weight)
+    return masked.sum() / target.valid_pixels, error
+
+
+def _planes(picture: Tensor, valid: Tensor | None) -> Tensor:
+    """(H, W, 3) -> contiguous (3, H, W), zero where invalid (also where an invalid pixel is not finite)."""
+    planes = picture.permute(2, 0, 1).contiguous()
+    return planes if valid is None else torch.where(valid, planes, 0)
+
+
+def _error(x: Tensor, y: Tensor, y_mean: Tensor, y_mean_square: Tensor, ssim_weight: float) -> Tensor:
+    """(1 - s) |x - y| + s (1 - SSIM), averaged over the channels: (H, W)."""
+    x_mean = blur(x)
+    x_variance = blur(x * x) - x_mean**2
+    y_variance = y_mean_square - y_mean**2
+    covariance = blur(x * y) - x_mean * y_mean
+    similarity = (2 * x_mean * y_mean + C1) * (2 * covariance + C2)
+    similarity = similarity / ((x_mean**2 + y_mean**2 + C1) * (x_variance + y_variance + C2))
+    return ((1 - ssim_weight) * (x - y).abs() + ssim_weight * (1 - similarity)).mean(dim=0)

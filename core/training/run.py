@@ -1,0 +1,199 @@
+"""The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
+
+cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
+history.csv, masks/, results.json and per_view.json are ours.
+"""
+
+import hashlib
+import json
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+import core
+from core.config import Settings
+from core.data.collection import Collection, Photo
+from core.errors import BadInput, BadSetting
+from core.export.atomic import write_json, write_text
+from core.export.ply import write_points
+from core.scene.camera import Camera
+from core.scene.frame import SceneFrame
+from core.scene.harmonics import MAX_DEGREE
+
+CONFIG = "config.json"
+RUNS = Path("runs")
+# All that a run may have written, and so all that --force may delete.
+OURS = (
+    *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance", "scene"),
+    *("history.csv", "masks", "results.json", "per_view.json", "sheet.png"),
+)
+
+
+# --- finding and naming runs
+
+
+def is_run(folder: Path) -> bool:
+    """Whether `folder` holds a run."""
+    return (folder / CONFIG).is_file()
+
+
+def newest_run(folder: Path = Path(".")) -> Path:
+    """The run begun last under FOLDER/runs, or `folder` itself if it is a run; BadInput if there is none."""
+    if is_run(folder):
+        return folder
+    runs = [path.parent for path in (folder / RUNS).glob(f"*/{CONFIG}")]
+    if not runs:
+        raise BadInput(f"There is no run in {folder / RUNS}.", "Name one with --run, or type: wegs train SCENE")
+    return max(runs, key=lambda path: ((path / CONFIG).stat().st_mtime_ns, path.name))
+
+
+def find_run(path: Path | None) -> Path:
+    """The run at `path`, or the newest one for None; BadInput if it is none."""
+    if path is None:
+        return newest_run()
+    if not is_run(path):
+        raise BadInput(f"{path} is not a run: it holds no {CONFIG}.", "Give a folder that `wegs train` made.")
+    return path
+
+
+def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> Path:
+    """The folder of a new run, not yet made: `output`, or the first free one of runs/SCENE, runs/SCENE-2, ...
+
+    Raises BadInput for an output that exists, unless it is empty or, with `force`, a run.
+    """
+    if output is None:
+        number = 1
+        while (path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")).exists():
+            number += 1
+        return path
+    if output.exists() and not output.is_dir():
+        raise BadInput(f"{output} exists and is not a folder.", "Choose another -o.")
+    if output.exists() and any(output.iterdir()):
+        if not is_run(output):
+            raise BadInput(f"{output} holds files that are no run.", "Choose another -o, or empty it yourself.")
+        if not force:
+            raise BadInput(
+                f"{output} holds a run.", "Add --force to replace it, --resume to go on with it, or choose another -o."
+            )
+    return output
+
+
+def create(folder: Path, collection: Collection, settings: Settings) -> None:
+    """Make the folder of a new run, in place of an older run, and write all that is known before the first step."""
+    for pattern in OURS:
+        for path in folder.glob(pattern):
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.") from None
+    world = collection.frame.to_world(collection.points)
+    write_points(folder / "input.ply", world, collection.point_colours)
+    write_json(folder / "cameras.json", _cameras_json(collection))
+    write_text(folder / "cfg_args", _cfg_args(folder, collection))
+    write_config(folder, collection, settings)
+
+
+# --- config.json
+
+
+def write_config(folder: Path, collection: Collection, settings: Settings) -> None:
+    """Write what made the run: settings, scene, frame, photos with splits and cameras (scene frame, exact)."""
+    facts = {
+        "scene": {"name": collection.name, "path": str(collection.root.resolve()), "kind": collection.kind},
+        "frame": collection.frame.to_json(),
+        "settings": settings.to_json(),
+        "photos": [_photo_to_json(photo, collection.root) for photo in collection.photos],
+    }
+    # The same photos and settings give the same embeddings: the run's name is made from them, not drawn.
+    identity = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
+    write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
+
+
+def read_config(folder: Path) -> tuple[str, Settings, Collection]:
+    """The run's identity, settings and collection; the collection has no SfM points, which only training needs.
+
+    Raises BadInput if config.json is damaged or of another version.
+    """
+    path = folder / CONFIG
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        settings = Settings().changed(**facts["settings"])
+        root = Path(facts["scene"]["path"])
+        collection = Collection(
+            name=facts["scene"]["name"],
+            root=root,
+            kind=facts["scene"]["kind"],
+            photos=tuple(_photo_from_json(values, root) for values in facts["photos"]),
+            points=np.zeros((0, 3)),
+            point_colours=np.zeros((0, 3), dtype=np.float32),
+            frame=SceneFrame.from_json(facts["frame"]),
+        )
+        return str(facts["run"]), settings, collection
+    except (OSError, ValueError, KeyError, TypeError, BadSetting) as problem:
+        raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
+
+
+def _photo_to_json(photo: Photo, root: Path) -> dict:
+    path = photo.path.resolve()
+    if path.is_relative_to(root.resolve()):
+        path = path.relative_to(root.resolve())
+    camera = asdict(photo.camera)
+    camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}
+    return {"name": photo.name, "path": str(path), "split": photo.split, "camera": camera, "lens": photo.lens}
+
+
+def _photo_from_json(values: dict, root: Path) -> Photo:
+    camera = values["camera"] | {
+        name: np.asarray(values["camera"][name], dtype=np.float64) for name in ("world_to_camera", "centre")
+    }
+    nothing = np.zeros(0, dtype=np.int64)
+    path = root / values["path"]  # an absolute path stays as it is
+    return Photo(values["name"], path, Camera(**camera), values["split"], points=nothing, lens=values["lens"])
+
+
+# --- the original project's files
+
+
+def _cameras_json(collection: Collection) -> list[dict]:
+    """Training views first, as in the original; position and rotation lead from camera (OpenCV axes) to world."""
+    entries = []
+    for number, photo in enumerate((*collection.split("train"), *collection.split("test"))):
+        camera = photo.camera.in_world(collection.frame)
+        entries.append(
+            {
+                "id": number,
+                "img_name": photo.name,
+                "width": camera.width,
+                "height": camera.height,
+                "position": camera.centre.tolist(),
+                "rotation": camera.world_to_camera.T.tolist(),
+                "fy": camera.fy,
+                "fx": camera.fx,
+            }
+        )
+    return entries
+
+
+def _cfg_args(folder: Path, collection: Collection) -> str:
+    """The printed argparse.Namespace from which the original's viewer takes the source folder and the SH degree."""
+    fields = {
+        "sh_degree": MAX_DEGREE,  # of the file, not of the run: the viewer derives from it how long a row is
+        "source_path": str(collection.root.resolve()),
+        "model_path": str(folder.resolve()),
+        "images": "images",
+        "resolution": -1,
+        "white_background": False,
+        "data_device": "cpu",
+        "eval": bool(collection.split("test")),
+    }
+    return "Namespace(" + ", ".join(f"{name}={value!r}" for name, value in fields.items()) + ")"
+
+
+def point_cloud_path(folder: Path, step: int) -> Path:
+    """Where viewers look for the Gaussians after `step` steps; the folder is made."""
+    path = folder / "point_cloud" / f"iteration_{step}" / "point_cloud.ply"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path

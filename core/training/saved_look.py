@@ -1,0 +1,63 @@
+"""Looks kept by name: an embedding in a small JSON file, worth something only beside the run whose model made it."""
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from core.errors import BadInput, BadSetting
+from core.export.atomic import write_json
+
+FOLDER = "appearance"
+NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
+
+
+@dataclass(frozen=True)
+class SavedLook:
+    """name: of the file. embedding: (embedding_size,) float32. source: the photo, or words for what it came from.
+
+    run: identity of the run (config.json) whose SH transfer understands the embedding.
+    """
+
+    name: str
+    embedding: Float[Tensor, " e"]
+    source: str
+    run: str
+
+
+def path_of(folder: Path, name: str) -> Path:
+    """Where a run keeps the look `name`; BadSetting unless it is a plain file name other than `neutral`."""
+    if not re.fullmatch(r"\w[\w. -]*", name) or name == NEUTRAL:
+        raise BadSetting(f"{name!r} cannot be the name of a look.", "Use letters, digits, '-', '_' and '.'.")
+    return folder / FOLDER / f"{name.removesuffix('.json')}.json"
+
+
+def save(folder: Path, look: SavedLook) -> Path:
+    """Write the look into a run folder, in place of an older one of that name."""
+    path = path_of(folder, look.name)
+    path.parent.mkdir(exist_ok=True)
+    embedding = [float(number) for number in look.embedding]
+    write_json(path, {"name": look.name, "run": look.run, "source": look.source, "embedding": embedding})
+    return path
+
+
+def load(path: Path, run: str, size: int) -> SavedLook:
+    """Read a look; BadInput unless it is one of the run `run` with `size` finite numbers."""
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        name, source, owner, numbers = (facts[key] for key in ("name", "source", "run", "embedding"))
+        numbers = [float(number) for number in numbers]
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise BadInput(
+            f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME."
+        ) from None
+    if owner != run:
+        raise BadInput(f"{path} was saved by run {owner}, not by {run}.", "Name its run with --run, or save it again.")
+    if len(numbers) != size or not all(map(math.isfinite, numbers)):
+        raise BadInput(f"{path} does not hold {size} finite numbers.", "Save the look again.")
+    return SavedLook(name, torch.tensor(numbers, dtype=torch.float32), source, owner)

@@ -1,0 +1,144 @@
+"""A trained run, ready to be looked at: its Gaussians, its appearance model, and the looks it can take."""
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from core.appearance.encoder import shrink
+from core.appearance.model import AppearanceModel, interpolate
+from core.config import Settings
+from core.data import photos as files
+from core.data.collection import Collection, Photo
+from core.errors import BadInput
+from core.scene.splats import Splats
+from core.training import checkpoint, run, saved_look
+from core.training.gaussians import Gaussians
+from core.training.pictures import Picture, Pictures, auto_factor
+from core.training.saved_look import NEUTRAL
+
+SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that could be told from noise
+
+
+@dataclass(frozen=True)
+class Run:
+    """What `load_run` finds in a run folder.
+
+    splats: base Gaussians, scene frame. latents: theirs, where the run has any.
+    """
+
+    folder: Path
+    identity: str
+    settings: Settings
+    collection: Collection
+    step: int
+    splats: Splats
+    latents: Float[Tensor, "n l"] | None
+    model: AppearanceModel
+
+    def picture(self, photo: Photo) -> Picture:
+        """A photo of the collection at the size it was trained at, with its camera and the encoder's input."""
+        factor = auto_factor(self.collection.photos, "cpu")
+        return Pictures((photo,), self.settings.resolution, factor, self.settings.encoder_side_px)[0]
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """A look by name. source: what it was taken from, in words."""
+
+    name: str
+    source: str
+    embedding: Float[Tensor, " e"]
+
+
+def load_run(folder: Path) -> Run:
+    """The newest checkpoint of a run folder and all that is needed to use it; BadInput if there is none."""
+    identity, settings, collection = run.read_config(folder)
+    path = checkpoint.newest(folder)
+    if path is None:
+        raise BadInput(f"{folder} has no checkpoint yet.", "Wait for its first one, or name another run.")
+    saved = checkpoint.load(path)
+    gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
+    model = AppearanceModel(settings, saved.facts["photos"])
+    model.load_state_dict(saved.part("model"))
+    model.eval()
+    splats = gaussians.splats.detached()
+    return Run(folder, identity, settings, collection, saved.facts["step"], splats, gaussians.latents, model)
+
+
+def bake(trained: Run, appearance: Appearance) -> Splats:
+    """The Gaussians of the run in one look, scene frame: one pass of the SH transfer; appearance is over after it."""
+    return trained.model.bake(trained.splats, appearance.embedding, trained.latents)
+
+
+def blend(first: Appearance, last: Appearance, share: float) -> Appearance:
+    """The look `share` of the way from one to the other; at 0 and 1 the very ones, so that their bakes are equal too."""
+    if share in (0.0, 1.0):
+        return last if share else first
+    name = f"{share:.3f} of the way from {first.name} to {last.name}"
+    return Appearance(name, name, interpolate(first.embedding, last.embedding, share))
+
+
+@torch.no_grad()
+def find_appearance(trained: Run, word: str) -> Appearance:
+    """The look that `word` stands for.
+
+    Tried in this order: `neutral`; a look saved in the run (its name, or the path of its .json); the path of a photo,
+    which may be one of the collection; the name of a photo of the collection. A training photo is encoded with its
+    predicted mask, any other with M := 1. Raises BadInput naming what is near, if nothing fits.
+    """
+    if word == NEUTRAL:
+        return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
+    path = Path(word)
+    kept = trained.folder / saved_look.FOLDER / f"{path.name.removesuffix('.json')}.json"
+    if path.suffix == ".json" or (kept.is_file() and not path.is_file()):
+        look = saved_look.load(path if path.is_file() else kept, trained.identity, trained.settings.embedding_size)
+        return Appearance(look.name, look.source, look.embedding)
+    photos = {photo.name: photo for photo in trained.collection.photos}
+    if path.is_file():
+        photo = next((photo for photo in photos.values() if _same_file(photo.path, path)), None)
+        return _of_outside(trained, path) if photo is None else _of_photo(trained, photo)
+    if word in photos:
+        return _of_photo(trained, photos[word])
+    near = difflib.get_close_matches(word, photos, n=1, cutoff=0.0) or [NEUTRAL]
+    raise BadInput(
+        f"{word} is neither a photo file, nor a photo or saved look of {trained.folder}.",
+        f"Give a path, a photo's name such as {near[0]}, or {NEUTRAL}.",
+    )
+
+
+def _of_photo(trained: Run, photo: Photo) -> Appearance:
+    names = trained.model.photo_names
+    row = names.index(photo.name) if photo.name in names else None
+    if row is None:
+        _refuse_unknown_to_table(trained, photo.name)
+    look = trained.model.look(trained.picture(photo).encoder_input, row)
+    kind = "training" if row is not None else "held-out"
+    return Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
+
+
+def _of_outside(trained: Run, path: Path) -> Appearance:
+    _refuse_unknown_to_table(trained, str(path))
+    pixels = files.read(path)
+    height, width = pixels.shape[:2]
+    if min(height, width) < SMALLEST_PHOTO_PX:
+        raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")
+    picture = shrink(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255, trained.settings.encoder_side_px)
+    return Appearance(
+        path.stem, f"photo {path.name} from outside the collection", trained.model.look(picture, None).embedding
+    )
+
+
+def _refuse_unknown_to_table(trained: Run, name: str) -> None:
+    if trained.settings.embedding == "glo" and trained.settings.appearance != "off":
+        raise BadInput(
+            f"{name} is not a training photo, and a run with embedding=glo knows no other looks.",
+            "Name a training photo, or train with embedding=encoder.",
+        )
+
+
+def _same_file(first: Path, second: Path) -> bool:
+    return first.is_file() and first.samefile(second)

@@ -1,0 +1,77 @@
+"""Where the tourists stand, and what their cameras see of the empty square."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole camera: OpenCV axes, x_camera = world_to_camera @ (x_world - centre), focal length in pixels, principal point in the
+    middle of the picture; the centre of the top-left pixel is at (0.5, 0.5).
+    """
+
+    world_to_camera: np.ndarray
+    centre: np.ndarray
+    focal_px: float
+    width: int
+    height: int
+
+    def rays(self, x: float = 0.5, y: float = 0.5) -> np.ndarray:
+        """Unit world directions (3, H * W) through the point (x, y) in [0, 1] of every pixel."""
+        row, column = np.mgrid[0 : self.height, 0 : self.width]
+        local = np.stack([
+            (column.ravel() + x - self.width / 2) / self.focal_px, (row.ravel() + y - self.height / 2) / self.focal_px,
+            np.ones(row.size),
+        ])  # fmt: skip
+        directions = self.world_to_camera.T @ local
+        return (directions / np.linalg.norm(directions, axis=0)).astype(np.float32)
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """World points (P, 3) to pixels (P, 2) and depths (P,)."""
+        local = (points - self.centre) @ self.world_to_camera.T
+        depth = np.where(np.abs(local[:, 2]) < 1e-9, 1e-9, local[:, 2])
+        middle = np.array([self.width / 2, self.height / 2])
+        return local[:, :2] / depth[:, None] * self.focal_px + middle, local[:, 2]
+
+    def shrunk(self, factor: float) -> "View":
+        """The same view with fewer pixels."""
+        return View(
+            self.world_to_camera, self.centre, self.focal_px / factor, round(self.width / factor), round(self.height / factor)
+        )
+
+
+def look_at(centre, target, focal_px: float, width: int, height: int, roll: float = 0.0) -> View:
+    """A camera at `centre` that looks at `target`, rolled by `roll` degrees."""
+    centre, target = np.asarray(centre, float), np.asarray(target, float)
+    forward = (target - centre) / np.linalg.norm(target - centre)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
+    return View(np.stack([c * right + s * down, -s * right + c * down, forward]), centre, float(focal_px), width, height)
+
+
+def draw_view(rng: np.random.Generator, azimuth: float) -> View:
+    """A view from about an azimuth (degrees; 0 = square in front, positive = from the right): mostly at eye level, some from
+    balconies and drones; wide or long lens; upright or across.
+    """
+    portrait = rng.random() < 0.3
+    width, height = (240, 320) if portrait else (320, 240)
+    distance = float(rng.choice([rng.uniform(17, 24), rng.uniform(24, 34), rng.uniform(34, 44)], p=[0.25, 0.45, 0.30]))
+    turn = np.radians(azimuth + rng.normal(0, 3))
+    middle = np.array([0.0, 5.0])
+    place = middle + distance * np.array([np.sin(turn), -np.cos(turn)]) * [1.0, 1.0]
+    tall = rng.choice([rng.uniform(1.5, 1.9), rng.uniform(3.0, 7.0), rng.uniform(9.0, 16.0)], p=[0.66, 0.20, 0.14])
+    near = np.clip((distance - 17) / 20, 0, 1)
+    target = np.array([rng.normal(1.0, 3.2), rng.uniform(-2, 8), rng.uniform(7, 9.5) + 2.5 * near * rng.random()])
+    if tall > 3:
+        target[2] = rng.uniform(5, 9)
+    span = rng.uniform(27, 44) / np.linalg.norm(target[:2] - place)  # metres of the building across the long side, by distance
+    if rng.random() < 0.22:
+        span *= rng.uniform(0.5, 0.75)  # a detail: dome, tower, portico
+        target = np.array(
+            [(0, 8, 19.0), (14.6, 5, 17.0), (0, -4, 8.0), (-13, 5, 6.0), (-5.5, -10, 6.0), (6.0, -8.0, 7.0)][rng.integers(6)]
+        ) + rng.normal(0, 0.8, 3)
+    focal = float(np.clip(320 / span, 215, 640)) * rng.uniform(0.95, 1.05)
+    return look_at([*place, tall], target, focal, width, height, rng.normal(0, 1.3))

@@ -1,0 +1,128 @@
+"""Looks: the weather, the hour and the camera's taste of one photo."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Look:
+    """Everything that decides how a photo looks apart from where it was taken.
+
+    Radiance is in units in which a white wall square to a full midday sun is about 1. Directions are world (z up), towards the sun.
+    `lamps`: 0 by day, 1 by night. exposure multiplies radiance; balance is the white balance's gain a channel; gamma, contrast,
+    saturation, lift make the tone curve; vignette is the loss in the corners; grain the noise (8-bit steps); quality the JPEG's.
+    """
+
+    kind: str
+    seed: int
+    sun_direction: tuple
+    sun: tuple
+    sun_width: float
+    zenith: tuple
+    horizon: tuple
+    gradient: float
+    glow: tuple
+    disc: float
+    clouds: float
+    cloud_scale: float
+    cloud_offset: float
+    cloud_light: tuple
+    cloud_shade: tuple
+    cloud_opacity: float
+    stars: bool
+    haze: float
+    lamps: float
+    exposure: float
+    balance: tuple
+    gamma: float
+    contrast: float
+    saturation: float
+    lift: float
+    vignette: float
+    grain: float
+    quality: int
+
+    def describe(self) -> dict:
+        """As plain JSON."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+
+def _toward(azimuth: float, elevation: float) -> tuple:
+    """Unit vector towards azimuth (degrees; 0 = in front of the church, that is -y; 90 = right) and elevation (degrees)."""
+    a, e = np.radians(azimuth), np.radians(elevation)
+    return (float(np.sin(a) * np.cos(e)), float(-np.cos(a) * np.cos(e)), float(np.sin(e)))
+
+
+KINDS = ("noon", "morning", "afternoon", "cloudy", "overcast", "sunset", "dusk", "night")
+
+# For each kind: azimuth and elevation of the sun, its colour, zenith, horizon, glow, clouds (least, most), lamps, exposure.
+_WEATHER = {
+    "noon": ((-70, 70), (48, 66), (1.05, 0.98, 0.86), (0.07, 0.17, 0.42), (0.34, 0.44, 0.56), 0.10, (0.0, 0.35), 0, 0.95),
+    "morning": ((55, 130), (14, 32), (1.0, 0.80, 0.55), (0.08, 0.17, 0.36), (0.42, 0.42, 0.42), 0.25, (0.0, 0.4), 0, 1.10),
+    "afternoon": ((-130, -45), (18, 40), (1.05, 0.86, 0.62), (0.07, 0.16, 0.38), (0.38, 0.42, 0.48), 0.2, (0.0, 0.45), 0, 1.05),
+    "cloudy": ((-110, 110), (25, 55), (0.85, 0.80, 0.72), (0.10, 0.20, 0.40), (0.40, 0.45, 0.52), 0.1, (0.5, 0.72), 0, 1.0),
+    "overcast": ((-110, 110), (35, 60), (0.03, 0.03, 0.03), (0.42, 0.44, 0.47), (0.50, 0.51, 0.53), 0.0, (0.85, 1.0), 0, 1.25),
+    "sunset": ((-125, -60), (4, 11), (1.0, 0.46, 0.16), (0.06, 0.11, 0.26), (0.62, 0.33, 0.17), 0.55, (0.1, 0.55), 0.25, 1.5),
+    "dusk": ((-150, 150), (-4, 0), (0.0, 0.0, 0.0), (0.02, 0.035, 0.11), (0.16, 0.085, 0.09), 0.22, (0.0, 0.6), 0.8, 2.3),
+    "night": ((-180, 180), (25, 60), (0.006, 0.007, 0.010), (0.004, 0.006, 0.016), (0.022, 0.016, 0.014), 0.0, (0.0, 0.5), 1.0, 2.3),
+}
+
+
+def draw_look(kind: str, rng: np.random.Generator, clouds: float | None = None) -> Look:
+    """A look of a kind, with everything else left to chance."""
+    azimuths, elevations, sun, zenith, horizon, glow, cover, lamps, exposure = _WEATHER[kind]
+    clouds = rng.uniform(*cover) if clouds is None else clouds
+    direction = _toward(rng.uniform(*azimuths), rng.uniform(*elevations))
+    sun, zenith, horizon = (np.array(c) * rng.uniform(0.85, 1.15, 3) * rng.uniform(0.85, 1.15) for c in (sun, zenith, horizon))
+    grey = 0.55 * sun + 0.35 * (zenith + horizon)
+    if kind == "overcast":
+        light, shade = horizon * rng.uniform(1.0, 1.25), horizon * rng.uniform(0.55, 0.8)
+    elif kind in ("dusk", "night"):
+        light, shade = horizon * 1.1, 0.6 * zenith + 0.25 * horizon
+    elif kind == "sunset":
+        light, shade = np.array([0.95, 0.45, 0.25]) * rng.uniform(0.8, 1.1), np.array([0.20, 0.15, 0.22])
+    else:
+        light, shade = grey * 0.85 + 0.12, 0.45 * grey * [0.9, 0.97, 1.08]
+    warm = rng.normal(0, 0.10)  # white balance: most of its spread lies between amber and blue
+    tint = rng.normal(0, 0.035)
+    night = kind in ("dusk", "night")
+    return Look(
+        kind=kind, seed=int(rng.integers(1, 1 << 30)), sun_direction=direction, sun=tuple(map(float, sun)),
+        sun_width=float(rng.uniform(0.006, 0.012)) if clouds < 0.5 else 0.05,
+        zenith=tuple(map(float, zenith)), horizon=tuple(map(float, horizon)), gradient=float(rng.uniform(0.42, 0.65)),
+        glow=tuple(float(glow * c) for c in (1.0, 0.62, 0.30)), disc=0.0 if clouds > 0.6 or night else 3.0,
+        clouds=float(clouds), cloud_scale=float(rng.uniform(0.8, 1.9)), cloud_offset=float(rng.uniform(0, 50)),
+        cloud_light=tuple(map(float, light)), cloud_shade=tuple(map(float, shade)),
+        cloud_opacity=0.8 if night else 0.95, stars=kind == "night" and clouds < 0.4,
+        haze=float(rng.uniform(0.0015, 0.005)), lamps=float(lamps),
+        exposure=float(exposure * 2 ** rng.normal(0, 0.33)),
+        balance=(float(np.exp(warm)), float(np.exp(tint)), float(np.exp(-warm * 1.3))),
+        gamma=float(rng.uniform(0.86, 1.14)), contrast=float(rng.uniform(-0.15, 0.75)),
+        saturation=float(rng.choice([rng.uniform(0.45, 0.8), rng.uniform(0.9, 1.45)], p=[0.2, 0.8])),
+        lift=float(rng.choice([0.0, rng.uniform(0.01, 0.06)])), vignette=float(rng.uniform(0.0, 0.35)),
+        grain=float(rng.uniform(0.8, 2.2) * (1.8 if night else 1.0)), quality=int(rng.integers(80, 88)),
+    )  # fmt: skip
+
+
+def develop(look: Look, radiance: np.ndarray) -> np.ndarray:
+    """Linear radiance (H, W, 3) to the photo's values in [0, 1]: exposure, vignette, balance, film curve, gamma, contrast, colour."""
+    height, width = radiance.shape[:2]
+    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+    reach = np.hypot(width, height) / 2
+    corner = ((x + 0.5 - width / 2) ** 2 + (y + 0.5 - height / 2) ** 2) / reach**2
+    light = radiance * look.exposure * (1 - look.vignette * corner)[..., None] * np.float32(look.balance)
+    filmed = light * (1 + light / 2.6**2) / (1 + light * 0.55)  # Reinhard's curve, white at about 2.6, its foot made steeper
+    value = np.clip(filmed, 0, 1) ** (1 / (2.2 * look.gamma))
+    smooth = value * value * (3 - 2 * value)
+    value = value + look.contrast * (smooth - value)
+    grey = value @ np.float32([0.30, 0.59, 0.11])
+    value = grey[..., None] + look.saturation * (value - grey[..., None])
+    return np.clip(look.lift + (1 - look.lift) * value, 0, 1).astype(np.float32)
+
+
+def to_bytes(value: np.ndarray, look: Look | None = None) -> np.ndarray:
+    """[0, 1] to 8 bits, with the look's grain where one is given."""
+    if look is not None:
+        value = value + np.random.default_rng(look.seed).normal(0, look.grain / 255, value.shape)
+    return np.clip(np.rint(value * 255), 0, 255).astype(np.uint8)

@@ -1,0 +1,93 @@
+"""The plan of the collection: which photo is taken from where, in which light, with whom in it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plaza_maker.cameras import View, draw_view, look_at
+from plaza_maker.crowd import SHRINK, populate
+from plaza_maker.looks import KINDS, Look, draw_look
+from plaza_maker.rays import Group, World, cast
+from plaza_maker.square import static_groups
+
+SEED = 20
+COUNTS = {"noon": 9, "morning": 7, "afternoon": 9, "cloudy": 9, "overcast": 7, "sunset": 7, "dusk": 6, "night": 6}
+WIDEST = 100.0  # degrees to either side of the front
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A photo to be taken. name: file stem. share: of the picture that passers-by should cover, before any are placed."""
+
+    name: str
+    view: View
+    look: Look
+    share: float
+    seed: int
+
+    def passers_by(self) -> tuple[Group, ...]:
+        """Those in this photo; the same at every call."""
+        return populate(np.random.default_rng(self.seed), World(static_groups()), self.view, self.share)
+
+
+def _worth_taking(view: View, church: int, obstacles: int) -> bool:
+    """Whether the church fills enough of the view and nothing stands in front of the lens.
+
+    church: the solids numbered below it are the landmark's, those from `church` to `obstacles` stand about the square.
+    """
+    small = view.shrunk(SHRINK)
+    hits = cast(World(static_groups()), small.centre.astype(np.float32), small.rays())
+    landmark = (hits.number >= 0) & (hits.number < church)
+    blocking = (hits.number >= church) & (hits.number < obstacles) & (hits.distance < 9)
+    return landmark.mean() > 0.22 and blocking.mean() < 0.10 and np.quantile(hits.distance, 0.005) > 1.0
+
+
+def _test_names(shots: list[Shot]) -> set[str]:
+    """One photo of each kind of light: the one whose camera has the nearest neighbours, so that its view is well inside the range."""
+    centres = np.array([shot.view.centre for shot in shots])
+    forward = np.array([shot.view.world_to_camera[2] for shot in shots])
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) + 25 * (1 - forward @ forward.T)
+    nearness = np.sort(apart, axis=1)[:, 1:5].mean(axis=1)
+    tele = np.array([shot.view.focal_px > 430 or shot.share == 0 for shot in shots]) * 100
+    return {
+        min((near, shot.name) for near, shot in zip(nearness + tele, shots) if shot.look.kind == kind)[1] for kind in KINDS
+    }
+
+
+def plan() -> tuple[list[Shot], set[str]]:
+    """All shots of the collection in order of name, and the names of the test photos."""
+    rng = np.random.default_rng(SEED)
+    groups = static_groups()
+    sizes = np.cumsum([len(one.solids) for one in groups])
+    church = int(next(size for size, one in zip(sizes, groups) if one.centre[0] < -15))  # the loggia is the church's last group
+    obstacles = int(sizes[-1] - 1)
+    kinds = [kind for kind, count in COUNTS.items() for _ in range(count)]
+    count = len(kinds)
+    azimuths = (np.arange(count) + 0.5) / count * 2 - 1
+    azimuths = np.sign(azimuths) * np.abs(azimuths) ** 1.25 * WIDEST  # denser in front, as tourists are
+    shots = []
+    for number, (kind, azimuth) in enumerate(zip(rng.permutation(kinds), rng.permutation(azimuths)), start=1):
+        view = draw_view(rng, azimuth)
+        while not _worth_taking(view, church, obstacles):
+            view = draw_view(rng, azimuth)
+        share = 0.0 if rng.random() < 0.08 else float(rng.uniform(0.07, 0.24))
+        shots.append(Shot(f"{number:04d}", view, draw_look(str(kind), rng), share, int(rng.integers(1 << 30))))
+    return shots, _test_names(shots)
+
+
+def styles() -> list[Shot]:
+    """Photos from outside the collection, whose light others are to take on."""
+    rng = np.random.default_rng(SEED + 1)
+    dusk = draw_look("dusk", rng, clouds=0.45)
+    noon = draw_look("noon", rng, clouds=0.3)
+    return [
+        Shot("dusk", look_at((-16.0, -27.0, 1.7), (0.5, 4, 9.0), 262, 320, 240, 0.6), dusk, 0.10, 5),
+        Shot("noon", look_at((12.0, -30.0, 2.4), (1.5, 4, 9.4), 270, 320, 240, -0.8), noon, 0.10, 6),
+    ]
+
+
+def calm(shots: list[Shot]) -> list[Shot]:
+    """The same views in one light, by one camera, with nobody about: what needs no model of looks and of passers-by."""
+    look = draw_look("afternoon", np.random.default_rng(SEED + 2), clouds=0.2)
+    look = replace(look, exposure=1.0, balance=(1.0, 1.0, 1.0), gamma=1.0, contrast=0.2, saturation=1.0, lift=0.0, vignette=0.0)
+    return [replace(shot, look=replace(look, grain=0.8), share=0.0) for shot in shots]

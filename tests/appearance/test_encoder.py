@@ -1,0 +1,120 @@
+"""Encoder, attention and masks: shapes for any photo, and what each part does to its input."""
+
+import pytest
+import torch
+
+from core.appearance.attention import ChannelAttention, MaskUNet
+from core.appearance.encoder import CHANNELS, PhotoEncoder, PlainMask, shrink
+from core.appearance.mask_table import MaskTable
+from core.config import Settings
+from core.errors import BadInput
+
+SIZES = [(1, 1), (1, 7), (3, 301), (5, 5), (31, 33), (64, 64), (127, 170), (128, 129)]
+
+
+@pytest.fixture(autouse=True)
+def seeded():
+    torch.manual_seed(1)
+
+
+def quarter(size: tuple[int, int]) -> tuple[int, int]:
+    return tuple(-(-side // 4) for side in size)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_any_size_of_photo(size):
+    embedding, mask = PhotoEncoder(Settings(embedding_size=7))(torch.rand(3, *size), True)
+    assert embedding.shape == (7,)
+    assert mask.shape == (1, *quarter(size))
+    assert PlainMask()(torch.rand(3, *size)).shape == mask.shape
+    assert embedding.isfinite().all() and mask.isfinite().all()
+
+
+@pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
+def test_masks_start_near_one(level):
+    for photo in (torch.full((3, 60, 91), level), torch.rand(3, 60, 91).mul(0.2).add(level * 0.8)):
+        for mask in (PhotoEncoder(Settings())(photo, True)[1], PlainMask()(photo), MaskTable(4)(3, 15, 23)):
+            assert mask.min() > 0.8
+            assert 0.93 < mask.mean() < 0.99  # sigmoid(3) = 0.953
+
+
+def test_every_part_of_the_encoder_learns_from_the_embedding():
+    encoder = PhotoEncoder(Settings())
+    embedding, _ = encoder(torch.rand(3, 40, 50), True)
+    embedding.square().sum().backward()
+    assert all(parameter.grad.any() for parameter in encoder.parameters())
+
+
+def test_outside_photos_are_encoded_with_a_mask_of_one():
+    encoder = PhotoEncoder(Settings())
+    photo = torch.rand(3, 40, 50)
+    outside, mask = encoder(photo, False)
+    assert not torch.equal(outside, encoder(photo, True)[0])
+    assert mask is not None
+    torch.nn.init.zeros_(encoder.unet.up_2.weight)
+    torch.nn.init.constant_(encoder.unet.up_2.bias, 50.0)  # sigmoid(50) is 1 in float32
+    assert torch.equal(outside, encoder(photo, True)[0])
+
+
+def test_mask_hides_a_region_from_the_embedding():
+    encoder = PhotoEncoder(Settings())
+    features = torch.rand(1, CHANNELS[-1], 8, 8)
+    encoder.unet.forward = lambda refined: (torch.arange(8) < 4).float()[None, None, None].expand(1, 1, 8, 8)
+    encoder.enc1.forward = lambda photo: features
+    refined = encoder.channel_attention(features)
+    expected = features.clone()
+    expected[..., :4] += refined[..., :4]
+    assert torch.allclose(encoder(torch.rand(3, 32, 32), True)[0], encoder.enc2(expected))
+
+
+def test_channel_attention_is_the_papers_formula():
+    attention = ChannelAttention(8)
+    features = torch.randn(1, 8, 5, 6)
+    first, _, second = attention.shared
+    average, maximum = features[0].flatten(1).mean(1), features[0].flatten(1).max(1).values
+    logits = sum(second(torch.relu(first(pooled))) for pooled in (average, maximum))
+    # Two orders of the same float32 sums of 30 numbers.
+    assert torch.allclose(attention(features)[0], torch.sigmoid(logits)[:, None, None] * features[0], atol=1e-6)
+
+
+def test_unet_sees_fine_and_coarse():
+    """A changed corner moves the mask there at once, and leaves the far corner alone."""
+    unet = MaskUNet(4)
+    features = torch.rand(1, 4, 41, 61)
+    changed = features.clone()
+    changed[..., :2, :2] += 1
+    moved = (unet(changed) - unet(features)).abs()[0, 0]
+    assert moved[:4, :4].max() > 0
+    assert moved[-8:, -8:].max() == 0
+
+
+def test_mask_table_tells_photos_and_places_apart():
+    table = MaskTable(3)
+    first, second = table(0, 6, 9), table(1, 6, 9)
+    assert first.shape == (1, 6, 9)
+    assert not torch.equal(first, second)
+    assert first.unique().numel() == 54
+    first.sum().backward()
+    assert table.photos.grad[0].any() and not table.photos.grad[1:].any()
+
+
+@pytest.mark.parametrize("size, expected", [((300, 400), (64, 85)), ((401, 65), (395, 64)), ((640, 64), (640, 64))])
+def test_shrink_keeps_the_aspect(size, expected):
+    photo = torch.rand(3, *size)
+    small = shrink(photo, 64)
+    assert small.shape == (3, *expected)
+    assert torch.equal(shrink(small, 64), small)
+    assert small.min() >= photo.min() and small.max() <= photo.max()
+
+
+def test_shrink_averages_and_never_enlarges():
+    photo = torch.rand(3, 64, 96)
+    blocks = photo.unfold(1, 2, 2).unfold(2, 2, 2).mean((3, 4))
+    assert torch.allclose(shrink(photo, 32), blocks, atol=1e-6)  # float32 means of four numbers
+    assert shrink(photo, 65) is photo
+    assert torch.equal(shrink(torch.full((3, 101, 333), 0.25), 40), torch.full((3, 40, 132), 0.25))
+
+
+def test_a_photo_without_pixels_is_refused():
+    with pytest.raises(BadInput, match="5 x 0 px"):
+        shrink(torch.zeros(3, 0, 5), 64)

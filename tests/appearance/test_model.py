@@ -1,0 +1,226 @@
+"""The appearance model: what the settings build, and looks, transfer, bake and the neutral look."""
+
+from itertools import product
+
+import pytest
+import safetensors.torch
+import torch
+
+from core.appearance.encoder import shrink
+from core.appearance.model import MEAN_WINDOW_ROUNDS, AppearanceModel, interpolate
+from core.config import Settings
+from core.errors import BadInput
+from core.scene.splats import Splats
+
+PHOTOS = [f"{index}.jpg" for index in range(5)]
+SMALL = {"sh_degree": 1, "transfer_width": 16, "encoder_side_px": 32, "embedding_size": 6}
+
+
+def model_of(**changes) -> AppearanceModel:
+    """A model whose transfers are awake: their last layers start at (nearly) zero."""
+    torch.manual_seed(2)
+    model = AppearanceModel(Settings(**SMALL | changes), PHOTOS)
+    if changes.get("appearance") == "exposure":
+        torch.nn.init.normal_(model.sh_transfer.map.weight, std=0.3)
+    elif model.sh_transfer is not None:
+        torch.nn.init.normal_(model.sh_transfer.layers[-1].weight, std=0.3)
+    return model
+
+
+def splats_of(count: int, coefficients: int = 4) -> Splats:
+    torch.manual_seed(count)
+    return Splats(
+        torch.randn(count, 3), torch.randn(count, 4), torch.randn(count, 3), torch.randn(count),
+        torch.randn(count, coefficients, 3),
+    )  # fmt: skip
+
+
+def parts(model: AppearanceModel) -> set[str]:
+    """The learned parts that exist, two levels deep inside the encoder."""
+    return {name.removeprefix("encoder.").split(".")[0] for name, _ in model.named_parameters()}
+
+
+ENC1, CAM, UNET, ENC2 = "enc1", "channel_attention", "unet", "enc2"
+TABLE, MASKS, TRANSFER = "embedding_table", "mask_network", "sh_transfer"
+
+
+@pytest.mark.parametrize(
+    "changes, expected",
+    [
+        ({}, {ENC1, CAM, UNET, ENC2, TRANSFER}),
+        ({"channel_attention": False}, {ENC1, UNET, ENC2, TRANSFER}),
+        ({"transients": "off"}, {ENC1, ENC2, TRANSFER}),
+        ({"transients": "off", "mask": "mlp"}, {ENC1, ENC2, TRANSFER}),
+        ({"mask": "cnn"}, {ENC1, CAM, ENC2, MASKS, TRANSFER}),
+        ({"mask": "mlp"}, {ENC1, CAM, ENC2, MASKS, TRANSFER}),
+        ({"embedding": "glo"}, {ENC1, CAM, UNET, TABLE, TRANSFER}),
+        ({"embedding": "glo", "mask": "mlp"}, {TABLE, MASKS, TRANSFER}),
+        ({"embedding": "glo", "transients": "off"}, {TABLE, TRANSFER}),
+        ({"appearance": "exposure"}, {ENC1, CAM, UNET, ENC2, TRANSFER}),
+        ({"appearance": "off"}, {ENC1, CAM, UNET}),
+        ({"appearance": "off", "mask": "cnn"}, {MASKS}),
+        ({"appearance": "off", "embedding": "glo", "mask": "mlp"}, {MASKS}),
+        ({"appearance": "off", "transients": "off"}, set()),
+    ],
+    ids=str,
+)
+def test_only_what_is_needed_is_built(changes, expected):
+    model = model_of(**changes)
+    assert parts(model) == expected
+    # What is built is used: every parameter gets a gradient from a look and a transfer (tables: from their own row).
+    look = model.look(torch.rand(3, 40, 50), 2)
+    loss = 0.0 if look.mask is None else look.mask.square().sum()
+    splats = splats_of(30)
+    output, _ = model.transfer(splats.sh, splats.means, look.embedding)
+    if expected:
+        (loss + output.square().sum()).backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad is not None and parameter.grad.any(), name
+
+
+def test_parameter_counts_of_the_default_transfer():
+    model = AppearanceModel(Settings(), PHOTOS)
+    inputs = 27 + 27 + 16  # nine coefficients of three channels, gamma(mu) of 3 * (1 + 2 * 4), the embedding
+    expected = inputs * 64 + 64 + 2 * (64 * 64 + 64) + 64 * 27 + 27
+    assert sum(parameter.numel() for parameter in model.sh_transfer.parameters()) == expected
+
+
+@pytest.mark.parametrize(
+    "appearance, embedding, transients, mask",
+    list(product(("off", "exposure", "full"), ("encoder", "glo"), ("off", "on"), ("attention", "cnn", "mlp"))),
+)
+def test_looks_of_every_combination(appearance, embedding, transients, mask):
+    model = model_of(appearance=appearance, embedding=embedding, transients=transients, mask=mask)
+    inside, outside = (model.look(torch.rand(3, 37, 81), photo) for photo in (0, None))
+    assert inside.embedding.shape == outside.embedding.shape == (6,)
+    assert (inside.mask is None) == (transients == "off")
+    assert (outside.mask is None) == (transients == "off" or mask == "mlp")  # a table knows no photo from outside
+    if inside.mask is not None:
+        assert inside.mask.shape == (1, 8, 18)  # 37 x 81 shrinks to 32 x 70
+
+
+def test_look_shrinks_alike_for_everyone():
+    model = model_of()
+    photo = torch.rand(3, 90, 70)
+    assert torch.equal(model.look(photo, 1).embedding, model.look(shrink(photo, 32), 1).embedding)
+
+
+def test_look_does_not_depend_on_the_number_of_threads():
+    model = model_of(encoder_side_px=128)
+    photo = torch.rand(3, 128, 171)
+    before = torch.get_num_threads()
+    found = []
+    try:
+        for threads in (1, 2, 4):
+            torch.set_num_threads(threads)
+            found.append(model.look(photo, 1))
+            assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
+    for other in found[1:]:
+        assert torch.equal(other.embedding, found[0].embedding) and torch.equal(other.mask, found[0].mask)
+
+
+def test_glo_gives_rows_inside_and_the_mean_outside():
+    model = model_of(embedding="glo", transients="off")
+    model.remember(torch.arange(6.0))
+    assert torch.equal(model.look(torch.rand(3, 9, 9), 3).embedding, model.embedding_table[3])
+    assert torch.equal(model.look(torch.rand(3, 9, 9)).embedding, torch.arange(6.0))
+
+
+@pytest.mark.parametrize("photo", [-1, 5])
+def test_a_photo_that_is_not_there_is_refused(photo):
+    with pytest.raises(BadInput, match=f"no photo {photo} among 5"):
+        model_of().look(torch.rand(3, 8, 8), photo)
+
+
+def test_transfer_honours_residual_and_detach_sh():
+    splats, embedding = splats_of(50), torch.randn(6)
+
+    def outcome(**changes):
+        sh = splats.sh.clone().requires_grad_()
+        output, residual = model_of(**changes).transfer(sh, splats.means, embedding)
+        output.sum().backward()
+        return output, residual, sh.grad, sh
+
+    output, residual, gradient, sh = outcome()
+    assert torch.equal(output, sh + residual)
+    assert not torch.equal(gradient, torch.ones_like(sh))
+    output, residual, gradient, _ = outcome(detach_sh=True)
+    assert torch.equal(gradient, torch.ones_like(sh))
+    direct, none, _, _ = outcome(residual=False)
+    assert none is None
+    assert torch.equal(direct, residual)
+    output, none, _, sh = outcome(appearance="off")
+    assert none is None
+    assert output is sh
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"latent_size": 3}, {"residual": False}, {"appearance": "exposure"}, {"appearance": "off"}], ids=str
+)
+def test_bake_equals_transfer_bit_for_bit(changes):
+    model = model_of(**changes)
+    splats, embedding = splats_of(2600), torch.randn(6)
+    latents = torch.randn(2600, 3) if "latent_size" in changes else None
+    live = model.transfer(splats.sh, splats.means, embedding, latents)[0]
+    for chunk in (97, 1024, 1500, 65_536):
+        baked = model.bake(splats, embedding, latents, chunk=chunk)
+        assert torch.equal(baked.sh, live)
+        assert not baked.sh.requires_grad
+    assert torch.equal(baked.means, splats.means)
+    visible = torch.arange(0, 2600, 3)
+    part = None if latents is None else latents[visible]
+    assert torch.equal(model.transfer(splats.sh[visible], splats.means[visible], embedding, part)[0], live[visible])
+    assert len(model.bake(splats[:0], embedding, None if latents is None else latents[:0])) == 0
+
+
+def test_bake_does_not_touch_the_scene():
+    splats = splats_of(10)
+    before = splats.sh.clone()
+    baked = model_of().bake(splats, torch.randn(6))
+    assert torch.equal(splats.sh, before)
+    assert not torch.equal(baked.sh, before)
+
+
+def test_neutral_look_is_a_corrected_running_mean():
+    model = model_of()
+    decay = 1 - 1 / (MEAN_WINDOW_ROUNDS * len(PHOTOS))
+    seen = torch.randn(30, 6)
+    assert not model.mean_embedding.any()
+    for embedding in seen:
+        model.remember(embedding.requires_grad_())
+    weights = decay ** torch.arange(29, -1, -1)
+    expected = (weights[:, None] * seen.detach()).sum(0) / weights.sum()
+    assert torch.allclose(model.mean_embedding, expected, atol=1e-6)  # thirty float32 roundings
+    assert not model.mean_embedding.requires_grad
+
+
+def test_remember_leaves_older_looks_alone():
+    model = model_of(embedding="glo", transients="off")
+    model.remember(torch.ones(6))
+    look = model.look(torch.rand(3, 8, 8))
+    model.remember(torch.zeros(6))
+    assert torch.equal(look.embedding, torch.ones(6))
+
+
+def test_interpolation_ends_exactly():
+    first, second = torch.randn(2, 6)
+    assert torch.equal(interpolate(first, second, 0.0), first)
+    assert torch.equal(interpolate(first, second, 1.0), second)
+    assert torch.allclose(interpolate(first, second, 0.25), 0.75 * first + 0.25 * second, atol=1e-6)
+
+
+@pytest.mark.parametrize("changes", [{}, {"embedding": "glo", "mask": "mlp"}, {"appearance": "exposure"}], ids=str)
+def test_state_survives_a_safetensors_file(changes):
+    model = model_of(**changes)
+    model.remember(torch.randn(6))
+    saved = safetensors.torch.load(safetensors.torch.save(model.state_dict()))
+    torch.manual_seed(99)
+    other = AppearanceModel(model.settings, PHOTOS)
+    other.load_state_dict(saved)
+    photo = torch.rand(3, 40, 33)
+    mine, theirs = (each.look(photo, 1) for each in (model, other))
+    assert torch.equal(mine.embedding, theirs.embedding) and torch.equal(mine.mask, theirs.mask)
+    assert torch.equal(model.mean_embedding, other.mean_embedding)
+    assert model.remembered == other.remembered

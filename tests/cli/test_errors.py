@@ -1,0 +1,91 @@
+"""What becomes of exceptions: one line and the right exit code for the user's, a traceback for ours."""
+
+import errno
+import subprocess
+import sys
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from core.errors import BadInput, BadSetting, TrainingStopped
+from wegs_cli import main
+from wegs_cli.main import Group
+
+
+def outcome_of(problem: BaseException):
+    """Run a command that raises."""
+
+    @click.group(cls=Group)
+    def group():
+        pass
+
+    @click.command()
+    def fail():
+        raise problem
+
+    group.get_command = lambda context, name: fail
+    return CliRunner().invoke(group, ["fail"])
+
+
+@pytest.mark.parametrize(
+    "problem, words, code",
+    [
+        (BadInput("photo.jpg is broken.", "Remove it."), "photo.jpg is broken. Remove it.", 1),
+        (BadSetting("steps=0 is too small."), "steps=0 is too small.", 1),
+        (TrainingStopped("It diverged.", "Resume."), "It diverged. Resume.", 1),
+        (KeyboardInterrupt("Step 7 is kept."), "Stopped. Step 7 is kept.", 130),
+        (KeyboardInterrupt(), "Stopped.", 130),
+        (OSError(errno.ENOSPC, "No space left on device", "a.ply"), "The disk is full (a.ply).", 1),
+        (MemoryError(), "not enough memory", 1),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes"), "not enough memory", 1),
+    ],
+)
+def test_a_users_problem_is_one_line_and_an_exit_code(problem, words, code):
+    result = outcome_of(problem)
+    assert result.exit_code == code
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1 and lines[0].startswith("wegs: ") and words in lines[0]
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize("problem", [ValueError("ours"), OSError(errno.EIO, "ours"), RuntimeError("ours")])
+def test_a_defect_keeps_its_traceback(problem):
+    assert outcome_of(problem).exception is problem
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["bogus"],
+        ["--bogus"],
+        ["train", "--bogus"],
+        ["train", "--steps", "many"],
+        ["train", "--steps", "0"],
+        ["train", "--preset", "best"],
+        ["train", "a", "b"],
+        ["bake", "-o", "a.ply"],
+        ["bake", "--appearance", "neutral"],
+        ["interpolate", "a.jpg"],
+        ["interpolate", "a.jpg", "b.jpg", "--steps", "1"],
+        ["eval", "--protocol", "third"],
+        ["sfm"],
+    ],
+)
+def test_a_wrong_command_line_is_one_line_and_exit_code_2(arguments):
+    result = CliRunner().invoke(main.wegs, arguments)
+    assert result.exit_code == 2
+    assert len(result.stderr.strip().splitlines()) == 1 and "--help" in result.stderr
+
+
+def test_a_foreign_core_is_named(tmp_path):
+    (tmp_path / "core").mkdir()
+    (tmp_path / "core" / "__init__.py").write_text("")
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from wegs_cli.main import run; run()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert len(done.stderr.strip().splitlines()) == 1 and str(tmp_path / "core") in done.stderr
+
+
+def test_our_core_is_recognised():
+    assert main.foreign_core() is None

@@ -1,0 +1,66 @@
+"""Help: there for every command, with an example, made from core.config, and quick."""
+
+import subprocess
+import sys
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import core
+from core.config import PRESETS, Settings
+from wegs_cli.main import COMMANDS, wegs
+from wegs_cli.options import FIELDS, FLAGS
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_with_an_example(name):
+    result = CliRunner().invoke(wegs, [name, "--help"])
+    assert result.exit_code == 0
+    assert "Example" in result.output and f"wegs {name}" in result.output
+    command = wegs.get_command(click.Context(wegs), name)
+    assert command.name == name and command.short_help
+    for parameter in command.params:
+        assert isinstance(parameter, click.Argument) or parameter.help, f"{name} {parameter.name} has no help"
+
+
+def test_the_group_names_every_command():
+    result = CliRunner().invoke(wegs, ["--help"])
+    assert result.exit_code == 0
+    assert all(f"  {name} " in result.output for name in COMMANDS)
+
+
+def test_no_command_at_all_shows_help_as_a_wrong_command_line():
+    result = CliRunner().invoke(wegs, [])
+    assert result.exit_code == 2 and "Commands:" in result.output
+
+
+def test_train_help_shows_every_setting_with_default_and_help():
+    output = " ".join(CliRunner().invoke(wegs, ["train", "--help"]).output.split())
+    for name, item in FIELDS.items():
+        assert f"{name} = {item.default}" in output
+        assert " ".join(item.metadata["help"].split()) in output
+    for flags in FLAGS.values():
+        assert flags[-1] in output
+    assert f"[{'|'.join(PRESETS)}]" in output
+
+
+def test_a_flag_is_its_setting_with_dashes():
+    for name, flags in FLAGS.items():
+        assert hasattr(Settings(), name) and flags[-1] == "--" + name.replace("_", "-")
+
+
+def test_the_version_is_the_engines():
+    result = CliRunner().invoke(wegs, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"wegs {core.__version__}\n")
+
+
+def test_help_loads_nothing_heavy():
+    # Each of these takes a tenth of a second to two seconds to import; help that waits for them feels broken.
+    program = (
+        "import sys\nfrom click.testing import CliRunner\nfrom wegs_cli.main import COMMANDS, wegs\n"
+        "for name in COMMANDS: assert CliRunner().invoke(wegs, [name, '--help']).exit_code == 0\n"
+        "print([m for m in ('torch', 'numpy', 'numba', 'cv2', 'pycolmap', 'rich', 'jaxtyping') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

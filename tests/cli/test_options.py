@@ -1,0 +1,93 @@
+"""Settings from presets, files and the command line: which beats which, and what is refused."""
+
+import pytest
+
+from core.config import PRESETS, Settings
+from core.errors import BadInput, BadSetting
+from wegs_cli.options import settings_from
+
+NOTHING: dict = {"steps": None, "seed": None}
+
+
+def write_toml(tmp_path, text: str):
+    path = tmp_path / "x.toml"
+    path.write_text(text)
+    return path
+
+
+def test_without_anything_the_defaults_stand():
+    assert settings_from(None, None, (), NOTHING) == Settings()
+
+
+def test_command_line_beats_file_beats_preset_beats_default(tmp_path):
+    path = write_toml(tmp_path, "max_gaussians = 77\nseed = 5\n")
+    settings = settings_from("quick", path, ("sky=none",), {"steps": None, "seed": 9})
+    assert settings.steps == PRESETS["quick"]["steps"] != Settings().steps  # the preset's, where nothing beats it
+    assert settings.max_gaussians == 77 != PRESETS["quick"]["max_gaussians"]  # the file's
+    assert settings.seed == 9  # the command line's
+    assert settings.sky == "none" != Settings().sky
+    assert settings.sh_degree == Settings().sh_degree
+
+
+def test_a_falsy_value_counts_as_typed():
+    assert settings_from(None, None, (), {"sh_degree": 0}).sh_degree == 0
+
+
+@pytest.mark.parametrize(
+    "text, name, value",
+    [
+        ("steps=7", "steps", 7),
+        ("mean_rate=1e-4", "mean_rate", 1e-4),
+        ("gauge=1", "gauge", 1.0),
+        ("channel-attention = off", "channel_attention", False),
+        ("residual=true", "residual", True),
+        ("mask=mlp", "mask", "mlp"),
+    ],
+)
+def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
+    got = getattr(settings_from(None, None, (text,), {}), name)
+    assert got == value and type(got) is type(value)
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("steps", "no '='"),
+        ("stepz=3", "no setting 'stepz'"),
+        ("steps=many", "not a whole number"),
+        ("steps=1.5", "not a whole number"),
+        ("steps=0", "too small"),
+        ("gauge=nan", "gauge=nan"),
+        ("sh_degree=4", "too large"),
+        ("residual=maybe", "neither true nor false"),
+        ("sky=blue", "not a choice"),
+    ],
+)
+def test_set_refuses_in_one_line(text, words):
+    with pytest.raises(BadSetting, match=words) as caught:
+        settings_from(None, None, (text,), {})
+    assert "\n" not in str(caught.value)
+
+
+def test_the_same_setting_twice_is_refused():
+    with pytest.raises(BadSetting, match="steps is given twice"):
+        settings_from(None, None, ("steps=3",), {"steps": 4})
+
+
+@pytest.mark.parametrize(
+    "text, error, words",
+    [
+        ("steps = \n", BadInput, "not TOML"),
+        ("stepz = 3\n", BadSetting, "no setting 'stepz'"),
+        ("steps = '3'\n", BadSetting, "not of type int"),
+        ("[train]\nsteps = 3\n", BadSetting, "no setting 'train'"),
+    ],
+)
+def test_a_bad_file_is_refused(tmp_path, text, error, words):
+    with pytest.raises(error, match=words):
+        settings_from(None, write_toml(tmp_path, text), (), {})
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(BadInput, match="none.toml"):
+        settings_from(None, tmp_path / "none.toml", (), {})

@@ -1,0 +1,101 @@
+"""PNG, contact sheet, video, and files and folders that appear whole or not at all."""
+
+import errno
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from core.errors import BadInput, WegsError
+from core.export.atomic import filling, replacing, write_json
+from core.export.pictures import SHEET_COLUMNS, SHEET_TILE_PX, contact_sheet, to_8_bit, write_png, write_video
+
+
+def test_rendering_to_pixels_clamps_and_rounds():
+    image = torch.tensor([[[-0.5, 0.0, 0.4999 / 255], [0.5001 / 255, 1.0, 7.0]]])
+    assert to_8_bit(image).tolist() == [[[0, 0, 0], [1, 255, 255]]]
+
+
+def test_a_png_holds_the_pixels_in_rgb(tmp_path):
+    pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
+    write_png(tmp_path / "a.png", pixels)
+    back = cv2.cvtColor(cv2.imread(str(tmp_path / "a.png")), cv2.COLOR_BGR2RGB)
+    np.testing.assert_array_equal(back, pixels)
+
+
+def test_a_sheet_reads_row_by_row():
+    frames = [np.full((20, 30, 3), 10 * (number + 1), np.uint8) for number in range(SHEET_COLUMNS + 2)]
+    sheet = contact_sheet(frames)
+    assert sheet.shape == (40, 30 * SHEET_COLUMNS, 3)
+    assert sheet[10, 15::30, 0].tolist() == [10, 20, 30, 40, 50]
+    assert sheet[30, 15::30, 0].tolist() == [60, 70, 0, 0, 0]
+
+
+def test_large_frames_are_shrunk_on_the_sheet():
+    sheet = contact_sheet([np.full((300, 2 * SHEET_TILE_PX, 3), 9, np.uint8)] * 2)
+    assert sheet.shape == (150, 2 * SHEET_TILE_PX, 3)
+
+
+def test_a_video_has_every_frame_even_at_an_odd_size(tmp_path):
+    frames = [np.full((49, 65, 3), 25 * number, np.uint8) for number in range(10)]
+    write_video(tmp_path / "a.mp4", frames)
+    video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
+    means = []
+    while (frame := video.read())[0]:
+        assert frame[1].shape == (48, 64, 3)
+        means.append(float(frame[1].mean()))
+    np.testing.assert_allclose(means, [25 * number for number in range(10)], atol=4)  # MPEG-4 is lossy
+
+
+def test_a_file_keeps_its_old_content_when_writing_fails(tmp_path):
+    path = tmp_path / "a.json"
+    write_json(path, {"old": True})
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        write_json(path, {"new": object()})
+    with pytest.raises(KeyboardInterrupt), replacing(path) as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "number, kind, words",
+    [
+        (errno.ENOSPC, WegsError, "disk is full"),
+        (errno.EACCES, BadInput, "may not be written"),
+        (errno.EIO, OSError, "refused"),
+    ],
+)
+def test_what_the_system_refuses_is_named(tmp_path, number, kind, words):
+    with pytest.raises(kind, match=words), replacing(tmp_path / "a.ply"):
+        raise OSError(number, "refused")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_filled_whole_or_not_at_all(tmp_path):
+    folder = tmp_path / "fade"
+    with pytest.raises(KeyboardInterrupt), filling(folder, ("*.png",), False) as work:
+        (work / "a.png").write_text("half")
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+    with filling(folder, ("*.png",), False) as work:
+        (work / "a.png").write_text("one")
+        (work / "b.png").write_text("one")
+    with pytest.raises(BadInput, match="--force"), filling(folder, ("*.png",), False):
+        pass
+    with filling(folder, ("*.png",), True) as work:
+        (work / "a.png").write_text("two")
+    assert [path.name for path in folder.iterdir()] == ["a.png"] and (folder / "a.png").read_text() == "two"
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_folder_with_other_files_is_never_touched(tmp_path):
+    thesis = tmp_path / "thesis.txt"
+    thesis.write_text("years")
+    with pytest.raises(BadInput, match="thesis.txt"), filling(tmp_path, ("*.png",), True):
+        pass
+    with pytest.raises(BadInput, match="is a file"), filling(thesis, ("*.png",), True):
+        pass
+    assert list(tmp_path.iterdir()) == [thesis]

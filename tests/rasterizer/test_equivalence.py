@@ -1,0 +1,178 @@
+"""Every backend against the reference in float64: pictures, gradients and the rest, on every scene."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.errors import BadSetting
+from core.rasterizer import BACKENDS, create
+from core.rasterizer.contract import ALPHA_MIN
+from core.rasterizer.reference import project
+from tests.rasterizer.scenes import SCENES, camera, cloud
+from tests.rasterizer.tolerances import (
+    FLIPPED_PIXEL,
+    FLIPPED_SHARE,
+    FOOTPRINT_PX,
+    GRADIENT,
+    PICTURE,
+    outcome,
+    verdict,
+)
+
+EVERY_BACKEND = list(BACKENDS)
+FAST_BACKENDS = [name for name in BACKENDS if name != "reference"]
+in_every_scene = pytest.mark.parametrize("name", SCENES)
+
+
+def backend_or_skip(name: str):
+    """The backend, or a skip that names what this machine lacks."""
+    try:
+        return create(name)
+    except BadSetting as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture(params=FAST_BACKENDS, scope="module")
+def backend(request):
+    return backend_or_skip(request.param)
+
+
+@in_every_scene
+def test_scenes_test_something(name):
+    """Few pixels stand at a threshold, and depths are equal or clearly apart, or rounding would decide the comparison."""
+    judge = verdict(SCENES[name])
+    assert (~judge.steady).double().mean() <= FLIPPED_SHARE
+    view, means = judge.scene.camera, judge.scene.splats.means.double()
+    depths = ((means - torch.from_numpy(view.centre)) @ torch.from_numpy(view.world_to_camera).T)[:, 2]
+    gaps = depths[torch.isfinite(depths)].sort().values.diff()
+    assert ((gaps < 1e-12) | (gaps > 2e-6)).all()
+
+
+@in_every_scene
+def test_picture_and_transmittance(backend, name):
+    judge = verdict(SCENES[name])
+    rendering = backend.render(judge.scene.splats, judge.scene.camera, judge.scene.background)
+    image_error = (rendering.image.double() - judge.outcome.image).abs().amax(dim=2)
+    light_error = (rendering.transmittance.double() - judge.outcome.transmittance).abs()
+    for error in (image_error, light_error):
+        assert (error[judge.steady] <= PICTURE).all(), f"off by {error[judge.steady].max():.1e}"
+        assert (error <= FLIPPED_PIXEL).all(), f"off by {error.max():.1e} at a threshold"
+
+
+@in_every_scene
+def test_gradients(backend, name):
+    judge = verdict(SCENES[name])
+    result = outcome(backend, judge.scene, torch.float32, judge.cotangent)
+    for parameter, expected in judge.outcome.gradients.items():
+        gradient = result.gradients[parameter].double()
+        assert gradient.shape == expected.shape
+        error = (gradient - expected).abs()
+        limit = GRADIENT * expected.abs().amax() if expected.numel() else 0
+        assert (error <= limit).all(), f"{parameter}: off by {error.max() / limit:.1f} times the tolerance"
+
+
+@in_every_scene
+def test_visible_are_the_drawn_and_few_others(backend, name):
+    judge = verdict(SCENES[name])
+    scene, expected = judge.scene, judge.outcome
+    rows = backend.visible(scene.splats, scene.camera)
+    assert (rows.diff() > 0).all(), "not ascending"
+    drawn = torch.nonzero(expected.contributions > 0).squeeze(1)
+    assert set(drawn.tolist()) <= set(rows.tolist())
+    seen = project(scene.splats[rows].map(torch.Tensor.double), scene.camera)
+    extents = (2 * torch.log(seen.opacities / ALPHA_MIN).clamp_min(0)[:, None] * seen.variances).sqrt() + FOOTPRINT_PX
+    size = torch.tensor([scene.camera.width, scene.camera.height])
+    assert ((seen.centres + extents >= 0) & (seen.centres - extents <= size)).all()
+
+
+@in_every_scene
+def test_contributions(backend, name):
+    judge = verdict(SCENES[name])
+    contributions = backend.contributions(judge.scene.splats, judge.scene.camera).double()
+    # A maximum over all pixels may be reached in one at a threshold.
+    limit = PICTURE if judge.steady.all() else FLIPPED_PIXEL
+    assert contributions.shape == judge.outcome.contributions.shape
+    assert ((contributions - judge.outcome.contributions).abs() <= limit).all()
+
+
+@in_every_scene
+def test_what_is_culled_has_no_gradient(backend, name):
+    judge = verdict(SCENES[name])
+    result = outcome(backend, judge.scene, torch.float32, judge.cotangent)
+    culled = torch.ones(len(judge.scene.splats), dtype=torch.bool)
+    culled[result.visible] = False
+    assert (result.contributions[culled] == 0).all()
+    for parameter, gradient in result.gradients.items():
+        assert (gradient[culled] == 0).all(), parameter
+
+
+@pytest.mark.parametrize("name", ["random_degree_3", "three_thousand_on_one_pixel", "wide_splats_beside_the_picture"])
+def test_threads_change_nothing(backend, name):
+    """Bit for bit, pictures and gradients."""
+    judge = verdict(SCENES[name])
+    results = []
+    for threads in (1, 2, 3):
+        torch.set_num_threads(threads)
+        results.append(outcome(backend, judge.scene, torch.float32, judge.cotangent))
+    for other in results[1:]:
+        assert torch.equal(other.image, results[0].image)
+        assert torch.equal(other.contributions, results[0].contributions)
+        for parameter, gradient in results[0].gradients.items():
+            assert torch.equal(other.gradients[parameter], gradient), parameter
+
+
+EXTREMES = [
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+    0.0,
+    -0.0,
+    1e-45,
+    -1e-38,
+    1e-6,
+    88.0,
+    -104.0,
+    1e6,
+    -1e12,
+    1e30,
+    3e38,
+]
+
+
+@pytest.mark.parametrize("name", EVERY_BACKEND)
+@settings(max_examples=40, derandomize=True, deadline=None, database=None)
+@given(
+    poisons=st.lists(
+        st.tuples(
+            st.sampled_from(["means", "quaternions", "log_scales", "logit_opacities", "sh"]),
+            st.integers(0, 11),
+            st.integers(0, 2),
+            st.sampled_from(EXTREMES),
+        ),
+        min_size=1,
+        max_size=8,
+    )
+)
+def test_no_value_makes_a_picture_or_a_gradient_non_finite(name, poisons):
+    rasterizer = backend_or_skip(name)
+    view = camera(17, 9)
+    splats = cloud(view, 12, seed=31, degree=1)
+    for parameter, row, column, value in poisons:
+        # Colours are linear in the picture: beyond 1e6 a finite picture has gradients that float32 cannot hold.
+        value = min(max(value, -1e6), 1e6) if parameter == "sh" and abs(value) < float("inf") else value
+        getattr(splats, parameter)[row].view(-1)[column * (getattr(splats, parameter).dim() > 1)] = value
+    poisoned = splats.map(lambda tensor: tensor.requires_grad_())
+    probe = torch.zeros(12, 2, requires_grad=True)
+    rendering = rasterizer.render(poisoned, view, (0.1, 0.2, 0.3), probe)
+    assert torch.isfinite(rendering.image).all()
+    assert ((rendering.transmittance >= 0) & (rendering.transmittance <= 1)).all()
+    rendering.image.square().sum().backward()
+    for parameter, tensor in (poisoned.tensors() | {"probe": probe}).items():
+        assert torch.isfinite(tensor.grad).all(), parameter
+    not_finite = ~torch.stack([t.detach().reshape(12, -1).isfinite().all(1) for t in poisoned.tensors().values()]).all(
+        0
+    )
+    for parameter, tensor in poisoned.tensors().items():
+        assert (tensor.grad[not_finite] == 0).all(), parameter
+    assert not set(torch.nonzero(not_finite).flatten().tolist()) & set(rasterizer.visible(poisoned, view).tolist())

@@ -1,0 +1,156 @@
+"""The fused picture loss equals its definition, and the definition is right."""
+
+import pytest
+import torch
+
+from core.errors import BadInput
+from core.training.photometric import Target, blur, photometric, photometric_definition, photometric_paper
+
+# float32 keeps 1e-7 of values near 1; SSIM subtracts squares of them and divides by at least C2 = 9e-4.
+ERROR_TOLERANCE = 2e-5
+# Relative to the largest entry of the gradient; the same cancellation, and a sum of 3 x 121 products behind each entry.
+GRADIENT_TOLERANCE = 5e-5
+
+SIZES = [(1, 1), (1, 7), (9, 1), (15, 17), (33, 16), (240, 320), (300, 200)]  # the last two take several blocks
+
+
+def example(height, width, *, masked=False, seed=0):
+    """image, photo, weight, valid in float32; the image leaves [0, 1], as renders do, and equals the photo in places."""
+    generator = torch.Generator().manual_seed(seed)
+    photo = torch.rand(height, width, 3, generator=generator)
+    image = photo + 0.3 * torch.randn(height, width, 3, generator=generator)
+    image[: height // 4] = photo[: height // 4]
+    weight = torch.rand(height, width, generator=generator)
+    weight[:, : width // 3] = 0
+    valid = torch.rand(height, width, generator=generator) < 0.8 if masked else None
+    if masked:
+        valid[0, 0] = True
+    return image, photo, weight, valid
+
+
+def run(function, image, target, weight, ssim_weight=0.2):
+    image = image.clone().requires_grad_()
+    loss, error = function(image, target, weight, ssim_weight)
+    (3 * loss).backward()  # a factor, so that the gradient that comes in matters
+    return loss.detach(), error, image.grad
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+@pytest.mark.parametrize("masked", [False, True], ids=["whole", "invalid-pixels"])
+@pytest.mark.parametrize("weighted", [False, True], ids=["plain", "weighted"])
+def test_the_kernel_equals_the_definition(size, masked, weighted):
+    image, photo, weight, valid = example(*size, masked=masked)
+    weight = weight if weighted else None
+    loss, error, gradient = run(photometric, image, Target(photo, valid), weight)
+    double = None if weight is None else weight.double()
+    true = run(photometric_definition, image.double(), Target(photo.double(), valid), double)
+    torch.testing.assert_close(loss.double(), true[0], rtol=0, atol=ERROR_TOLERANCE)
+    torch.testing.assert_close(error.double(), true[1], rtol=0, atol=ERROR_TOLERANCE)
+    scale = float(true[2].abs().max())
+    torch.testing.assert_close(gradient.double(), true[2], rtol=0, atol=GRADIENT_TOLERANCE * scale)
+
+
+@pytest.mark.parametrize("ssim_weight", [0.0, 1.0])
+def test_the_kernel_with_one_term_alone(ssim_weight):
+    image, photo, weight, _ = example(20, 30)
+    _, _, gradient = run(photometric, image, Target(photo), weight, ssim_weight)
+    true = run(photometric_definition, image.double(), Target(photo.double()), weight.double(), ssim_weight)[2]
+    torch.testing.assert_close(gradient.double(), true, rtol=0, atol=GRADIENT_TOLERANCE * float(true.abs().max()))
+
+
+@pytest.mark.parametrize("function", [photometric, photometric_paper])
+def test_gradients_are_those_of_finite_differences(function):
+    image, photo, weight, valid = example(6, 5, masked=True)
+    image = image + 0.01  # away from the kink of |x - y|, where there is no derivative to compare with
+    target = Target(photo.double(), valid)
+    image = image.double().requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: function(x, target, weight.double(), 0.2)[0], image)
+
+
+def test_ssim_is_that_of_an_explicit_window():
+    image, photo, _, _ = example(9, 14)
+    loss, _ = photometric_definition(image.double(), Target(photo.double()), None, 1.0)
+    offsets = torch.arange(-5.0, 6.0, dtype=torch.float64)
+    window = torch.exp(-(offsets[:, None] ** 2 + offsets**2) / (2 * 1.5**2))
+    window = (window / window.sum())[None, None]
+
+    def windowed(pixels):
+        return torch.nn.functional.conv2d(pixels.permute(2, 0, 1)[:, None], window, padding=5)[:, 0]
+
+    x, y = image.double(), photo.double()
+    x_mean, y_mean = windowed(x), windowed(y)
+    covariance = windowed(x * y) - x_mean * y_mean
+    variances = windowed(x * x) - x_mean**2 + windowed(y * y) - y_mean**2
+    ssim = (2 * x_mean * y_mean + 1e-4) * (2 * covariance + 9e-4)
+    ssim = ssim / ((x_mean**2 + y_mean**2 + 1e-4) * (variances + 9e-4))
+    assert float(loss) == pytest.approx(float(1 - ssim.mean()), abs=1e-12)  # both in float64
+
+
+def test_equal_pictures_cost_nothing():
+    _, photo, weight, _ = example(40, 50)
+    loss, error, gradient = run(photometric, photo, Target(photo), weight)
+    assert abs(float(loss)) < 1e-6 and float(error.abs().max()) < ERROR_TOLERANCE
+    # At its minimum SSIM's gradient is zero; rounding leaves about 1e-7 / C2 of what an error of 1 would give.
+    assert float(gradient.abs().max()) < 1e-3 / photo.numel()
+
+
+def test_weights_scale_the_loss_but_not_the_error():
+    image, photo, _, _ = example(30, 20)
+    target = Target(photo)
+    whole, error, _ = run(photometric, image, target, None)
+    half, error_of_half, _ = run(photometric, image, target, torch.full((30, 20), 0.5))
+    assert float(half) == pytest.approx(0.5 * float(whole), rel=1e-6)  # halving is exact; the sum is in float64
+    assert torch.equal(error, error_of_half)
+    assert float(whole) == pytest.approx(float(error.mean()), rel=1e-5)
+
+
+def test_invalid_pixels_do_not_matter():
+    image, photo, weight, valid = example(25, 31, masked=True)
+    changed_image = torch.where(valid[..., None], image, torch.nan)
+    changed_photo = torch.where(valid[..., None], photo, 0.5)
+    first = run(photometric, image, Target(photo, valid), weight)
+    second = run(photometric, changed_image, Target(changed_photo, valid), weight)
+    assert torch.equal(first[0], second[0]) and torch.equal(first[1], second[1])
+    assert torch.equal(first[2][valid], second[2][valid])
+    assert not first[1][~valid].any() and not first[2][~valid].any()
+
+
+@pytest.mark.parametrize("poison", [float("nan"), float("inf"), -float("inf")])
+def test_a_poisoned_render_shows_in_the_loss(poison):
+    image, photo, weight, _ = example(20, 20)
+    image[3, 2, 1] = poison  # a pixel of weight 0: no mask may hide it
+    assert not torch.isfinite(run(photometric, image, Target(photo), weight)[0])
+
+
+def test_any_number_of_threads_gives_the_same_bits():
+    image, photo, weight, _ = example(600, 333)
+    before = torch.get_num_threads()
+    results = []
+    try:
+        target = Target(photo)
+        for threads in (1, 2, 3):
+            torch.set_num_threads(threads)
+            results.append(run(photometric, image, target, weight))
+    finally:
+        torch.set_num_threads(before)
+    for other in results[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+
+
+def test_the_papers_reading_multiplies_the_pictures():
+    image, photo, mask, _ = example(30, 24)
+    loss, error, gradient = run(photometric_paper, image, Target(photo), mask)
+    multiplied = run(photometric_definition, image * mask[..., None], Target(photo * mask[..., None]), None)
+    torch.testing.assert_close(loss, multiplied[0], rtol=1e-6, atol=1e-7)  # one formula, two orders of rounding
+    assert torch.equal(error, photometric(image, Target(photo), None, 0.2)[1])
+    assert not gradient[mask == 0].any()
+
+
+def test_the_window_sums_to_one_away_from_the_rim():
+    inside = blur(torch.ones(3, 21, 23, dtype=torch.float64))[:, 5:-5, 5:-5]
+    torch.testing.assert_close(inside, torch.ones_like(inside), rtol=0, atol=1e-14)
+
+
+def test_a_photo_without_valid_pixels_is_refused():
+    with pytest.raises(BadInput, match="no valid pixel"):
+        Target(torch.zeros(4, 4, 3), torch.zeros(4, 4, dtype=torch.bool))

@@ -1,0 +1,191 @@
+"""The run folder: naming, finding, replacing, what is written before the first step, and looks kept by name."""
+
+import json
+import os
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import plyfile
+import pytest
+import torch
+
+from core.errors import BadInput, BadSetting
+from core.scene.frame import SceneFrame
+from core.training import run, saved_look
+from tests.small import small_collection, small_settings
+
+
+@pytest.fixture
+def collection(tmp_path):
+    """A collection with a frame that is not the world, and a lens."""
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    made = small_collection(folder)
+    lens = {"model": "SIMPLE_RADIAL", "width": 48, "height": 36, "params": [50.0, 24.0, 18.0, 0.1]}
+    photos = (replace(made.photos[0], lens=lens), *made.photos[1:])
+    return replace(made, photos=photos, frame=SceneFrame(np.array([100.0, -20.0, 1 / 3]), 7.0))
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def begin(folder: Path, age_s: int = 0) -> None:
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text("{}")
+    os.utime(folder / "config.json", (1e9 - age_s, 1e9 - age_s))
+
+
+# --- naming and finding
+
+
+def test_runs_of_a_scene_are_numbered(here):
+    assert run.choose_folder(None, "plaza") == Path("runs/plaza")
+    begin(Path("runs/plaza"))
+    assert run.choose_folder(None, "plaza") == Path("runs/plaza-2")
+    begin(Path("runs/plaza-2"))
+    assert run.choose_folder(None, "plaza") == Path("runs/plaza-3")
+
+
+def test_the_newest_run_is_the_one_begun_last(here):
+    begin(Path("runs/b"), age_s=0)
+    begin(Path("runs/a"), age_s=5)
+    begin(Path("runs/c"), age_s=5)
+    Path("runs/not-a-run").mkdir()
+    assert run.find_run(None) == Path("runs/b")
+    assert run.find_run(Path("runs/a")) == Path("runs/a")
+    assert run.newest_run(Path("runs/c")) == Path("runs/c")  # a folder that is a run
+
+
+def test_no_run_and_no_such_run_are_refused(here):
+    with pytest.raises(BadInput, match="no run in runs"):
+        run.find_run(None)
+    with pytest.raises(BadInput, match="elsewhere is not a run"):
+        run.find_run(Path("elsewhere"))
+
+
+def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
+    Path("empty").mkdir()
+    assert run.choose_folder(Path("empty"), "plaza") == Path("empty")
+    begin(Path("old"))
+    with pytest.raises(BadInput, match="--force"):
+        run.choose_folder(Path("old"), "plaza")
+    assert run.choose_folder(Path("old"), "plaza", force=True) == Path("old")
+    Path("file").write_text("")
+    Path("home").mkdir()
+    Path("home/thesis.txt").write_text("")
+    for name in ("file", "home"):
+        with pytest.raises(BadInput, match=name):
+            run.choose_folder(Path(name), "plaza", force=True)
+
+
+def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):
+    folder = tmp_path / "run"
+    (folder / "masks").mkdir(parents=True)
+    for name in ("masks/a.png", "checkpoint_000100.safetensors", "results.json", "dusk.ply"):
+        (folder / name).write_text("old")
+    run.create(folder, collection, small_settings())
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "cameras.json", "cfg_args", "config.json", "dusk.ply", "input.ply",
+    ]  # fmt: skip
+
+
+# --- what is written
+
+
+def test_config_gives_back_settings_and_collection_exactly(tmp_path, collection):
+    settings = small_settings(sky="none", gauge=0.125)
+    run.create(tmp_path / "run", collection, settings)
+    identity, settings_back, back = run.read_config(tmp_path / "run")
+    assert settings_back == settings and len(identity) == 12
+    assert (back.name, back.kind, back.frame.radius) == (collection.name, collection.kind, 7.0)
+    np.testing.assert_array_equal(back.frame.centre, collection.frame.centre)
+    for photo, expected in zip(back.photos, collection.photos, strict=True):
+        assert (photo.name, photo.split, photo.lens) == (expected.name, expected.split, expected.lens)
+        assert photo.path.samefile(expected.path)
+        np.testing.assert_array_equal(photo.camera.world_to_camera, expected.camera.world_to_camera)
+        np.testing.assert_array_equal(photo.camera.centre, expected.camera.centre)
+        sizes = ("fx", "fy", "cx", "cy", "width", "height")
+        assert [getattr(photo.camera, n) for n in sizes] == [getattr(expected.camera, n) for n in sizes]
+
+
+def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
+    identities = set()
+    for number, settings in enumerate((small_settings(), small_settings(), small_settings(seed=1))):
+        run.create(tmp_path / str(number), collection, settings)
+        identities.add(run.read_config(tmp_path / str(number))[0])
+    assert len(identities) == 2
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {"stepz": 1}}'])
+def test_a_damaged_config_is_refused_in_one_line(tmp_path, text):
+    (tmp_path / "config.json").write_text(text)
+    with pytest.raises(BadInput, match="config.json cannot be used") as caught:
+        run.read_config(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_cameras_json_leads_back_to_the_world(tmp_path, collection):
+    run.create(tmp_path / "run", collection, small_settings())
+    entries = json.loads((tmp_path / "run" / "cameras.json").read_text())
+    assert [entry["id"] for entry in entries] == list(range(len(collection.photos)))
+    assert [entry["img_name"] for entry in entries][-2:] == ["photo_2.png", "photo_5.png"]  # test photos last
+    photo = collection.photos[0]
+    entry = next(entry for entry in entries if entry["img_name"] == photo.name)
+    point = collection.points[0]
+    from_file = np.array(entry["rotation"]).T @ (collection.frame.to_world(point) - np.array(entry["position"]))
+    expected = photo.camera.world_to_camera @ (point - photo.camera.centre) * collection.frame.radius
+    np.testing.assert_allclose(from_file, expected, atol=1e-12)  # float64, numbers of size 1e2
+    assert (entry["fx"], entry["width"]) == (50.0, 48)
+
+
+def test_cfg_args_is_the_namespace_that_viewers_expect(tmp_path, collection):
+    run.create(tmp_path / "run", collection, small_settings())
+    fields = eval((tmp_path / "run" / "cfg_args").read_text(), {"Namespace": Namespace})
+    assert fields.source_path == str(collection.root.resolve())
+    assert fields.sh_degree == 3  # our files always have 45 f_rest columns, whatever degree was trained
+
+
+def test_input_ply_holds_the_points_in_world_units(tmp_path, collection):
+    run.create(tmp_path / "run", collection, small_settings())
+    rows = plyfile.PlyData.read(str(tmp_path / "run" / "input.ply"))["vertex"].data
+    world = collection.frame.to_world(collection.points)
+    np.testing.assert_array_equal(np.stack([rows[axis] for axis in "xyz"], 1), world.astype(np.float32))
+
+
+# --- looks kept by name
+
+
+def test_a_look_comes_back_bit_for_bit(tmp_path):
+    look = saved_look.SavedLook("dusk", torch.randn(16, generator=torch.Generator().manual_seed(0)), "dusk.jpg", "abc")
+    back = saved_look.load(saved_look.save(tmp_path, look), "abc", 16)
+    assert torch.equal(back.embedding, look.embedding)
+    assert (back.name, back.source, back.run) == (look.name, look.source, look.run)
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("", "not a saved look"),
+        ("{}", "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "other", "embedding": [1, 2]}', "saved by run other"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 finite numbers"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 finite numbers"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),
+    ],
+)
+def test_a_look_of_no_use_is_refused(tmp_path, text, words):
+    path = tmp_path / "a.json"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=words):
+        saved_look.load(path, "abc", 2)
+
+
+@pytest.mark.parametrize("name", ["", "../dusk", "a/b", ".hidden", "neutral"])
+def test_a_look_needs_a_plain_name(tmp_path, name):
+    with pytest.raises(BadSetting):
+        saved_look.path_of(tmp_path, name)

@@ -1,0 +1,32 @@
+"""wegs bake"""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(short_help="Write the scene in the light of a photo, as a .ply.")
+@click.option(
+    "--appearance",
+    required=True,
+    metavar="PHOTO",
+    help="A photo file, a training photo's name, a saved look, or `neutral`.",
+)
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The .ply to write.")
+@click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
+@click.option("--force", is_flag=True, help="Replace OUTPUT if it exists.")
+@click.option("--save-appearance", metavar="NAME", help="Keep the look in the run as appearance/NAME.json.")
+def bake(appearance, output, run_folder, force, save_appearance) -> None:
+    """Write the scene in the light of a photo, as a .ply that every 3DGS viewer opens.
+
+    \b
+    Examples:
+      wegs bake --appearance dusk.jpg -o dusk.ply
+      wegs bake --appearance neutral -o plain.ply --run runs/plaza
+      wegs bake --appearance dusk.jpg -o dusk.ply --save-appearance dusk
+    """
+    from core import pipeline
+    from wegs_cli.terminal import Terminal
+
+    with Terminal() as terminal:
+        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance)

@@ -1,0 +1,31 @@
+"""wegs interpolate"""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(short_help="Fade from one look to another.")
+@click.argument("first")
+@click.argument("last")
+@click.option(
+    "--steps", type=click.IntRange(min=2), default=10, show_default=True, help="Frames, the two ends included."
+)
+@click.option("--view", metavar="NAME", help="Photo whose camera looks on.  [default: the first held-out one]")
+@click.option("--ply", is_flag=True, help="Write one .ply a step as well.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the frames.  [default: FIRST-to-LAST]")
+@click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
+@click.option("--force", is_flag=True, help="Replace the frames that OUTPUT holds.")
+def interpolate(first, last, steps, view, ply, output, run_folder, force) -> None:
+    """Fade from one look to another: frames, a contact sheet and a video. FIRST and LAST are as in `wegs bake`.
+
+    \b
+    Examples:
+      wegs interpolate noon.jpg dusk.jpg
+      wegs interpolate neutral dusk.jpg --steps 24 --ply -o fade
+    """
+    from core import pipeline
+    from wegs_cli.terminal import Terminal
+
+    with Terminal() as terminal:
+        pipeline.interpolate(run_folder, first, last, steps, output, terminal, view, ply, force)

@@ -1,0 +1,113 @@
+"""The command group and what becomes of errors: a user's mistake is one line, ours a traceback."""
+
+import errno
+import importlib.util
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import click
+
+# Command -> function. A module is imported when its command is wanted; none imports torch before it runs.
+COMMANDS = {
+    "train": "wegs_cli.train:train",
+    "bake": "wegs_cli.bake:bake",
+    "interpolate": "wegs_cli.interpolate:interpolate",
+    "eval": "wegs_cli.evaluate:evaluate",
+    "sfm": "wegs_cli.sfm:sfm",
+}
+INTERRUPTED = 130  # what shells report for Ctrl-C
+
+
+class Group(click.Group):
+    """Finds commands in COMMANDS and turns exceptions into one line and an exit code."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        module, function = COMMANDS[name].split(":")
+        return getattr(import_module(module), function)
+
+    def main(self, args=None, prog_name=None, **extra):
+        """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C."""
+        try:
+            code = super().main(args, prog_name, **(extra | {"standalone_mode": False}))
+        except click.exceptions.NoArgsIsHelpError as help_wanted:
+            help_wanted.show()
+            sys.exit(help_wanted.exit_code)
+        except BaseException as problem:
+            answer = explain(problem)
+            if answer is None:
+                raise
+            line, code = answer
+            click.secho(f"wegs: {line}", fg="red", err=True)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def explain(problem: BaseException) -> tuple[str, int] | None:
+    """The line and the exit code for an exception that is the user's to mend; None for a defect of ours."""
+    from core.errors import WegsError  # late: only once `run` has seen that core is ours
+
+    if isinstance(problem, WegsError):
+        return str(problem), 1
+    if isinstance(problem, click.ClickException):
+        context = getattr(problem, "ctx", None)
+        advice = f" Try: {context.command_path} --help" if context else ""
+        return " ".join(problem.format_message().split()) + advice, problem.exit_code
+    if isinstance(problem, (click.Abort, KeyboardInterrupt)):
+        # click makes an Abort of every Ctrl-C; the words about what was kept are with the first one.
+        first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem
+        return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
+    if isinstance(problem, OSError) and problem.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"The disk is full ({problem.filename or 'while writing'}). Free some space and run it again.", 1
+    # torch has no exception of its own for a CPU that ran out: the words are all there is.
+    if isinstance(problem, MemoryError) or (
+        isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
+    ):
+        return "There is not enough memory. Lower -r/--resolution or --max-gaussians.", 1
+    return None
+
+
+def foreign_core() -> str | None:
+    """Where `core` comes from if that is not the engine installed beside this command line, else None."""
+    found = importlib.util.find_spec("core")
+    here = Path(__file__).resolve().parent.parent
+    if found is None:
+        return "nowhere"
+    origin = Path(found.origin).resolve() if found.origin else None
+    if origin == here / "core" / "__init__.py" and (here / "core" / "errors.py").is_file():
+        return None
+    return str(origin or next(iter(found.submodule_search_locations or ["an unknown place"])))
+
+
+def _show_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        import core
+
+        click.echo(f"wegs {core.__version__}")
+        context.exit()
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version, help="Show the version."
+)
+def wegs() -> None:
+    """Tourist photos in, a 3D Gaussian scene out whose light follows any photo.
+
+    \b
+    wegs train photos/                            # minutes on two cores
+    wegs bake --appearance dusk.jpg -o dusk.ply   # opens in every 3DGS viewer
+    """
+
+
+def run() -> None:
+    """The console command `wegs`."""
+    origin = foreign_core()
+    if origin is not None:
+        line = f"wegs: The package `core` comes from {origin}, not from wegs."
+        sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
+    wegs()

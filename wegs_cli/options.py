@@ -1,0 +1,111 @@
+"""Options made from core.config: names, help, ranges, choices and defaults are written there and nowhere else."""
+
+import tomllib
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import click
+
+from core.config import PRESETS, Settings, preset
+from core.errors import BadInput, BadSetting
+
+FIELDS = {item.name: item for item in fields(Settings)}
+# Settings that have an option of their own; --set and --config reach all of them.
+FLAGS = {
+    "steps": ("--steps",),
+    "resolution": ("-r", "--resolution"),
+    "max_gaussians": ("--max-gaussians",),
+    "sh_degree": ("--sh-degree",),
+    "seed": ("--seed",),
+    "device": ("--device",),
+    "backend": ("--backend",),
+}
+
+
+def setting_option(name: str, *flags: str) -> Callable:
+    """A click option for the field `name` of Settings. It is None unless typed, so that a preset can show through."""
+    item = FIELDS[name]
+    rules = item.metadata
+    if rules["choices"]:
+        kind = click.Choice(rules["choices"])
+    else:
+        kind = {int: click.IntRange, float: click.FloatRange}[item.type](rules["low"], rules["high"])
+    return click.option(*flags, name, type=kind, default=None, help=f"{rules['help']}  [default: {item.default}]")
+
+
+def settings_options(command: Callable) -> Callable:
+    """--preset, the options of FLAGS, --config and --set; `settings_from` takes their values."""
+    decorators = [
+        click.option(
+            "--preset", "preset_name", type=click.Choice(list(PRESETS)), help="Where to start from.  [default: default]"
+        ),
+        *(setting_option(name, *flags) for name, flags in FLAGS.items()),
+        click.option(
+            "--config", type=click.Path(path_type=Path), help="TOML file of settings; the command line beats it."
+        ),
+        click.option(
+            "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Any setting listed below; repeatable."
+        ),
+    ]
+    for decorate in reversed(decorators):
+        command = decorate(command)
+    return command
+
+
+def settings_from(
+    preset_name: str | None, config: Path | None, assignments: tuple[str, ...], typed: dict[str, Any]
+) -> Settings:
+    """Settings: command line beats file beats preset beats default. typed: options, None where not typed."""
+    settings = preset(preset_name or "default")
+    if config is not None:
+        settings = settings.changed(**_read_toml(config))
+    values = {name: value for name, value in typed.items() if value is not None}
+    for assignment in assignments:
+        name, value = _parse(assignment)
+        if name in values:
+            raise BadSetting(f"{name} is given twice on the command line.", "Give it once.")
+        values[name] = value
+    return settings.changed(**values)
+
+
+def settings_table() -> str:
+    """Every setting with its default and help, for the end of `wegs train --help`."""
+    lines = ["\b", "Settings, for --set and --config:"]
+    for name, item in FIELDS.items():
+        choices = f" ({' | '.join(item.metadata['choices'])})" if item.metadata["choices"] else ""
+        lines.append(f"  {name} = {item.default}{choices}")
+        lines.append(f"      {item.metadata['help']}")
+    return "\n".join(lines)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise BadInput(f"{path} cannot be read: {problem.strerror}.", "Give a TOML file to --config.") from None
+    except ValueError as problem:  # TOML's own errors and text that is not UTF-8
+        raise BadInput(f"{path} is not TOML: {problem}.", "Write lines such as: steps = 2000") from None
+    return values
+
+
+def _parse(assignment: str) -> tuple[str, Any]:
+    """KEY=VALUE with the value in the type of the setting."""
+    name, equals, text = assignment.partition("=")
+    name = name.strip().replace("-", "_")
+    if not equals:
+        raise BadSetting(f"--set {assignment} has no '='.", "Type: --set key=value")
+    item = FIELDS.get(name)
+    if item is None:
+        raise BadSetting(f"There is no setting {name!r}.", "`wegs train --help` lists them.")
+    if item.type is bool:
+        words = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
+        if text.strip().lower() not in words:
+            raise BadSetting(f"{name}={text} is neither true nor false.", f"Type: --set {name}=true")
+        return name, words[text.strip().lower()]
+    try:
+        return name, item.type(text.strip())
+    except ValueError:
+        kind = "a whole number" if item.type is int else "a number"
+        raise BadSetting(f"{name}={text} is not {kind}.", item.metadata["help"]) from None

@@ -1,0 +1,72 @@
+"""What the engine reports, on the terminal: bars and tables where someone watches, plain lines where not."""
+
+import sys
+import time
+from typing import Self
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from core.report import Report
+
+PLAIN_SECONDS = 15.0  # between two progress lines in a log file
+
+
+class Terminal(Report):
+    """A Report for people. Use as a context manager: leaving it clears the bar."""
+
+    def __init__(self):
+        self.console = Console(highlight=False)
+        self.bar: Progress | None = None
+        self.task = None
+        self.what = ""
+        self.told = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._end_bar()
+
+    def say(self, line: str) -> None:
+        self.console.print(line, markup=False, soft_wrap=True)
+
+    def warn(self, line: str) -> None:
+        self.console.print(line, style="yellow", markup=False, soft_wrap=True)
+
+    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
+        if self.console.is_terminal:
+            self._advance_bar(what, done, total, note)
+        elif done == total or time.monotonic() - self.told >= PLAIN_SECONDS:
+            self.told = time.monotonic()
+            click.echo(f"{what} {done}/{total}  {note}".rstrip())
+            sys.stdout.flush()
+
+    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
+        self._end_bar()
+        if not self.console.is_terminal:
+            for name, value in rows:
+                click.echo(f"{name}: {value}")
+            return
+        grid = Table(title=title, title_justify="left", show_header=False)
+        for name, value in rows:
+            grid.add_row(name, value)
+        self.console.print(grid)
+
+    def _advance_bar(self, what: str, done: int, total: int, note: str) -> None:
+        if self.bar is None or what != self.what:
+            self._end_bar()
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+            left = (TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[note]}"))
+            self.bar = Progress(*columns, *left, console=self.console)
+            self.bar.start()
+            self.task = self.bar.add_task(what, total=total, note=note)
+            self.what = what
+        self.bar.update(self.task, completed=done, total=total, note=note)
+
+    def _end_bar(self) -> None:
+        if self.bar is not None:
+            self.bar.stop()
+            self.bar = None

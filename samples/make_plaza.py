@@ -89,6 +89,8 @@ def make(output: Path, calm: bool, grid: int, processes: int) -> None:
         for number, result in enumerate(pool.imap(_run, takes + extra), start=1):
             results.append(result)
             print(f"\r{number} of {len(takes) + len(extra)} pictures", end="", flush=True)
+        pool.close()
+        pool.join()
     print()
     taken = results[: len(takes)]
     figures = write_model([photo for photo, _ in taken], output / "dense" / "sparse", shots.SEED)

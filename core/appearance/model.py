@@ -11,10 +11,10 @@ from core.appearance.encoder import PhotoEncoder, PlainMask, shrink
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
 from core.appearance.sh_transfer import SHTransfer
-from core.appearance.threads import one_torch_thread
 from core.config import Settings
 from core.errors import BadInput
 from core.scene.splats import Splats
+from core.threads import one_torch_thread
 
 TABLE_SPREAD = 0.1  # of GLO embeddings at the start, about that of an untrained encoder's
 MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos

@@ -5,11 +5,11 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.appearance.encoding import contract, encode, encoded_size
-from core.appearance.threads import one_torch_thread
 from core.appearance.transfer_kernel import Layers, blockwise_mlp, plain_mlp
 from core.config import Settings
 from core.errors import BadInput
 from core.scene.harmonics import coefficient_count
+from core.threads import one_torch_thread
 
 LAST_LAYER_SPREAD = 1e-3  # near zero: a run starts at the base look, and yet every layer has a gradient
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.appearance.threads import for_each_block
+from core.threads import in_parallel
 
 ROWS = 2048  # fewer cost more calls, more leave the cache; from 1024 to 4096 all are within a tenth of each other
 
@@ -60,7 +60,8 @@ class _BlockwiseMLP(torch.autograd.Function):
         # Kept for the backward pass: 12 * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
         hidden = learned.new_empty(3, _blocks(len(learned)) * ROWS if training else 0, len(layers.bias_1))
 
-        def evaluate(rows: slice) -> None:
+        def evaluate(begin: int, end: int) -> None:
+            rows = slice(begin, end)
             first, second, third = _hidden_blocks(hidden, rows)
             torch.addmm(layers.bias_1, _padded("learned", learned[rows]), layers.learned_weight.T, out=first)
             first.addmm_(_padded("fixed", fixed[rows]), layers.fixed_weight.T).relu_()
@@ -71,7 +72,7 @@ class _BlockwiseMLP(torch.autograd.Function):
             block.div_(bound).tanh_()
             torch.mul(block[: rows.stop - rows.start], bound, out=output[rows])
 
-        for_each_block(evaluate, len(learned), ROWS)
+        in_parallel(evaluate, len(learned), ROWS)
         if training:
             ctx.save_for_backward(learned, fixed, hidden, output, *weights)
             ctx.bound = bound
@@ -92,7 +93,8 @@ class _BlockwiseMLP(torch.autograd.Function):
             parts = zip(sums.split(sizes), weights, wants)
             return Layers(*(part.view(weight.shape) if wanted else None for part, weight, wanted in parts))
 
-        def differentiate(rows: slice) -> None:
+        def differentiate(begin: int, end: int) -> None:
+            rows = slice(begin, end)
             into = by_weight(partial_sums[rows.start // ROWS])
             inputs_1 = _padded("learned", learned[rows]), _padded("fixed", fixed[rows])
             first, second, third = _hidden_blocks(hidden, rows)
@@ -122,7 +124,7 @@ class _BlockwiseMLP(torch.autograd.Function):
                 torch.mm(before_1, layers.learned_weight, out=block)
                 learned_gradient[rows] = block[: rows.stop - rows.start]
 
-        for_each_block(differentiate, len(learned), ROWS)
+        in_parallel(differentiate, len(learned), ROWS)
         return None, learned_gradient, None, None, *by_weight(_sum_in_order(partial_sums))
 
 

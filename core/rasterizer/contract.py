@@ -11,8 +11,9 @@ from core.scene.splats import Splats
 
 # The constants of the original 3DGS viewer, so that a baked file looks there as it looks here.
 ALPHA_MIN = 1.0 / 255.0  # a weaker contribution to a pixel is skipped
-# Keeps 1 / (1 - alpha) tame; the gradient is zero where alpha is clamped. The float32 number next to 0.99, in every precision:
-# two clamped splats leave (1 - ALPHA_MAX)^2, which only then lies on the same side of STOP_TRANSMITTANCE for all backends.
+# Keeps 1 / (1 - alpha) tame; the gradient is zero where alpha is clamped. The float32 number next to 0.99, in every
+# precision: two clamped splats leave (1 - ALPHA_MAX)^2, which only then lies on the same side of STOP_TRANSMITTANCE for
+# all backends.
 ALPHA_MAX = 0.9900000095367432
 STOP_TRANSMITTANCE = 1e-4  # a pixel is finished when the next splat would bring it below this
 BLUR_PX2 = 0.3  # added to the diagonal of every 2D covariance (EWA low-pass), px^2
@@ -39,8 +40,9 @@ class Rasterizer(Protocol):
     """A backend. Stateless for the caller; pictures and gradients do not depend on the number of threads.
 
     Order: front to back by camera depth, ties by index. Culled (drawn as absent, zero gradient of the right shape): not
-    finite in any parameter, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity < ALPHA_MIN, footprint outside
-    the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN around the projected centre.
+    finite in any parameter, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity < ALPHA_MIN, footprint
+    outside the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN around the
+    projected centre.
     """
 
     name: str

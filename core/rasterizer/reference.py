@@ -1,11 +1,11 @@
 """The definition of the picture: 3D Gaussian splatting in plain torch, one function a stage.
 
-Read it from top to bottom: cull, project, colour, sort, blend. Nothing is approximated beyond what the contract states and
-every gradient is autograd's, so the fast backends are judged by this one in float64. It looks at every splat in every
-pixel: use it for small pictures only.
+Read it from top to bottom: cull, project, colour, sort, blend. Nothing is approximated beyond what the contract states
+and every gradient is autograd's, so the fast backends are judged by this one in float64. It looks at every splat in
+every pixel: use it for small pictures only.
 
-Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (2023), sections 4 and 6, and Zwicker et
-al., "EWA Volume Splatting" (2001), for the projection.
+Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (2023), sections 4 and 6, and
+Zwicker et al., "EWA Volume Splatting" (2001), for the projection.
 """
 
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ CHUNK = 1 << 20  # pairs of a pixel and a splat that are blended at once; bounds
 class Projection:
     """N Gaussians as 2D ones in the picture.
 
-    centres: px. conics: the entries (xx, xy, yy) of the inverse 2D covariances, px^-2. variances: the diagonal of the 2D
-    covariances, px^2. directions: unit vectors from the camera to the means. opacities: in [0, 1].
+    centres: px. conics: the entries (xx, xy, yy) of the inverse 2D covariances, px^-2. variances: the diagonal of the
+    2D covariances, px^2. directions: unit vectors from the camera to the means. opacities: in [0, 1].
     """
 
     centres: Float[Tensor, "n 2"]
@@ -77,9 +77,10 @@ class ReferenceRasterizer:
         colours = colour(splats.sh[rows], projection.directions)
         centres = projection.centres if probe is None else projection.centres + probe[rows]
 
+        light = colours.new_tensor(background)
         pictures, transmittances = [], []
         for pixels in pixel_chunks(camera, len(rows), centres):
-            # A checkpoint keeps only the inputs and blends once more in the backward pass: memory for one chunk, not for all.
+            # A checkpoint keeps only the inputs and blends again in the backward pass: memory for one chunk at a time.
             picture, transmittance = checkpoint(
                 blend,
                 pixels,
@@ -87,7 +88,7 @@ class ReferenceRasterizer:
                 projection.conics,
                 projection.opacities,
                 colours,
-                colours.new_tensor(background),
+                light,
                 use_reentrant=False,
             )
             pictures.append(picture)
@@ -111,14 +112,14 @@ class ReferenceRasterizer:
 
 
 def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:
-    """Which Gaussians are finite, in front of the camera, rotated by a real rotation and not too faint to show anywhere."""
+    """Which Gaussians are finite, in front of the camera, really rotated and not too faint to show anywhere."""
     keep = torch.ones(len(splats), dtype=torch.bool, device=splats.means.device)
     for tensor in splats.tensors().values():
-        keep &= torch.isfinite(tensor).flatten(1).all(dim=1) if tensor.dim() > 1 else torch.isfinite(tensor)
+        keep &= torch.isfinite(tensor[..., None]).flatten(1).all(dim=1)
     offsets = offsets_from(camera, splats.means)
     _, _, depths = in_camera_axes(camera, offsets)
     norms2 = splats.quaternions.square().sum(dim=1)
-    # Comparisons with NaN are false, so what is not finite fails each test. Finite inputs whose squares overflow fail too.
+    # Written so that NaN fails them, and so do finite inputs whose squares overflow.
     keep &= depths > NEAR
     keep &= torch.isfinite(offsets.square().sum(dim=1))
     keep &= (norms2 >= QUATERNION_MIN_NORM2) & torch.isfinite(norms2)
@@ -140,8 +141,9 @@ def touches_picture(projection: Projection, camera: Camera) -> Bool[Tensor, " n"
 def project(splats: Splats, camera: Camera) -> Projection:
     """The Gaussians as the camera sees them (3DGS equation 5; every row must pass `can_be_projected`).
 
-    The 2D covariance is J W S W' J' + blur, where S = R D D R' is the covariance in space (3DGS equation 6), W the rotation of
-    the camera and J the Jacobian of the perspective division at the mean. With the 2x3 factor V = J W R D that is V V' + blur.
+    The 2D covariance is J W S W' J' + blur, where S = R D D R' is the covariance in space (3DGS equation 6), W the
+    rotation of the camera and J the Jacobian of the perspective division at the mean. With the 2x3 factor V = J W R D
+    that is V V' + blur.
     """
     offsets = offsets_from(camera, splats.means)
     x, y, depths = in_camera_axes(camera, offsets)
@@ -181,8 +183,8 @@ def jacobians(
 ) -> Float[Tensor, "n 2 3"]:
     """d(pixel) / d(camera axes) at slopes x / z and y / z, which are clamped to the neighbourhood of the picture.
 
-    Without the clamp a wide Gaussian beside the picture has a footprint out of all proportion; it is the original's, made
-    to follow the principal point.
+    Without the clamp a wide Gaussian beside the picture has a footprint out of all proportion; it is the original's,
+    made to follow the principal point.
     """
     margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
     x_slopes = x_slopes.clamp((-margin_x - camera.cx) / camera.fx, (camera.width + margin_x - camera.cx) / camera.fx)
@@ -218,7 +220,7 @@ def front_to_back(splats: Splats, camera: Camera) -> Int[Tensor, " n"]:
 
 
 def pixel_chunks(camera: Camera, splat_count: int, like: Tensor) -> tuple[Float[Tensor, "p 2"], ...]:
-    """The centres (px) of all pixels, row by row, in chunks of at most CHUNK pixel-splat pairs; dtype and device of `like`."""
+    """The centres (px) of all pixels, row by row, CHUNK pixel-splat pairs at a time; dtype and device of `like`."""
     x = torch.arange(camera.width, dtype=like.dtype, device=like.device) + 0.5
     y = torch.arange(camera.height, dtype=like.dtype, device=like.device) + 0.5
     rows, columns = torch.meshgrid(y, x, indexing="ij")
@@ -246,8 +248,8 @@ def blend_weights(
 ) -> tuple[Float[Tensor, "p n"], Float[Tensor, " p"]]:
     """How much of each splat shows in each pixel, and how much of the background (3DGS equations 3 and 4).
 
-    Each splat covers alpha = opacity * exp(-d' S^-1 d / 2) of what is behind it, so its weight is
-    alpha times the transmittance in front of it, the product of 1 - alpha over all splats before.
+    Each splat covers alpha = opacity * exp(-d' S^-1 d / 2) of what is behind it, so its weight is alpha times the
+    transmittance in front of it, the product of 1 - alpha over all splats before.
     """
     alphas = coverage(pixels, centres, conics, opacities)
     alphas = torch.where(alphas < ALPHA_MIN, 0, alphas).clamp_max(ALPHA_MAX)

@@ -5,7 +5,6 @@ traffic for the whole scene. Each row counts its own updates, so rows born late 
 """
 
 import numpy as np
-import torch
 from numba import njit
 from torch import Tensor
 

@@ -42,16 +42,13 @@ class _Photometric(torch.autograd.Function):
     @staticmethod
     def forward(ctx, image, target, weight, ssim_weight):
         height, width = image.shape[:2]
-        pixels = image.detach().permute(2, 0, 1)
-        if target.valid is not None:
-            pixels = torch.where(target.valid, pixels, 0)
-        x = torch.zeros(3, height + 2 * RADIUS, width)
-        x[:, RADIUS:-RADIUS] = pixels
+        pixels = image.detach().numpy().transpose(2, 0, 1)
+        x = np.zeros((3, height + 2 * RADIUS, width), np.float32)
+        x[:, RADIUS:-RADIUS] = pixels if target.valid is None else np.where(target.valid.numpy(), pixels, _ZERO)
         weights = np.ones((height, width), np.float32) if weight is None else weight.detach().contiguous().numpy()
         if target.valid is not None:
             weights = weights * target.valid.numpy()
-        x, y = x.numpy(), target.padded.numpy()
-        mean, mean_square = target.mean.numpy(), target.mean_square.numpy()
+        y, mean, mean_square = target.padded.numpy(), target.mean.numpy(), target.mean_square.numpy()
         slopes = np.empty((3, 3, height + 2 * RADIUS, width), np.float32)
         slopes[:, :, :RADIUS] = 0
         slopes[:, :, -RADIUS:] = 0

@@ -1,7 +1,7 @@
 """Named small scenes, one for each stiff case that a rasterizer must get right. All float32, as in training.
 
-Gaussians are laid out in camera axes and in pixels, so that each scene says what its picture is made of, and moved into the
-world afterwards. Depths are evenly spaced and shuffled: float32 and float64 then sort them alike.
+Gaussians are laid out in camera axes and in pixels, so that each scene says what its picture is made of, and moved into
+the world afterwards. Depths are evenly spaced and shuffled: float32 and float64 then sort them alike.
 """
 
 from collections.abc import Callable
@@ -56,8 +56,8 @@ def cloud(
     opacities: tuple[float, float] = (0.05, 0.9),
     spread: float = 1.1,
 ) -> Splats:
-    """Gaussians all over the picture. sizes_px: of the longest axis. ratio: longest to shortest axis, at most. spread: the
-    part of the picture (1: all) over which centres fall."""
+    """Gaussians all over the picture. sizes_px: of the longest axis. ratio: longest to shortest axis, at most. spread:
+    the part of the picture (1: all) over which centres fall."""
     random = np.random.default_rng(seed)
     z = random.permutation(np.linspace(*depths, count)) if count > 1 else np.full(count, depths[0])
     u = (0.5 + spread * (random.random(count) - 0.5)) * view.width
@@ -140,8 +140,8 @@ def on_the_camera_centre() -> Scene:
 def opaque_stack() -> Scene:
     """Forty nearly opaque splats behind each other: alpha is clamped and most of them are never reached.
 
-    Two clamped splats leave (1 - ALPHA_MAX)^2, which is 2e-6 below the stopping limit: the margin is narrower than that on
-    purpose, for all backends must stop there.
+    Two clamped splats leave (1 - ALPHA_MAX)^2, which is 2e-6 below the stopping limit: the margin is narrower than that
+    on purpose, for all backends must stop there.
     """
     view = camera(24, 24)
     splats = cloud(view, 40, seed=14, sizes_px=(30.0, 200.0), opacities=(0.99, 0.9999), spread=0.5)
@@ -208,7 +208,7 @@ def unequal_focal_lengths() -> Scene:
 
 @scene
 def far_from_the_origin() -> Scene:
-    """4,096 units away, where float32 means are a pixel coarse: exact only if the centre is subtracted before rotating."""
+    """4,096 units away, where rotated means are rounded by a hundredth of a pixel: subtract the centre first."""
     view = camera(centre=np.array([4096.0, -4096.0, 2048.0]))
     return Scene(cloud(view, 40, seed=22), view)
 

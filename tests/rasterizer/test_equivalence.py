@@ -40,7 +40,7 @@ def backend(request):
 
 @in_every_scene
 def test_scenes_test_something(name):
-    """Few pixels stand at a threshold, and depths are equal or clearly apart, or rounding would decide the comparison."""
+    """Few pixels stand at a threshold, and depths are equal or clearly apart: rounding decides no comparison."""
     judge = verdict(SCENES[name])
     assert (~judge.steady).double().mean() <= FLIPPED_SHARE
     view, means = judge.scene.camera, judge.scene.splats.means.double()

@@ -76,7 +76,7 @@ def test_a_permutation_changes_nothing():
 
 
 def test_a_crop_is_a_window_of_the_picture():
-    """Of splats near the middle: the Jacobian's clamp follows the picture, so a crop changes what lies far outside it."""
+    """Of splats near the middle: the Jacobian's clamp follows the picture, so a crop changes what is beside it."""
     view = camera()
     splats = double(cloud(view, 40, seed=10, spread=0.5))
     window = view.cropped(10, 7, 26, 19)

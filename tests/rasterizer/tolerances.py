@@ -13,22 +13,22 @@ from core.rasterizer.reference import ReferenceRasterizer, coverage, front_to_ba
 from tests.rasterizer.scenes import Scene
 
 # Colours and transmittances are of order 1. A projected centre is rounded to about 1e-7 of the picture's size plus the
-# principal point's distance (100 px: 1e-5 px), and alpha changes by at most 1 a pixel. The reference itself in float32 is
-# within 6e-6 in all scenes; a polynomial exp2 adds 2e-6 a splat.
+# principal point's distance (100 px: 1e-5 px), and alpha changes by at most 1 a pixel. The reference itself in float32
+# is within 6e-6 in all scenes; a polynomial exp2 adds 2e-6 a splat.
 PICTURE = 3e-5
 
-# Of a tensor's largest gradient. Gradients are sums of terms with both signs over all pixels of a splat; the reference in
-# float32 is within 2e-5 (needles, quaternions).
+# Of a tensor's largest gradient. Gradients are sums of terms with both signs over all pixels of a splat; the reference
+# in float32 is within 2e-5 (needles, quaternions).
 GRADIENT = 1e-4
 
-# At a threshold one splat may be drawn or not: then it changes alpha by 1/255 at the faint end, and at the stopping end the
-# pixel by what was left, alpha T <= ALPHA_MAX * STOP / (1 - ALPHA_MAX) = 0.0099. Colours reach 2.5 in these scenes.
+# At a threshold one splat may be drawn or not: then it changes alpha by 1/255 at the faint end, and at the stopping end
+# the pixel by what was left, alpha T <= ALPHA_MAX * STOP / (1 - ALPHA_MAX) = 0.0099. Colours reach 2.5 in these scenes.
 FLIPPED_PIXEL = 2.5 * ALPHA_MAX * STOP_TRANSMITTANCE / (1 - ALPHA_MAX)
 # Pixels that close to a threshold are rare, or the scene would test nothing.
 FLIPPED_SHARE = 0.05
 
-# A splat that is drawn must be visible. A visible one may miss all pixels, but only while the box of its ellipse is within this
-# distance of the picture: 1e-2 px is far above rounding and far below a pixel.
+# A splat that is drawn must be visible. A visible one may miss all pixels, but only while the box of its ellipse is
+# within this distance of the picture: 1e-2 px is far above rounding and far below a pixel.
 FOOTPRINT_PX = 1e-2
 
 

@@ -12,7 +12,7 @@ from core.scene.harmonics import MAX_DEGREE, SH_0, basis, coefficient_count, col
 
 
 def directions_and_weights(order: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """A quadrature on the sphere that is exact for polynomials of degree 2 * order - 1: Gauss in z, even steps around it."""
+    """A quadrature on the sphere, exact for polynomials of degree 2 * order - 1: Gauss in z, even steps around."""
     z, z_weights = np.polynomial.legendre.leggauss(order)
     angle = 2 * math.pi * np.arange(2 * order) / (2 * order)
     ring = np.sqrt(1 - z**2)[:, None]

@@ -198,13 +198,79 @@ def lowest_set_bit(typing_context, number):
 
 
 @intrinsic
-def permuted(typing_context, a, b, lanes):
-    """Eight of the sixteen numbers of `a` (0..7) and `b` (8..15), named by a constant tuple."""
-    if not isinstance(lanes, types.BaseTuple):
-        return None
-    chosen = [lane.literal_value for lane in lanes]
+def times_power_of_two(typing_context, numbers, shifted):
+    """numbers * 2^n for integers n that were made by adding ROUNDING: they are then the lowest bits of `shifted`."""
 
     def generate(context, builder, sig, args):
-        return builder.shuffle_vector(args[0], args[1], ir.Constant(INTEGERS, chosen))
+        exponents = builder.shl(builder.bitcast(args[1], INTEGERS), ir.Constant(INTEGERS, [23] * LANES))
+        return builder.bitcast(builder.add(builder.bitcast(args[0], INTEGERS), exponents), FLOATS)
 
-    return float8(float8, float8, lanes), generate
+    return float8(float8, float8), generate
+
+
+# Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa, which rounds to the nearest integer.
+ROUNDING = np.float32(1.5 * 2**23)
+# 2^f on [-1/2, 1/2]: least maximum of the relative error (2.4e-7 in all, with float32 coefficients), exact at 0.
+EXP2 = tuple(np.float32(c) for c in (1.0, 0.69314698, 0.24022989, 0.055503272, 0.0096787056, 0.0013268827))
+
+
+@njit(error_model="numpy")
+def exp2(exponents):
+    """2^exponents, lane by lane, to 3e-7 relative, for exponents in [-126, 127]; anything at all outside."""
+    shifted = exponents + broadcast(ROUNDING)
+    fraction = exponents - (shifted - broadcast(ROUNDING))
+    square = fraction * fraction
+    # Estrin's form: three short chains instead of one long one.
+    low = multiply_add(fraction, broadcast(EXP2[1]), broadcast(EXP2[0]))
+    middle = multiply_add(fraction, broadcast(EXP2[3]), broadcast(EXP2[2]))
+    high = multiply_add(fraction, broadcast(EXP2[5]), broadcast(EXP2[4]))
+    power = multiply_add(square, multiply_add(square, high, middle), low)
+    return times_power_of_two(power, shifted)
+
+
+# ------------------------------------------------------------------------------------------------------ across the lanes
+
+
+def shuffled(builder, a, b, lanes):
+    """Eight of the sixteen numbers of `a` (0..7) and `b` (8..15)."""
+    return builder.shuffle_vector(a, b, ir.Constant(INTEGERS, lanes))
+
+
+@intrinsic
+def lane_sums(typing_context, a, b, c, d, e, f, g, h):
+    """The sums over the lanes of eight vectors, as the eight lanes of one."""
+    # A transposition that adds on its way: 21 instructions where eight separate sums take 48. The first two rounds stay
+    # within 128-bit halves, which is what processors shuffle fast.
+    even, odd = [0, 2, 8, 10, 4, 6, 12, 14], [1, 3, 9, 11, 5, 7, 13, 15]
+    lower, upper = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+
+    def generate(context, builder, sig, args):
+        vectors = list(args)
+        for first, second in ((even, odd), (even, odd), (lower, upper)):
+            pairs = zip(vectors[::2], vectors[1::2])
+            vectors = [
+                builder.fadd(shuffled(builder, *pair, first), shuffled(builder, *pair, second)) for pair in pairs
+            ]
+        return vectors[0]
+
+    return float8(*[float8] * 8), generate
+
+
+def define_reduction(emit):
+    """An intrinsic that folds the lanes of a vector in halves with `emit(builder, a, b)`."""
+
+    @intrinsic
+    def reduction(typing_context, vector):
+        def generate(context, builder, sig, args):
+            folded = args[0]
+            for lanes in ([4, 5, 6, 7] * 2, [2, 3] * 4, [1] * 8):
+                folded = emit(builder, folded, shuffled(builder, folded, folded, lanes))
+            return builder.extract_element(folded, ir.Constant(ir.IntType(32), 0))
+
+        return types.float32(float8), generate
+
+    return reduction
+
+
+lane_sum = define_reduction(lambda builder, a, b: builder.fadd(a, b))
+lane_maximum = define_reduction(lambda builder, a, b: builder.select(builder.fcmp_ordered(">", a, b), a, b))

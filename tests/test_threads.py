@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.appearance.threads import for_each_block, one_torch_thread
+from core.threads import in_parallel, one_torch_thread
 
 
 @pytest.fixture(params=[1, 2, 4])
@@ -19,11 +19,11 @@ def test_every_row_exactly_once(threads, rows):
     seen = torch.zeros(rows, dtype=torch.int64)
     inside = []
 
-    def work(block: slice) -> None:
-        seen[block] += 1
+    def work(begin: int, end: int) -> None:
+        seen[begin:end] += 1
         inside.append((torch.get_num_threads(), torch.is_grad_enabled()))
 
-    for_each_block(work, rows, 8)
+    in_parallel(work, rows, 8)
     assert (seen == 1).all()
     assert set(inside) <= {(1, False)}
     assert len(inside) == -(-rows // 8)
@@ -31,12 +31,12 @@ def test_every_row_exactly_once(threads, rows):
 
 
 def test_exceptions_come_out_and_the_setting_is_put_back(threads):
-    def work(block: slice) -> None:
-        if block.start >= 40:
-            raise ArithmeticError(f"row {block.start}")
+    def work(begin: int, end: int) -> None:
+        if begin >= 40:
+            raise ArithmeticError(f"row {begin}")
 
     with pytest.raises(ArithmeticError, match="row"):
-        for_each_block(work, 100, 8)
+        in_parallel(work, 100, 8)
     assert torch.get_num_threads() == threads
     with pytest.raises(KeyError), one_torch_thread():
         assert torch.get_num_threads() == 1

@@ -1,0 +1,171 @@
+"""What a photo file says about itself without being decoded: its size, its EXIF rotation, whether it is whole."""
+
+import mmap
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from core.errors import BadInput
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2")
+UNREADABLE_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".nef", ".arw")  # of cameras and phones; OpenCV reads none
+
+JPEG_START = b"\xff\xd8"
+JPEG_END = b"\xff\xd9"
+JPEG_EXIF = b"Exif\0\0"
+JPEG_SCAN, JPEG_APP1 = 0xDA, 0xE1
+JPEG_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # SOF0..SOF15 without DHT, JPG and DAC
+PNG_START = b"\x89PNG\r\n\x1a\n"
+EXIF_ORIENTATION = 0x0112
+TRUNCATED = "ends before its picture does (truncated)"
+
+
+@dataclass(frozen=True)
+class Header:
+    """Size in pixels as stored; orientation: EXIF's 1..8, where 5..8 swap width and height when displayed.
+
+    exif: the EXIF block (a TIFF file in small), or empty.
+    """
+
+    kind: str  # "jpeg", "png" or "other"
+    width: int
+    height: int
+    orientation: int = 1
+    exif: bytes = b""
+
+    @property
+    def displayed(self) -> tuple[int, int]:
+        """Width and height as displayed."""
+        return (self.height, self.width) if self.orientation >= 5 else (self.width, self.height)
+
+
+def list_photos(folder: Path) -> list[Path]:
+    """The files in `folder` (not below) with a photo's suffix, by name. Hidden files are not photos."""
+    files = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith("."))
+    return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
+
+
+def bad_photo(path: Path, why: str) -> BadInput:
+    """The error for a photo that cannot be used."""
+    return BadInput(f"{path} {why}.", "Copy it again, or convert it to JPEG or PNG.")
+
+
+def probe(path: Path) -> Header:
+    """The header of a photo. JPEG and PNG are not decoded; the few other formats are.
+
+    Raises BadInput for a file that is missing, empty, truncated or no photo. OpenCV shows a truncated JPEG with its lower
+    part grey and says nothing, so the end of the file is looked at here.
+    """
+    try:
+        with open(path, "rb") as file:
+            if not file.read(1):
+                raise bad_photo(path, "is empty")
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                return read_header(path, data)
+    except OSError as problem:
+        raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
+
+
+def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
+    """The header of a photo whose bytes are at hand; raises BadInput like `probe`."""
+    if data[:2] == JPEG_START:
+        return _read_jpeg(path, data)
+    if data[:8] == PNG_START:
+        return _read_png(path, data)
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8).copy(), cv2.IMREAD_COLOR)
+    if pixels is None:
+        raise bad_photo(path, "is not a photo that can be read")
+    return Header("other", pixels.shape[1], pixels.shape[0])
+
+
+def _read_jpeg(path: Path, data: bytes | mmap.mmap) -> Header:
+    """Walk the segments to the first scan, then look for the end marker.
+
+    Inside a scan FF is always followed by 00 or a restart marker, and thumbnails lie in segments before it, so FF D9 after it
+    is the end of the picture. More may follow: phones append depth maps and films.
+    """
+    position, size, exif, orientation = 2, None, b"", 1
+    while True:
+        segment = data[position : position + 4]
+        if len(segment) < 4:
+            raise bad_photo(path, TRUNCATED)
+        if segment[0] != 0xFF:
+            raise bad_photo(path, "is a broken JPEG")
+        marker = segment[1]
+        if marker == 0xFF:  # padding
+            position += 1
+            continue
+        body, length = position + 4, int.from_bytes(segment[2:], "big")
+        if marker in JPEG_FRAMES:
+            height, width = struct.unpack(">HH", data[body + 1 : body + 5].ljust(4, b"\0"))
+            size = (width, height)
+        elif marker == JPEG_APP1 and not exif and data[body : body + 6] == JPEG_EXIF:
+            exif = data[body + 6 : position + 2 + length]
+            orientation = orientation_of(exif)
+        elif marker == JPEG_SCAN:
+            break
+        position += 2 + length
+    if size is None or 0 in size:
+        raise bad_photo(path, "is a broken JPEG")
+    if data.rfind(JPEG_END, position) < 0:
+        raise bad_photo(path, TRUNCATED)
+    return Header("jpeg", *size, orientation, exif)
+
+
+def _read_png(path: Path, data: bytes | mmap.mmap) -> Header:
+    """Walk the chunks to IEND."""
+    position, size, exif, orientation = 8, (0, 0), b"", 1
+    while True:
+        head = data[position : position + 8]
+        length = int.from_bytes(head[:4], "big")
+        kind = head[4:]
+        if len(head) < 8 or position + 12 + length > len(data):
+            raise bad_photo(path, TRUNCATED)
+        body = position + 8
+        if kind == b"IHDR":
+            size = struct.unpack(">II", data[body : body + 8])
+        elif kind == b"eXIf":
+            exif = data[body : body + length]
+            orientation = orientation_of(exif)
+        elif kind == b"IEND":
+            break
+        position += 12 + length
+    if 0 in size:
+        raise bad_photo(path, "is a broken PNG")
+    return Header("png", *size, orientation, exif)
+
+
+def orientation_of(exif: bytes) -> int:
+    """EXIF's orientation, 1..8; 1 where there is none or it is nonsense."""
+    entry = _orientation_entry(exif)
+    if entry is None:
+        return 1
+    offset, order = entry
+    value = struct.unpack_from(order + "H", exif, offset)[0]
+    return value if 1 <= value <= 8 else 1
+
+
+def without_orientation(exif: bytes) -> bytes:
+    """The EXIF block of a photo whose pixels have been turned upright; focal length and the rest stay."""
+    entry = _orientation_entry(exif)
+    if entry is None:
+        return exif
+    offset, order = entry
+    return exif[:offset] + struct.pack(order + "H", 1) + exif[offset + 2 :]
+
+
+def _orientation_entry(exif: bytes) -> tuple[int, str] | None:
+    """Where the orientation's value lies in the EXIF block, and struct's byte order."""
+    order = {b"II": "<", b"MM": ">"}.get(exif[:2])
+    try:
+        first = struct.unpack_from(order + "I", exif, 4)[0]
+        for index in range(struct.unpack_from(order + "H", exif, first)[0]):
+            entry = first + 2 + 12 * index
+            if struct.unpack_from(order + "H", exif, entry)[0] == EXIF_ORIENTATION and entry + 10 <= len(exif):
+                return entry + 8, order
+    except (struct.error, TypeError):  # cut short, or no byte order: as good as none
+        pass
+    return None

@@ -1,0 +1,70 @@
+"""How far a render is from a photo: PSNR, SSIM, and the overlap of masks. Pictures are compared as 8-bit files would be."""
+
+import math
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+WINDOW = 11  # px
+SIGMA = 1.5  # px
+C1 = 0.01**2
+C2 = 0.03**2
+SSIM_KIND = "11 x 11 Gaussian window, sigma 1.5, whole windows only, mean over R, G, B"  # as in nerfbaselines
+
+
+def quantised(picture: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
+    """The picture as an 8-bit file would keep it: clamped to [0, 1], rounded to steps of 1/255. NaN stays NaN."""
+    return (picture.detach().clamp(0, 1) * 255).round() / 255
+
+
+def psnr(
+    image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
+) -> float:
+    """-10 log10 of the mean squared error (dB, range 1) over the valid pixels; inf for equal pictures, NaN if none is valid."""
+    squares = (image.double() - photo.double()) ** 2
+    error = float(squares.mean() if valid is None else squares[valid].mean())
+    return math.inf if error == 0 else -10 * math.log10(error)
+
+
+def ssim(
+    image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
+) -> float | None:
+    """Structural similarity (Wang et al. 2004) for a range of 1, in float64; 1 for equal pictures.
+
+    Only windows that lie inside the picture and see nothing but valid pixels count: no padding is invented, as in
+    nerfbaselines. (The original 3DGS pads with zeros, in its loss and its metric; core.training.photometric does as its loss.)
+    None where no window fits, as in a picture of less than 11 pixels a side.
+    """
+    if min(image.shape[:2]) < WINDOW:
+        return None
+    offsets = torch.arange(WINDOW, dtype=torch.float64, device=image.device) - WINDOW // 2
+    taps = torch.exp(-(offsets**2) / (2 * SIGMA**2))
+    taps = taps / taps.sum()
+
+    def blur(planes: Tensor) -> Tensor:
+        rows = F.conv2d(planes[:, None], taps.view(1, 1, WINDOW, 1))
+        return F.conv2d(rows, taps.view(1, 1, 1, WINDOW))[:, 0]
+
+    x, y = (picture.double().permute(2, 0, 1) for picture in (image, photo))
+    x_mean, y_mean = blur(x), blur(y)
+    variances = blur(x * x) - x_mean**2 + blur(y * y) - y_mean**2
+    covariance = blur(x * y) - x_mean * y_mean
+    similarity = (2 * x_mean * y_mean + C1) * (2 * covariance + C2)
+    similarity = similarity / ((x_mean**2 + y_mean**2 + C1) * (variances + C2))
+    if valid is None:
+        return float(similarity.mean())
+    rim = F.max_pool2d((~valid).double()[None], WINDOW, stride=1)[0]
+    return float(similarity[:, rim == 0].mean()) if bool((rim == 0).any()) else None
+
+
+def mask_iou(mask: Float[Tensor, "h w"], static: Bool[Tensor, "H W"]) -> float:
+    """Intersection over union of what is hidden (transient), in [0, 1]; 1 where neither hides anything.
+
+    mask: predicted, 1 = static, of any size; enlarged to the truth's and hidden where < 0.5. static: the truth.
+    """
+    mask = F.interpolate(mask.detach()[None, None], size=static.shape, mode="bilinear", align_corners=False)[0, 0]
+    hidden, truth = mask < 0.5, ~static
+    union = int((hidden | truth).sum())
+    return int((hidden & truth).sum()) / union if union else 1.0

@@ -3,13 +3,22 @@
 import time
 from pathlib import Path
 
+import torch
+
 import core
 import core.export
 import core.rasterizer
 from core.config import Settings
-from core.data import load_collection, sfm
+from core.data import find_kind, find_photos, load_collection, sfm
 from core.data.collection import Collection, Photo
-from core.errors import BadInput
+from core.data.found_cameras import scene_of_photos
+from core.errors import BadInput, BadSetting
+from core.evaluation import lpips
+from core.evaluation.protocols import View, measure
+from core.evaluation.results import Results
+from core.evaluation.sheet import picture_sheet
+from core.evaluation.subject import TrainedScene
+from core.evaluation.truth import load_truth
 from core.export.atomic import filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
@@ -51,8 +60,16 @@ def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
 def train(
     scene: Path, settings: Settings, output: Path | None = None, report: Report = QUIET, force: bool = False
 ) -> Path:
-    """Train on the photos in `scene`; returns the run folder. Nothing is written before the scene has been read."""
-    folder = run.choose_folder(output, scene.resolve().name or "scene", force)
+    """Train on the photos in `scene`; returns the run folder. The run is made once the scene has been read.
+
+    Plain photos go through structure from motion first; the scene it makes lies beside the run and is used again.
+    """
+    if settings.device == "cuda":
+        raise BadSetting("device=cuda: this version computes on the CPU only.", "Leave --device out.")
+    name = scene.resolve().name or "scene"
+    folder = run.choose_folder(output, name, force)
+    if find_kind(scene) == "photos":
+        scene = scene_of_photos(find_photos(scene), folder.with_name(f"{name}-scene"), report)
     collection = load_collection(scene)
     _tell_collection(collection, report)
     trainer = Trainer(collection, settings, folder)
@@ -227,3 +244,70 @@ def _view(collection: Collection, name: str | None) -> Photo:
         if photo.name == name:
             return photo
     raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {collection.photos[0].name}.")
+
+
+# --- trained run -> figures
+
+
+def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True) -> Results:
+    """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png into the run."""
+    trained = load_run(run.find_run(folder))
+    photos = trained.collection.split("test")
+    if not photos:
+        raise BadInput(f"{trained.folder} has no held-out photos.", "Train on a scene whose split has test photos.")
+    report.say(f"{trained.folder}, step {trained.step}: {len(photos)} held-out photos, protocol {protocol}")
+    rasterizer = core.rasterizer.create(trained.settings.backend)
+    subject = TrainedScene(trained.splats, trained.latents, trained.model, rasterizer)
+    distance = lpips.load()
+    if distance is None:
+        report.warn(f"LPIPS: {lpips.ABSENT}")
+    start = time.perf_counter()
+    views, pictures, scales = [], [], []
+    for number, photo in enumerate(photos):
+        view = _held_out_view(trained, photo)
+        measured, picture = measure(subject, view, protocol, refine, distance)
+        views.append(measured)
+        pictures.append(picture)
+        scales.append(view.camera.width / photo.camera.width)
+        report.progress("Photos", number + 1, len(photos), photo.name)
+    results = Results(
+        protocol=protocol,
+        views=tuple(views),
+        train_photos=len(trained.collection.split("train")),
+        test_photos=len(photos),
+        scale=sum(scales) / len(scales),
+        lpips_backbone=None if distance is None else distance.backbone,
+        seed=trained.settings.seed,
+        steps=trained.step,
+        training_seconds=trained.seconds,
+        evaluation_seconds=time.perf_counter() - start,
+    )
+    results.save(trained.folder)
+    notes = [
+        ", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views
+    ]
+    write_png(trained.folder / "sheet.png", picture_sheet(pictures, notes))
+    report.table(f"Held-out quality, protocol {protocol}", _rows(results))
+    report.say(f"{trained.folder}: results.json, per_view.json, sheet.png")
+    return results
+
+
+def _held_out_view(trained: Run, photo: Photo) -> View:
+    picture = trained.picture(photo)
+    camera = picture.camera
+    pixels = torch.from_numpy(picture.pixels).float() / 255
+    valid = None if picture.valid is None else torch.from_numpy(picture.valid)
+    return View(
+        photo.name, pixels, camera, valid, load_truth(trained.collection.root, photo.name, camera.width, camera.height)
+    )
+
+
+def _rows(results: Results) -> list[tuple[str, str]]:
+    """The means as lines of a table, by what is compared with and whose embedding it was."""
+    rows = []
+    for against, by_embedding in results.means().items():
+        for whose, figures in by_embedding.items():
+            words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
+            rows.append((f"{against}, {whose}", "  ".join(words)))
+    overlap = results.mask_iou()
+    return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]

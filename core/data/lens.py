@@ -96,9 +96,7 @@ def undistort(pixels: np.ndarray, lens: dict, camera: Camera) -> tuple[np.ndarra
         # Far outside, remap's fixed-point coordinates would overflow.
         source = np.clip(np.nan_to_num(source - 0.5), -2, max(width, height) + 2).astype(np.float32)
         block = slice(top, top + x.shape[0])
-        found = cv2.remap(
-            pixels, source.reshape(*x.shape, 2), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-        )
+        found = cv2.remap(pixels, source.reshape(*x.shape, 2), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         picture[block] = found.reshape(picture[block].shape)
         valid[block] = inside.reshape(x.shape)
     return picture, valid

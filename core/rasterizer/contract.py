@@ -1,7 +1,7 @@
 """What a rasterizer must do. Every backend shares these constants, these tie-breaks and these signatures."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -36,6 +36,7 @@ class Rendering:
     transmittance: Float[Tensor, "h w"]
 
 
+@runtime_checkable
 class Rasterizer(Protocol):
     """A backend. Stateless for the caller; pictures and gradients do not depend on the number of threads.
 

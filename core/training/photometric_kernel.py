@@ -5,8 +5,8 @@ SSIM by those means; the backward pass blurs the derivatives, because the window
 
     dL/dx = w (1 - s) sign(x - y) / (3 V) + blur(D_mean) + 2 x blur(D_square) + y blur(D_product)
 
-Plain loops, shaped so that LLVM vectorises them along a row: planes instead of interleaved colours, the eleven taps written
-out, zeros around the picture so that nothing branches. A row is computed on its own and sums are formed afterwards in one
+Plain loops, shaped so that LLVM vectorises them along a row: planes instead of interleaved colours, few arrays a loop,
+zeros around the picture so that nothing branches. A row is computed on its own and sums are formed afterwards in one
 order, so results do not depend on the number of threads.
 """
 
@@ -20,7 +20,7 @@ from torch.autograd.function import once_differentiable
 from core.threads import in_parallel
 from core.training.photometric import C1, C2, RADIUS, Target, window
 
-BLOCK_PIXELS = 40_000  # a block of work: half a millisecond, well above the cost of handing it to a thread
+BLOCK_PIXELS = 80_000  # a block of work: a millisecond; handing over less can cost more than it saves on a busy machine
 _TAPS = tuple(np.float32(tap) for tap in window()[: RADIUS + 1])
 _K0, _K1, _K2, _K3, _K4, _K5 = _TAPS
 _C1, _C2 = np.float32(C1), np.float32(C2)
@@ -125,14 +125,16 @@ def _blur_products(x, y, row, lines):
     squares[:] = _ZERO
     products[:] = _ZERO
     for tap in range(5):
-        _add_rows(_TAPS[tap], x[row + tap], x[row + 10 - tap], y[row + tap], y[row + 10 - tap], means, squares, products)
+        _add_rows(
+            _TAPS[tap], x[row + tap], x[row + 10 - tap], y[row + tap], y[row + 10 - tap], means, squares, products
+        )
     # The middle row, as two halves of itself.
     _add_rows(_HALF * _K5, x[row + 5], x[row + 5], y[row + 5], y[row + 5], means, squares, products)
 
 
 @_kernel
 def _add_rows(tap, x, x_mirror, y, y_mirror, means, squares, products):
-    """Two rows that share a tap: written out over both images in one expression of 11 rows, LLVM gives up on vectors."""
+    """Adds two rows that share a tap. Written out over all eleven rows at once, LLVM gives up on vectors."""
     for i in range(x.shape[0]):
         a, b = x[i], x_mirror[i]
         means[i] += tap * (a + b)
@@ -174,7 +176,9 @@ def _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, grad
         for channel in range(3):
             for part in range(3):
                 _blur_down(slopes[part, channel], row, lines[part, 5:])
-            _combine(lines, x[channel, row + 5], y[channel, row + 5], weights[row], (_ONE - share) * scale, factor, line)
+            _combine(
+                lines, x[channel, row + 5], y[channel, row + 5], weights[row], (_ONE - share) * scale, factor, line
+            )
             for i in range(width):
                 gradient[row, i, channel] = line[i]
 

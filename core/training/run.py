@@ -26,7 +26,7 @@ CONFIG = "config.json"
 RUNS = Path("runs")
 # All that a run may have written, and so all that --force may delete.
 OURS = (
-    *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance", "scene"),
+    *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance"),
     *("history.csv", "masks", "results.json", "per_view.json", "sheet.png"),
 )
 

@@ -48,6 +48,8 @@ def save(folder: Path, look: SavedLook) -> Path:
 
 def load(path: Path, run: str, size: int) -> SavedLook:
     """Read a look; BadInput unless it is one of the run `run` with `size` finite numbers."""
+    if not path.is_file():
+        raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         name, source, owner, numbers = (facts[key] for key in ("name", "source", "run", "embedding"))

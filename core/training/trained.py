@@ -27,7 +27,7 @@ SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that 
 class Run:
     """What `load_run` finds in a run folder.
 
-    splats: base Gaussians, scene frame. latents: theirs, where the run has any.
+    splats: base Gaussians, scene frame. latents: theirs, where the run has any. seconds: spent on training.
     """
 
     folder: Path
@@ -35,6 +35,7 @@ class Run:
     settings: Settings
     collection: Collection
     step: int
+    seconds: float
     splats: Splats
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
@@ -66,7 +67,8 @@ def load_run(folder: Path) -> Run:
     model.load_state_dict(saved.part("model"))
     model.eval()
     splats = gaussians.splats.detached()
-    return Run(folder, identity, settings, collection, saved.facts["step"], splats, gaussians.latents, model)
+    step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
+    return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.latents, model)
 
 
 def bake(trained: Run, appearance: Appearance) -> Splats:

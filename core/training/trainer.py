@@ -17,6 +17,7 @@ from core.config import Settings
 from core.data.collection import Collection
 from core.errors import TrainingStopped
 from core.scene.splats import Splats
+from core.threads import one_torch_thread
 from core.training import checkpoint, densify, losses, schedule
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.photometric import photometric, photometric_paper
@@ -107,21 +108,25 @@ class Trainer:
         rows = self.rasterizer.visible(self.gaussians.splats, camera)
         leaves = self.gaussians.leaves(rows)
         look = self.model.look(picture.encoder_input, index)
+        embedding = look.embedding.detach().requires_grad_()
         latents = leaves.get("latents")
-        sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), look.embedding, latents)
+        sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(rows), 2, requires_grad=True)
         image = self.rasterizer.render(seen, camera, probe=probe).image
 
         picture_loss, error = self._picture_loss(image, target, look, progress)
-        loss = picture_loss + self._regularisers(look, residual, error, seen, camera, progress)
+        mask_loss = self._mask_loss(look, error, progress)
+        loss = picture_loss + self._regularisers(look, residual, seen, camera, progress)
         self.done += 1
         messages = []
-        if not math.isfinite(float(loss)):
+        total = float(loss.detach() + mask_loss.detach())
+        if not math.isfinite(total):
             messages.append(self._skip(picture))
         else:
             self.skipped_in_a_row = 0
             loss.backward()
+            self._teach_encoder(look, embedding, mask_loss)
             self._update(rows, leaves, progress)
             densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
             messages += self._remember(look, progress)
@@ -129,7 +134,7 @@ class Trainer:
             step=self.done,
             seconds=self.seconds,
             gaussians=self.gaussians.solid,
-            loss=float(loss.detach()),
+            loss=total,
             picture_loss=float(picture_loss.detach()),
             mask_mean=self.mask_mean,
             residual=0.0 if residual is None else float(residual.detach().abs().mean()),
@@ -144,16 +149,19 @@ class Trainer:
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
-    def _regularisers(self, look: Look, residual, error, seen: Splats, camera, progress: float) -> Tensor:
+    def _mask_loss(self, look: Look, error: Tensor, progress: float) -> Tensor:
+        if look.mask is None or progress < self.settings.mask_start:
+            return torch.zeros(())
+        return losses.mask_loss(look.mask, error, schedule.mask_regularisation(self.settings, progress))
+
+    def _regularisers(self, look: Look, residual, seen: Splats, camera, progress: float) -> Tensor:
         settings = self.settings
         total = torch.zeros(())
-        if look.mask is not None and progress >= settings.mask_start:
-            total = total + losses.mask_loss(look.mask, error, schedule.mask_regularisation(settings, progress))
-            if progress >= settings.mask_apply and self.done % TRANSIENT_EVERY == 0:
-                front = self.rasterizer.contributions(seen.detached(), camera)
-                rows = losses.transient_rows(seen.means, front, look.mask, camera)
-                opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
-                total = total + settings.transient_regularisation * TRANSIENT_EVERY * opacity
+        if look.mask is not None and progress >= settings.mask_apply and self.done % TRANSIENT_EVERY == 0:
+            front = self.rasterizer.contributions(seen.detached(), camera)
+            rows = losses.transient_rows(seen.means, front, look.mask, camera)
+            opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
+            total = total + settings.transient_regularisation * TRANSIENT_EVERY * opacity
         if residual is not None:
             total = total + settings.sh_regularisation * losses.residual_norm(residual)
             if settings.gauge:
@@ -167,6 +175,14 @@ class Trainer:
         latents = None if latents is None else latents[rows]
         _, residual = self.model.transfer(splats.sh[rows], splats.means[rows], self.model.mean_embedding, latents)
         return (residual**2).sum(dim=(1, 2)).mean()
+
+    def _teach_encoder(self, look: Look, embedding: Tensor, mask_loss: Tensor) -> None:
+        """The backward pass of the encoder, apart: it is too small to gain from a second thread."""
+        pairs = [(look.embedding, embedding.grad), (mask_loss, None)]
+        pairs = [pair for pair in pairs if pair[0].requires_grad and (pair[0] is mask_loss or pair[1] is not None)]
+        if pairs:
+            with one_torch_thread():
+                torch.autograd.backward(*zip(*pairs))
 
     def _update(self, rows: Tensor, leaves: dict[str, Tensor], progress: float) -> None:
         settings = self.settings
@@ -189,8 +205,8 @@ class Trainer:
             return []
         self.collapse_told = True
         return [
-            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - losses.COLLAPSED:.0%} from here on: "
-            "raise mask_regularisation if the pictures in masks/ look wrong."
+            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - losses.COLLAPSED:.0%} from "
+            + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 
     def _skip(self, picture: Picture) -> str:
@@ -228,7 +244,6 @@ class Trainer:
         with torch.no_grad():
             for index in range(len(self.held_out)):
                 picture = self.held_out[index]
-                _, target = self.held_out.target(index, 1)
                 look = self.model.look(picture.encoder_input, None)
                 splats = self.model.bake(self.gaussians.splats, look.embedding, self.gaussians.latents)
                 image = self.rasterizer.render(splats, picture.camera).image.clamp(0, 1)

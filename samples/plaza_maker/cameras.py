@@ -34,6 +34,11 @@ class View:
         middle = np.array([self.width / 2, self.height / 2])
         return local[:, :2] / depth[:, None] * self.focal_px + middle, local[:, 2]
 
+    @property
+    def dip(self) -> float:
+        """How far below the horizon the middle of the lower edge looks, radians."""
+        return float(np.arcsin(np.clip(-self.world_to_camera[2, 2], -1, 1)) + np.arctan(self.height / 2 / self.focal_px))
+
     def shrunk(self, factor: float) -> "View":
         """The same view with fewer pixels."""
         return View(
@@ -58,18 +63,16 @@ def draw_view(rng: np.random.Generator, azimuth: float) -> View:
     """
     portrait = rng.random() < 0.3
     width, height = (240, 320) if portrait else (320, 240)
-    distance = float(rng.choice([rng.uniform(17, 24), rng.uniform(24, 34), rng.uniform(34, 44)], p=[0.25, 0.45, 0.30]))
+    distance = float(rng.choice([rng.uniform(23, 29), rng.uniform(29, 38), rng.uniform(38, 48)], p=[0.25, 0.45, 0.30]))
     turn = np.radians(azimuth + rng.normal(0, 3))
-    middle = np.array([0.0, 5.0])
-    place = middle + distance * np.array([np.sin(turn), -np.cos(turn)]) * [1.0, 1.0]
-    tall = rng.choice([rng.uniform(1.5, 1.9), rng.uniform(3.0, 7.0), rng.uniform(9.0, 16.0)], p=[0.66, 0.20, 0.14])
-    near = np.clip((distance - 17) / 20, 0, 1)
-    target = np.array([rng.normal(1.0, 3.2), rng.uniform(-2, 8), rng.uniform(7, 9.5) + 2.5 * near * rng.random()])
+    place = np.array([-1.0, 8.0]) + distance * np.array([1.12 * np.sin(turn), -np.cos(turn)])
+    tall = rng.choice([rng.uniform(1.5, 1.9), rng.uniform(3.0, 7.0), rng.uniform(9.0, 16.0)], p=[0.74, 0.15, 0.11])
+    target = np.array([rng.normal(0.5, 3.0), rng.uniform(0, 9), rng.uniform(7.5, 11.5)])
     if tall > 3:
-        target[2] = rng.uniform(5, 9)
-    span = rng.uniform(27, 44) / np.linalg.norm(target[:2] - place)  # metres of the building across the long side, by distance
-    if rng.random() < 0.22:
-        span *= rng.uniform(0.5, 0.75)  # a detail: dome, tower, portico
+        target[2] = rng.uniform(7, 11)
+    span = rng.uniform(30, 50) / np.linalg.norm(target[:2] - place)  # metres of the building across the long side, by distance
+    if rng.random() < 0.16:
+        span *= rng.uniform(0.55, 0.75)  # a detail: dome, tower, portico
         target = np.array(
             [(0, 8, 19.0), (14.6, 5, 17.0), (0, -4, 8.0), (-13, 5, 6.0), (-5.5, -10, 6.0), (6.0, -8.0, 7.0)][rng.integers(6)]
         ) + rng.normal(0, 0.8, 3)

@@ -7,6 +7,7 @@ from plaza_maker.figures import bus, car, parasol, person
 from plaza_maker.rays import Group, World, cast
 from plaza_maker.square import FOUNTAIN, STATUE, standing_room
 
+LARGEST = 0.14  # share of a photo that one passer-by or vehicle may cover
 SHRINK = 4  # shares are counted in a picture this many times smaller
 
 
@@ -39,8 +40,7 @@ def _newcomer(rng: np.random.Generator, view: View, mood: str) -> Group | None:
     """One passer-by, or a group of friends, as the mood of the photo has them; None where there is no room."""
     chance = rng.random()
     # From a raised camera the ground begins only where its lower edge meets it.
-    pitch = np.arcsin(np.clip(-view.world_to_camera[2, 2], -1, 1)) + np.arctan(view.height / 2 / view.focal_px)
-    nearest = max(1.9, (view.centre[2] - 1.5) / max(np.tan(pitch), 0.05))
+    nearest = max(1.9, (view.centre[2] - 1.5) / max(np.tan(view.dip), 0.05))
     if mood == "traffic" and chance < 0.5:
         x, y = _ahead(rng, view, max(8.0, nearest), max(22.0, nearest * 1.8))
         heading = rng.uniform(0, 2 * np.pi)
@@ -77,7 +77,7 @@ def populate(rng: np.random.Generator, static: World, view: View, share: float) 
             continue
         hits = cast(World((newcomer,)), origin, directions)
         mine = (hits.number >= 0) & (hits.distance < depth)
-        if not mine.any() or hits.distance.min() < 1.2 or (covered | mine).mean() > min(share + 0.05, 0.27):
+        if not 0 < mine.mean() < LARGEST or hits.distance.min() < 1.2 or (covered | mine).mean() > min(share + 0.04, 0.26):
             continue
         people.append(newcomer)
         covered |= mine

@@ -69,7 +69,7 @@ def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0, heading
     elif extra < 0.38:
         parts.append(make("frustum", at(0, 0, 1.74), np.array([0.24, 0.24, 0.015]) * size, "cloth", colour=_dye(rng), other=(0, 0, 0), pattern="plain"))
         parts.append(make("sphere", at(0, 0, 1.76), np.array([0.11, 0.11, 0.09]) * size, "cloth", colour=_dye(rng), other=(0, 0, 0), pattern="plain"))
-    elif extra < 0.47:
+    elif extra < 0.44:
         parts.append(body((0.2, 0.16, 1.2), (0.08, 0.1, 2.15), 0.012, 0.012, material="skin", colour=(0.1, 0.1, 0.1)))
         canopy = make("sphere", at(0.08, 0.1, 1.86), np.array([0.56, 0.56, 0.34]) * size, "cloth", colour=_dye(rng), other=_dye(rng), pattern="gores",
                       holes=[make("sphere", at(0.08, 0.1, 1.72), np.array([0.6, 0.6, 0.4]) * size, "cloth")])  # fmt: skip

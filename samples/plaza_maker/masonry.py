@@ -151,7 +151,7 @@ def glass(point, normal, footprint, params):
     hue = scatter(np.floor(slanted), np.floor(other), seed=91)
     pane = np.stack([0.5 + 0.5 * np.cos(6.283 * (hue + shift)) for shift in (0.0, 0.35, 0.62)]).astype(np.float32)
     albedo = mix(0.04 + 0.13 * pane, colour(0.03, 0.03, 0.03), lead)
-    return Surface(albedo, None, (0.35 + 0.9 * pane) * LAMPLIGHT[:, None] * (1 - lead) * 1.3, 0.25)
+    return Surface(albedo, None, (0.35 + 0.9 * pane) * LAMPLIGHT[:, None] * (1 - lead) * 0.8, 0.25)
 
 
 def bronze_door(point, normal, footprint, params):

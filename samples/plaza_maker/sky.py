@@ -31,8 +31,8 @@ def sky(look: Look, directions: np.ndarray) -> np.ndarray:
     radiance = gradient(look, directions)
     toward = np.asarray(look.sun_direction, np.float32) @ directions
     if look.stars:
-        cells = np.floor(directions * 90).astype(np.int64)
-        star = (scatter(*cells, seed=3) > 0.9965) & (directions[2] > 0.05)
+        cells = np.floor(directions * 240).astype(np.int64)
+        star = (scatter(*cells, seed=3) > 0.9985) & (directions[2] > 0.05)
         radiance = radiance + star * (0.10 * scatter(*cells, seed=4))
     if look.disc:
         radiance = radiance + np.float32(look.sun)[:, None] * (np.clip((toward - 0.9988) / 0.0006, 0, 1) * look.disc)

@@ -86,17 +86,17 @@ def statue() -> list[Group]:
 
 
 def tree(x: float, y: float, seed: int) -> Group:
-    """A trunk with boughs under some twenty clumps of leaves."""
+    """A trunk with boughs under some fifty clumps of leaves."""
     rng = np.random.default_rng(seed)
     height = rng.uniform(2.2, 3.0)
     crown = np.array([x, y, height + 2.4])
     leaf = np.array([0.15, 0.24, 0.06]) * rng.uniform(0.8, 1.25, 3)
     parts = [limb((x, y, 0), (x, y, height + 1.2), 0.3, 0.18, "bark")]
-    for number in range(20):
+    for number in range(52):
         angle, rise = rng.uniform(0, 2 * np.pi), rng.uniform(-1, 1)
-        reach = 2.0 * np.sqrt(max(0.05, 1 - rise * rise)) * rng.uniform(0.6, 1.0)
-        place = crown + [reach * np.cos(angle), reach * np.sin(angle), 1.9 * rise]
-        size = rng.uniform(0.7, 1.15) * np.array([1.0, 1.0, rng.uniform(0.65, 0.9)])
+        reach = 2.25 * np.sqrt(max(0.05, 1 - rise * rise)) * rng.uniform(0.6, 1.0)
+        place = crown + [reach * np.cos(angle), reach * np.sin(angle), 2.1 * rise]
+        size = rng.uniform(0.38, 0.8) * np.array([1.0, 1.0, rng.uniform(0.65, 0.95)])
         parts.append(make("sphere", place, size, "foliage", offset=float(3.1 * number), leaf=tuple(leaf)))
         if number < 4:
             parts.append(limb((x, y, height), place, 0.14, 0.06, "bark"))

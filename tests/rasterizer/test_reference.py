@@ -19,7 +19,7 @@ from core.rasterizer.contract import (
 )
 from core.rasterizer.reference import blend_weights, coverage, project
 from core.scene.camera import Camera
-from core.scene.harmonics import SH_0
+from core.scene.harmonics import SH_0, SH_1
 from core.scene.splats import Splats
 from tests.rasterizer.scenes import SCENES, camera, cloud, in_world
 
@@ -103,16 +103,43 @@ def test_projected_covariance_is_that_of_a_linearised_camera():
         np.testing.assert_allclose(projection.centres[row].numpy(), view.project(mean[None])[0][0], rtol=EXACT)
 
 
-def test_jacobian_is_clamped_beside_the_picture():
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_jacobian_is_clamped_beside_the_picture(axis, side):
     """Beyond the margin a footprint no longer changes with the mean's slope; inside it does."""
     view = camera(turned=False)
-    limit = ((1 + JACOBIAN_MARGIN) * view.width - view.cx) / view.fx
+    size, middle = (view.width, view.height)[axis], (view.cx, view.cy)[axis]
+    limit = ((1 + JACOBIAN_MARGIN) * size - middle if side > 0 else -JACOBIAN_MARGIN * size - middle) / view.fx
 
     def conic(slope: float) -> torch.Tensor:
-        return project(single(view, [slope * 2, 0.1, 2.0], [-1.0, -2.0, -1.5], 0.5), view).conics[0]
+        local = [0.2, 0.2, 2.0]
+        local[axis] = slope * 2
+        return project(single(view, local, [-1.0, -2.0, -1.5], 0.5), view).conics[0]
 
-    torch.testing.assert_close(conic(limit + 0.1), conic(limit + 5), rtol=EXACT, atol=0)
-    assert (conic(limit - 0.1) - conic(limit)).abs().max() > 1e-6
+    torch.testing.assert_close(conic(limit + side * 1e-9), conic(limit + side * 5), rtol=EXACT, atol=0)
+    assert (conic(limit - side * 1e-2) - conic(limit)).abs().max() > 1e-6
+
+
+def test_colour_is_seen_along_the_ray_from_the_camera():
+    """Band 1 shows -y, z, -x of the direction: from camera to mean, not the other way, and in world axes."""
+    view = camera()
+    splats = single(view, [0, 0, 2.0], [3.0] * 3, 0.5)
+    forward = view.world_to_camera[2]
+    splats.sh = torch.tensor([[[0.0] * 3, [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]], dtype=torch.float64)
+    row, column = int(view.cy), int(view.cx)
+    alpha = create("reference").contributions(splats, replace(view, cx=column + 0.5, cy=row + 0.5)).item()
+    image = create("reference").render(splats, replace(view, cx=column + 0.5, cy=row + 0.5)).image[row, column]
+    expected = alpha * (0.5 + 0.1 * SH_1 * np.array([-forward[1], forward[2], -forward[0]]))
+    np.testing.assert_allclose(image.numpy(), expected, rtol=0, atol=EXACT)
+
+
+def test_probe_moves_the_centres():
+    """By whole pixels: the picture moves along."""
+    view = camera()
+    splats = double(cloud(view, 10, seed=4, spread=0.3))
+    probe = torch.tensor([[3.0, -2.0]], dtype=torch.float64).expand(10, 2)
+    moved = create("reference").render(splats, view, BACKGROUND, probe).image
+    torch.testing.assert_close(moved[:-2, 3:], draw(splats, view)[2:, :-3], rtol=0, atol=EXACT)
 
 
 def test_conics_of_needles_survive_float32():

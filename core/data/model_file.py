@@ -1,0 +1,102 @@
+"""Reading a COLMAP model with pycolmap, after a look at whether its binary files are whole.
+
+pycolmap 4.2 never returns from some truncated files and reads others as zeros, so each file is walked first, record by record.
+"""
+
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pycolmap
+
+from core.errors import BadInput
+
+PARTS = ("cameras", "images", "points3D")
+POSE_BYTES = 7 * 8  # quaternion and translation
+
+
+def holds_model(folder: Path) -> bool:
+    """Whether `folder` has the files of a COLMAP model, binary or text."""
+    return any(all((folder / f"{part}.{suffix}").is_file() for part in PARTS) for suffix in ("bin", "txt"))
+
+
+def read_model(folder: Path) -> pycolmap.Reconstruction:
+    """The model in `folder`, binary (preferred) or text, with or without rigs and frames.
+
+    Raises BadInput for files that are truncated, damaged or no model.
+    """
+    fix = "Copy the model again, or run COLMAP again."
+    if all((folder / f"{part}.bin").is_file() for part in PARTS):
+        for part, walk in WALKS.items():
+            file = folder / f"{part}.bin"
+            if file.is_file() and not _whole(file.read_bytes(), walk):
+                raise BadInput(f"{file} is truncated or damaged.", fix)
+    try:
+        with quiet():
+            return pycolmap.Reconstruction(str(folder))
+    except (ValueError, IndexError, RuntimeError) as problem:
+        reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__
+        raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """pycolmap says only what is fatal; its log is global, so it is put back afterwards."""
+    before = pycolmap.logging.minloglevel
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel = before
+
+
+def _whole(data: bytes, walk) -> bool:
+    """Whether the records that the file announces fill it exactly."""
+    try:
+        count = _integer(data, 0, "Q")
+        position = 8
+        for _ in range(count):
+            position = walk(data, position)
+        return position == len(data)
+    except (struct.error, ValueError, KeyError):
+        return False
+
+
+# Each walk gets the start of a record and returns its end (COLMAP's format.rst).
+
+
+def _camera(data: bytes, start: int) -> int:
+    model = pycolmap.CameraModelId(_integer(data, start + 4, "i"))
+    return start + 24 + 8 * len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 2, 2).params)
+
+
+def _image(data: bytes, start: int) -> int:
+    name = start + 4 + POSE_BYTES + 4
+    end = data.index(b"\0", name) + 1
+    return end + 8 + 24 * _integer(data, end, "Q")
+
+
+def _point(data: bytes, start: int) -> int:
+    track = start + 8 + 24 + 3 + 8
+    return track + 8 + 8 * _integer(data, track, "Q")
+
+
+def _rig(data: bytes, start: int) -> int:
+    sensors = _integer(data, start + 4, "I")
+    position = start + 8 + (8 if sensors else 0)  # the reference sensor has no pose
+    for _ in range(max(sensors - 1, 0)):
+        position += 9 + (POSE_BYTES if _integer(data, position + 8, "B") else 0)
+    return position
+
+
+def _frame(data: bytes, start: int) -> int:
+    ids = start + 8 + POSE_BYTES
+    return ids + 4 + 16 * _integer(data, ids, "I")
+
+
+def _integer(data: bytes, position: int, kind: str) -> int:
+    return struct.unpack_from("<" + kind, data, position)[0]
+
+
+WALKS = {"cameras": _camera, "images": _image, "points3D": _point, "rigs": _rig, "frames": _frame}

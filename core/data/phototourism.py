@@ -1,0 +1,54 @@
+"""The PhotoTourism layout: SCENE/dense/{images,sparse} and SCENE/NAME.tsv, which says what is for training and what for test."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+from core.errors import BadInput
+
+COLUMNS = {"filename", "id", "split"}
+NO_ID = ("", "nan")  # pandas writes either
+SPLITS = ("train", "test")
+
+
+@dataclass(frozen=True)
+class SplitTable:
+    """The rows of a split .tsv. splits: photo name -> "train" or "test". without_id, unknown_split: names of rows not used."""
+
+    path: Path
+    splits: dict[str, str]
+    without_id: tuple[str, ...]
+    unknown_split: tuple[str, ...]
+
+
+def find_split_tables(root: Path) -> list[Path]:
+    """The .tsv files in `root`, by name."""
+    return sorted(path for path in root.glob("*.tsv") if not path.name.startswith("."))
+
+
+def read_split_table(path: Path) -> SplitTable:
+    """Read filename, id and split; other columns are ignored. Ids are floats in the official files and serve one purpose:
+    a row without one is not used (NeRF-W's reader drops it).
+
+    Raises BadInput for a file without these columns.
+    """
+    fix = "It needs the tab-separated columns filename, id and split."
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.DictReader(file, delimiter="\t"))
+    except (UnicodeDecodeError, csv.Error):
+        raise BadInput(f"{path} is not a text table.", fix) from None
+    if not rows or not COLUMNS <= set(rows[0]):
+        raise BadInput(f"{path} is not a split table.", fix)
+    splits, without_id, unknown_split = {}, [], []
+    for row in rows:
+        name, number, split = ((row[column] or "").strip() for column in ("filename", "id", "split"))
+        if not name:
+            continue
+        if number.lower() in NO_ID:
+            without_id.append(name)
+        elif split not in SPLITS:
+            unknown_split.append(name)
+        else:
+            splits[name] = split
+    return SplitTable(path, splits, tuple(without_id), tuple(unknown_split))

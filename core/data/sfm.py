@@ -1,0 +1,217 @@
+"""Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
+
+import errno
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+
+from core.data.model_file import quiet
+from core.data.photo_file import JPEG_EXIF, Header, list_photos, probe, without_orientation
+from core.data.photos import read
+from core.data.split import counted, name_them
+from core.errors import BadInput, WegsError
+from core.report import Report
+
+LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
+FEATURES = 8192  # at most, a photo
+BATCHES = 24  # features and matches are computed in so many parts, to tell of progress and to notice Ctrl-C
+LEAST_PHOTOS = 2
+JPEG_QUALITY = 95
+SEED = 0
+
+
+def reconstruct(photos: Path, output: Path, report: Report) -> Path:
+    """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
+
+    The scene holds images/ (undistorted, upright) and sparse/0 (pinhole cameras, points). It appears whole or not at all.
+    Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
+    one with the most photos is kept. Unreadable photos and those without a place are left out and named.
+    Raises BadInput for a folder with fewer than two readable photos, an output that exists, and where no model is found.
+    """
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
+    if not photos.is_dir():
+        raise BadInput(f"There is no folder {photos}.", "Give the folder that holds your photos.")
+    paths = list_photos(photos)
+    if not paths:
+        raise BadInput(f"{photos} holds no photos.", "Give the folder that holds your photos.")
+    with _replacing(output) as work, quiet():
+        copies = _copy_upright(paths, work / "photos", report)
+        names = list(copies)
+        if len(names) < LEAST_PHOTOS:
+            raise BadInput(
+                f"{photos} holds {counted(len(names), 'photo')} that can be read; cameras need at least {LEAST_PHOTOS}.",
+                "Add photos of the same place.",
+            )
+        pycolmap.set_random_seed(SEED)
+        _extract(work, names, report)
+        _match(work, names, report)
+        model = _map(work, names, report)
+        placed = {copies[image.name] for image in model.images.values() if image.has_pose}
+        _write_scene(work, model, copies)
+    for line in name_them("that fit nowhere, left out", sorted(set(copies.values()) - placed)):
+        report.warn(line)
+    report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
+    return output
+
+
+@contextmanager
+def _replacing(output: Path) -> Iterator[Path]:
+    """A temporary folder beside `output`; its folder scene/ becomes `output` when the block ends well."""
+    work = output.with_name(f".{output.name}.{os.getpid()}")
+    try:
+        work.mkdir(parents=True)
+        yield work
+        if output.is_dir():
+            output.rmdir()  # empty, as was checked
+        os.replace(work / "scene", output)
+    except WegsError:
+        raise
+    except OSError as problem:
+        if problem.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise _full(output) from None
+        if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
+            raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
+        raise
+    except Exception:
+        # pycolmap and SQLite name a full disk in their own ways.
+        if work.exists() and shutil.disk_usage(work).free < 1 << 20:
+            raise _full(output) from None
+        raise
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _full(output: Path) -> WegsError:
+    return WegsError(f"The disk is full: {output} was not written.", "Free some space and run it again.")
+
+
+def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
+    """Put the readable photos into `folder` as COLMAP needs them; returns the copies' names and those to give back.
+
+    COLMAP ignores EXIF rotation, so turned photos are written upright; what is not a JPEG is converted to one. The copies
+    are numbered, because COLMAP's list of pairs is split at spaces.
+    """
+    folder.mkdir()
+    copies, turned = {}, 0
+    for done, path in enumerate(paths, 1):
+        copy = f"{done:06d}.jpg"
+        try:
+            header = probe(path)
+            if header.kind == "jpeg" and header.orientation == 1:
+                shutil.copyfile(path, folder / copy)
+            else:
+                (folder / copy).write_bytes(_encode(read(path), header))
+            turned += header.orientation != 1
+            copies[copy] = path.name if header.kind == "jpeg" else f"{path.name}.jpg"
+        except BadInput as problem:
+            report.warn(f"Left out: {problem.what}")
+        report.progress("Photos", done, len(paths))
+    if turned:
+        report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
+    return copies
+
+
+def _encode(pixels: np.ndarray, header: Header) -> bytes:
+    """A JPEG of displayed RGB pixels; keeps the EXIF block, whose focal length COLMAP starts from."""
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)[1].tobytes()
+    block = JPEG_EXIF + without_orientation(header.exif)
+    if not header.exif or len(block) + 2 > 0xFFFF:
+        return jpeg
+    return jpeg[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + jpeg[2:]
+
+
+def _extract(work: Path, names: list[str], report: Report) -> None:
+    """SIFT features into the database."""
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.max_image_size = LONG_SIDE_PX
+    options.sift.max_num_features = FEATURES
+    size = max(2, -(-len(names) // BATCHES))
+    for start in range(0, len(names), size):
+        batch = names[start : start + size]
+        pycolmap.extract_features(
+            work / "database.db",
+            work / "photos",
+            batch,
+            pycolmap.CameraMode.PER_IMAGE,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
+        report.progress("Features", start + len(batch), len(names))
+
+
+def _match(work: Path, names: list[str], report: Report) -> None:
+    """Every photo against every other."""
+    options = pycolmap.FeatureMatchingOptions()
+    options.use_gpu = False
+    pairs = [f"{first} {second}" for index, first in enumerate(names) for second in names[:index]]
+    size = max(8, -(-len(pairs) // BATCHES))
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = work / "pairs.txt"
+    for start in range(0, len(pairs), size):
+        batch = pairs[start : start + size]
+        (work / "pairs.txt").write_text("\n".join(batch) + "\n", encoding="utf-8")
+        pycolmap.match_image_pairs(
+            work / "database.db", matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu
+        )
+        report.progress("Matches", start + len(batch), len(pairs))
+
+
+def _map(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
+    """Cameras and points; the model with the most photos."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_model_size = min(3, len(names))  # COLMAP's 10 would refuse small collections
+    options.random_seed = SEED
+    (work / "models").mkdir()
+    models = pycolmap.incremental_mapping(
+        work / "database.db",
+        work / "photos",
+        work / "models",
+        options,
+        initial_image_pair_callback=_counter(report, len(names), 2),
+        next_image_callback=_counter(report, len(names), 3),
+    )
+    if not models:
+        raise BadInput(
+            f"No cameras could be found: the {len(names)} photos do not overlap enough.",
+            "Add photos of the same place from nearby viewpoints.",
+        )
+    largest = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()))
+    if len(models) > 1:
+        sizes = ", ".join(str(model.num_reg_images()) for model in models.values())
+        report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
+    return largest
+
+
+def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
+    """A callback that counts photos placed; several models may place one twice."""
+    placed = first - 1
+
+    def count() -> None:
+        nonlocal placed
+        placed = min(placed + 1, total)
+        report.progress("Cameras", placed, total)
+
+    return count
+
+
+def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str]) -> None:
+    """Undistort the model's photos, under their own names, into scene/images, and the model into scene/sparse/0."""
+    for image in model.images.values():
+        os.replace(work / "photos" / image.name, work / "photos" / copies[image.name])
+        image.name = copies[image.name]
+    chosen, undistorted, scene = work / "chosen", work / "undistorted", work / "scene"
+    chosen.mkdir()
+    model.write(str(chosen))
+    pycolmap.undistort_images(undistorted, chosen, work / "photos", jpeg_quality=JPEG_QUALITY)
+    (scene / "sparse").mkdir(parents=True)
+    os.replace(undistorted / "images", scene / "images")
+    os.replace(undistorted / "sparse", scene / "sparse" / "0")

@@ -1,0 +1,163 @@
+"""The two protocols by which scenes in the wild are compared; figures of one never stand in a table of the other.
+
+half (NeRF-W, nerfbaselines): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures
+from the right half. full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come from the whole photo.
+Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray
+from torch import Tensor
+
+from core.errors import BadInput, BadSetting
+from core.evaluation import metrics
+from core.evaluation.subject import Subject
+from core.evaluation.truth import UNKNOWN, Truth
+from core.export.pictures import to_8_bit
+from core.scene.camera import Camera
+
+PROTOCOLS = {
+    "half": "embedding from the left half of a test photo (W - W//2 columns), figures from the right half",
+    "full": "embedding and figures from the whole test photo",
+}
+# The refinement of WildGaussians and nerfbaselines.
+REFINE_STEPS = 128
+REFINE_RATE = 0.1
+
+Distance = Callable[[Tensor, Tensor], float | None]  # LPIPS
+
+
+@dataclass(frozen=True)
+class View:
+    """A test photo. picture: [0, 1], at the size of `camera`. valid: False where an undistorted photo shows nothing."""
+
+    name: str
+    picture: Float[Tensor, "h w 3"]
+    camera: Camera
+    valid: Bool[Tensor, "h w"] | None = None
+    truth: Truth = UNKNOWN
+
+
+@dataclass(frozen=True)
+class Scores:
+    """psnr: dB. ssim, lpips: None where they cannot be computed (too small a picture; no weights)."""
+
+    psnr: float
+    ssim: float | None
+    lpips: float | None
+
+
+@dataclass(frozen=True)
+class ViewResult:
+    """The figures of one photo.
+
+    scores: by what the render is compared with, then by whose embedding it was rendered with.
+      photo: the test photo, in the protocol's region. clean: the whole clean truth. clean_right (`half`): its right half.
+      zero_shot: the encoder's embedding. refined: that embedding after the refinement, where there was one.
+    mask_iou: overlap of predicted and true passers-by, where both are known.
+    """
+
+    name: str
+    width: int
+    height: int
+    scores: dict[str, dict[str, Scores]]
+    mask_iou: float | None
+
+
+@dataclass(frozen=True)
+class ViewPictures:
+    """What to look at. render: with the refined embedding where there is one. mask: [0, 1], of any size, or None."""
+
+    name: str
+    photo: UInt8[ndarray, "h w 3"]
+    render: UInt8[ndarray, "h w 3"]
+    mask: Float[ndarray, "h4 w4"] | None
+
+
+def measure(
+    subject: Subject, view: View, protocol: str, refine: bool = True, lpips: Distance | None = None
+) -> tuple[ViewResult, ViewPictures]:
+    """One photo through `protocol`, a key of PROTOCOLS.
+
+    refine: also refine the embedding on the region it came from. The figures without it are given in any case.
+    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved.
+    """
+    if protocol not in PROTOCOLS:
+        raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
+    height, width = view.picture.shape[:2]
+    seen = width - width // 2 if protocol == "half" else width
+    if protocol == "half" and seen == width:
+        raise BadInput(f"{view.name} is {width} px wide and has no halves.", "Type: wegs eval --protocol full")
+    photo = metrics.quantised(view.picture)
+    region = photo[:, :seen]
+    embeddings = {"zero_shot": subject.embed(region.permute(2, 0, 1).contiguous())}
+    if refine:
+        valid = None if view.valid is None else view.valid[:, :seen]
+        camera = view.camera.cropped(0, 0, seen, height)
+        refined = refine_embedding(subject, embeddings["zero_shot"], camera, region, valid)
+        if refined is not None:
+            embeddings["refined"] = refined
+
+    everything, right = slice(0, width), slice(seen, width)
+    against = {"photo": (photo, view.valid, right if protocol == "half" else everything)}
+    if view.truth.clean is not None:
+        against["clean"] = (metrics.quantised(view.truth.clean), None, everything)
+        if protocol == "half":
+            against["clean_right"] = (against["clean"][0], None, right)
+    scores: dict[str, dict[str, Scores]] = {name: {} for name in against}
+    for whose, embedding in embeddings.items():
+        with torch.no_grad():
+            image = metrics.quantised(subject.render(embedding, view.camera))
+        for name, (truth, valid, columns) in against.items():
+            part = None if valid is None else valid[:, columns]
+            scores[name][whose] = compare(image[:, columns], truth[:, columns], part, lpips)
+    mask = subject.mask(photo.permute(2, 0, 1).contiguous())
+    overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
+    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), None if mask is None else mask.numpy())
+    return ViewResult(view.name, width, height, scores, overlap), pictures
+
+
+def compare(
+    image: Float[Tensor, "h w 3"],
+    photo: Float[Tensor, "h w 3"],
+    valid: Bool[Tensor, "h w"] | None = None,
+    lpips: Distance | None = None,
+) -> Scores:
+    """All metrics of two quantised pictures. LPIPS, which takes the whole, sees the photo itself where it is not valid."""
+    shown = image if valid is None else torch.where(valid[..., None], image, photo)
+    distance = None if lpips is None else lpips(shown, photo)
+    return Scores(metrics.psnr(image, photo, valid), metrics.ssim(image, photo, valid), distance)
+
+
+def refine_embedding(
+    subject: Subject,
+    embedding: Float[Tensor, " e"],
+    camera: Camera,
+    picture: Float[Tensor, "h w 3"],
+    valid: Bool[Tensor, "h w"] | None = None,
+) -> Float[Tensor, " e"] | None:
+    """The embedding after REFINE_STEPS of Adam on the mean |render - picture|; None if the look does not follow it.
+
+    L1, because passers-by in the picture would pull harder on a squared error. Of all steps, the start among them, the
+    one that fits `picture` best is kept, so that the refinement never makes the region it sees worse.
+    """
+    embedding = embedding.detach().clone().requires_grad_()
+    optimizer = torch.optim.Adam([embedding], lr=REFINE_RATE)
+    best, least = embedding.detach().clone(), float("inf")
+    for step in range(REFINE_STEPS + 1):
+        with torch.enable_grad():
+            difference = (subject.render(embedding, camera) - picture).abs()
+            loss = difference.mean() if valid is None else difference[valid].mean()
+        if not loss.requires_grad:
+            return None
+        if float(loss.detach()) < least:
+            best, least = embedding.detach().clone(), float(loss.detach())
+        if step < REFINE_STEPS:
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+    return best

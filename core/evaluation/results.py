@@ -1,0 +1,100 @@
+"""The result of an evaluation as files: results.json for the table, per_view.json for each photo."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from core.evaluation import lpips
+from core.evaluation.metrics import SSIM_KIND
+from core.evaluation.protocols import PROTOCOLS, REFINE_RATE, REFINE_STEPS, ViewResult
+from core.export.atomic import write_json
+
+RESULTS = "results.json"
+PER_VIEW = "per_view.json"
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a table may quote, with everything that decides whether two tables may be compared.
+
+    scale: width of the pictures measured / width of the photos on disk. lpips_backbone: a key of lpips.TRUNKS, or None
+    where its weights are absent. training_seconds, evaluation_seconds: wall clock.
+    """
+
+    protocol: str
+    views: tuple[ViewResult, ...]
+    train_photos: int
+    test_photos: int
+    scale: float
+    lpips_backbone: str | None
+    seed: int
+    steps: int
+    training_seconds: float
+    evaluation_seconds: float
+
+    def means(self) -> dict[str, dict[str, dict[str, float | None]]]:
+        """Means over the photos: [photo | clean | clean_right][zero_shot | refined][psnr | ssim | lpips].
+
+        A metric that some photos lack is averaged over the others; None where all lack it.
+        """
+        found: dict[str, dict[str, dict[str, list]]] = {}
+        for view in self.views:
+            for against, by_embedding in view.scores.items():
+                for whose, scores in by_embedding.items():
+                    for metric, value in asdict(scores).items():
+                        found.setdefault(against, {}).setdefault(whose, {}).setdefault(metric, []).append(value)
+        return {
+            against: {
+                whose: {metric: _mean(values) for metric, values in metrics.items()}
+                for whose, metrics in by_embedding.items()
+            }
+            for against, by_embedding in found.items()
+        }
+
+    def mask_iou(self) -> float | None:
+        """Mean overlap of predicted and true passers-by over the photos where both are known."""
+        return _mean([view.mask_iou for view in self.views])
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of results.json."""
+        refined = any("refined" in by_embedding for view in self.views for by_embedding in view.scores.values())
+        return {
+            "protocol": self.protocol,
+            "protocol_means": PROTOCOLS[self.protocol],
+            "refinement": f"Adam, {REFINE_STEPS} steps, rate {REFINE_RATE}, L1" if refined else None,
+            "photos": {"train": self.train_photos, "test": self.test_photos, "measured": len(self.views)},
+            "scale": self.scale,
+            "quantisation": "8 bit",
+            "ssim": SSIM_KIND,
+            "lpips": self.lpips_backbone or f"absent: {lpips.ABSENT}",
+            "seed": self.seed,
+            "steps": self.steps,
+            "training_seconds": self.training_seconds,
+            "evaluation_seconds": self.evaluation_seconds,
+            "means": self.means(),
+            "mask_iou": self.mask_iou(),
+        }
+
+    def save(self, folder: Path) -> None:
+        """Write results.json and per_view.json into `folder`, each whole or not at all."""
+        write_json(folder / RESULTS, _plain(self.to_json()))
+        write_json(folder / PER_VIEW, _plain([asdict(view) for view in self.views]))
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return fmean(known) if known else None
+
+
+def _plain(value: Any) -> Any:
+    """The value with inf and NaN spelled out, because JSON has no numbers for them."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value

@@ -1,0 +1,49 @@
+"""What a made scene knows about its photos: clean renders and masks, in SCENE/truth/. Photographed scenes have none."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from core.errors import BadInput
+
+FOLDER = "truth"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """clean: the photo without passers-by, in the photo's own light, [0, 1]. static: False where passers-by stand."""
+
+    clean: Float[Tensor, "h w 3"] | None = None
+    static: Bool[Tensor, "h w"] | None = None
+
+
+UNKNOWN = Truth()
+
+
+def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
+    """The truth of a photo at a picture size (px): truth/clean/NAME.png and truth/masks/NAME.png (white = static).
+
+    NAME is the photo's name without its suffix. What is not there is None. Raises BadInput for what cannot be read.
+    """
+    clean = _read(scene / FOLDER / "clean" / Path(photo_name).with_suffix(".png"), width, height)
+    masks = _read(scene / FOLDER / "masks" / Path(photo_name).with_suffix(".png"), width, height)
+    return Truth(
+        None if clean is None else torch.from_numpy(clean).float() / 255,
+        None if masks is None else torch.from_numpy(masks[..., 0] >= 128),
+    )
+
+
+def _read(path: Path, width: int, height: int) -> np.ndarray | None:
+    if not path.is_file():
+        return None
+    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if pixels is None:
+        raise BadInput(f"{path} is not a picture that can be read.", f"Restore it, or remove the folder {FOLDER}.")
+    if pixels.shape[:2] != (height, width):
+        pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)

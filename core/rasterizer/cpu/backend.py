@@ -1,0 +1,194 @@
+"""The contract on a CPU: checks, memory, the order of the kernels, and torch's autograd."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from core.errors import BadInput
+from core.rasterizer.contract import Rendering
+from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
+from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, blend_backward
+from core.rasterizer.cpu.blend_forward import blend_forward
+from core.rasterizer.cpu.project import find_visible, project
+from core.rasterizer.cpu.project_backward import project_backward
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+from core.threads import in_parallel
+
+# An entry of a tile list costs 12 bytes in the forward pass and 36 in the backward one.
+BYTES_A_PAIR = 12 + 4 * SLOT_WIDTH
+MEMORY_BUDGET = 4 << 30  # bytes for all tile lists of one picture
+NOTHING = np.empty((0, 2), dtype=np.float32)
+
+
+class CpuRasterizer:
+    """Numba kernels on torch.get_num_threads() threads; float32. See `contract.Rasterizer` for the methods."""
+
+    name = "cpu"
+
+    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+        arrays = arrays_of(splats)
+        flags = np.empty(len(splats), dtype=np.bool_)
+        view = arguments_of(camera)
+        on_all_threads(lambda counter: find_visible(counter, *arrays, *view, flags))
+        return torch.from_numpy(np.flatnonzero(flags))
+
+    def render(
+        self,
+        splats: Splats,
+        camera: Camera,
+        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        probe: Float[Tensor, "n 2"] | None = None,
+    ) -> Rendering:
+        arrays_of(splats)
+        if probe is not None:
+            array_of("probe", probe)
+        image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
+        return Rendering(image, transmittance)
+
+    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
+        arrays = arrays_of(splats)
+        lists = tile_lists(arrays, NOTHING, camera)
+        strongest = np.zeros(len(lists.entry_slots), dtype=np.float32)
+        draw(lists, camera, (0.0, 0.0, 0.0), strongest)
+        largest = np.zeros(len(splats), dtype=np.float32)
+        np.maximum.at(largest, np.repeat(np.arange(len(splats)), np.diff(lists.slot_starts)), strongest)
+        return torch.from_numpy(largest)
+
+
+class _Render(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, camera, background, probe, *parameters):
+        arrays = [tensor.detach().contiguous().numpy() for tensor in parameters]
+        moved = NOTHING if probe is None else probe.detach().contiguous().numpy()
+        lists = tile_lists(arrays, moved, camera)
+        image, transmittance = draw(lists, camera, background)
+        ctx.camera, ctx.lists, ctx.probed = camera, lists, probe is not None
+        image, transmittance = torch.from_numpy(image), torch.from_numpy(transmittance)
+        ctx.save_for_backward(image, *parameters)
+        ctx.mark_non_differentiable(transmittance)
+        return image, transmittance
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, image_gradient, _):
+        image, *parameters = ctx.saved_tensors
+        lists = ctx.lists
+        slot_gradients = np.empty((len(lists.entry_slots), SLOT_WIDTH), dtype=np.float32)
+        drawn = image.detach().numpy(), image_gradient.contiguous().numpy()
+        on_all_threads(lambda counter: blend_backward(counter, *lists.for_blending(), *drawn, slot_gradients))
+
+        arrays = [tensor.detach().contiguous().numpy() for tensor in parameters]
+        gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
+        probe_gradient = torch.empty((len(arrays[0]), 2)) if ctx.probed else None
+        outputs = [gradient.numpy() for gradient in gradients]
+        outputs.append(NOTHING if probe_gradient is None else probe_gradient.numpy())
+        slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
+        view = arguments_of(ctx.camera)
+        on_all_threads(lambda counter: project_backward(counter, *arrays, *view, *slots, *outputs))
+        return None, None, probe_gradient, *gradients
+
+
+# -------------------------------------------------------------------------------------------------------- the way there
+
+
+@dataclass
+class TileLists:
+    """What lies between projection and blending, kept for the backward pass.
+
+    footprints: (N, footprint.WIDTH) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64. tile_starts:
+    (tiles + 1,) int64. entry_splats, entry_slots: (pairs,) int32. drawn_chunks: (pairs,) uint32, by slot.
+    """
+
+    footprints: np.ndarray
+    slot_starts: np.ndarray
+    tile_starts: np.ndarray
+    entry_splats: np.ndarray
+    entry_slots: np.ndarray
+    drawn_chunks: np.ndarray
+
+    def for_blending(self) -> tuple[np.ndarray, ...]:
+        """In the order in which `blend_backward` takes them."""
+        return self.tile_starts, self.entry_splats, self.entry_slots, self.footprints, self.drawn_chunks
+
+
+def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> TileLists:
+    """Project the Gaussians (the arrays of Splats, in the order of its fields) and sort them into tiles, front to back."""
+    count = len(arrays[0])
+    tiles = -(-camera.width // footprint.TILE) * -(-camera.height // footprint.TILE)
+    footprints = np.empty((count, footprint.WIDTH), dtype=np.float32)
+    depths = np.empty(count, dtype=np.float32)
+    tile_counts = np.empty(count, dtype=np.int32)
+    threads_loads: list[np.ndarray] = []
+
+    def work(counter):
+        loads = np.zeros(tiles, dtype=np.int32)
+        threads_loads.append(loads)
+        view = arguments_of(camera)
+        project(counter, *arrays, probe, *view, footprints, depths, tile_counts, loads)
+
+    on_all_threads(work)
+    slot_starts = running_starts(tile_counts)
+    tile_starts = running_starts(np.sum(threads_loads, axis=0, dtype=np.int64))
+    pairs = int(slot_starts[-1])
+    if pairs * BYTES_A_PAIR > MEMORY_BUDGET:
+        raise BadInput(
+            f"{count} Gaussians cover {pairs} tiles of the {camera.width}x{camera.height} picture in all: "
+            f"{pairs * BYTES_A_PAIR / 2**30:.1f} GiB of lists.",
+            "Lower the resolution (-r) or --max-gaussians.",
+        )
+    entry_splats, entry_slots = np.empty(pairs, dtype=np.int32), np.empty(pairs, dtype=np.int32)
+    order = front_to_back(depths, tile_counts)
+    fill_lists(order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entry_splats, entry_slots)
+    return TileLists(footprints, slot_starts, tile_starts, entry_splats, entry_slots, np.zeros(pairs, dtype=np.uint32))
+
+
+def draw(
+    lists: TileLists,
+    camera: Camera,
+    background: tuple[float, float, float],
+    strongest: np.ndarray = np.empty(0, dtype=np.float32),
+) -> tuple[np.ndarray, np.ndarray]:
+    """The picture (height, width, 3) and the transmittance (height, width), float32."""
+    image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
+    transmittance = np.empty((camera.height, camera.width), dtype=np.float32)
+    behind = tuple(np.float32(channel) for channel in background)
+    entries = lists.tile_starts, lists.entry_splats, lists.entry_slots, lists.footprints
+    on_all_threads(
+        lambda counter: blend_forward(counter, *entries, behind, image, transmittance, lists.drawn_chunks, strongest)
+    )
+    return image, transmittance
+
+
+def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
+    """Run work(counter) on torch.get_num_threads() threads at once. From the counter, an int64 zero, they share out."""
+    counter = np.zeros(1, dtype=np.int64)
+    in_parallel(lambda begin, end: work(counter), torch.get_num_threads(), 1)
+
+
+def arguments_of(camera: Camera) -> tuple:
+    """Rotation, centre, (fx, fy, cx, cy) and (width, height) as the kernels take them."""
+    rotation = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
+    centre = tuple(float(x) for x in camera.centre)
+    lens = float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
+    return rotation, centre, lens, (int(camera.width), int(camera.height))
+
+
+def arrays_of(splats: Splats) -> list[np.ndarray]:
+    """The parameters as contiguous arrays, shared with the tensors where those are contiguous."""
+    return [array_of(name, tensor) for name, tensor in splats.tensors().items()]
+
+
+def array_of(name: str, tensor: Tensor) -> np.ndarray:
+    if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
+        raise BadInput(
+            f"The cpu rasterizer got {name} as {tensor.dtype} on {tensor.device}.",
+            "Give it float32 on the CPU, or use the reference.",
+        )
+    return tensor.detach().contiguous().numpy()

@@ -1,0 +1,86 @@
+"""What forward and backward blending share: a tile as chunks of eight pixels, and which chunks a splat touches.
+
+A tile is 32 chunks: chunk k < 16 is the left half of row k, chunk 16 + k the right half. A set of chunks is an
+integer with one bit each. Positions within a tile are measured from its centre.
+"""
+
+import numpy as np
+from numba import njit
+
+from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN
+from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.footprint import TILE
+from core.rasterizer.cpu.simd import (
+    LANES,
+    bits,
+    broadcast,
+    exp2,
+    load,
+    maximum,
+    minimum,
+    multiply_add,
+    select,
+    store,
+)
+
+CHUNKS = 2 * TILE
+BATCH = 16  # splats whose chunk sets are found ahead, so that the branches on them are known when they come
+LOG2_ALPHA_MIN = np.float32(np.log2(ALPHA_MIN))
+ALPHA_LIMIT = np.float32(ALPHA_MAX)
+ZERO, ONE = np.float32(0), np.float32(1)
+# Rows of a tile from its centre; its left half's pixels and, eight further on, its right half's: the same sixteen numbers.
+OFFSETS = np.arange(TILE, dtype=np.float32) - np.float32((TILE - 1) / 2)
+HALF_TILE = np.float32(TILE / 2)
+SPAN = np.float32(LANES - 1)  # px from the first pixel of a chunk to its last
+ROW_TERMS = 2 * TILE  # floats a splat: see `touched_chunks`
+
+
+@njit(error_model="numpy")
+def write_row_terms(footprints, i, centre_x, centre_y, offsets, terms, at):
+    """Write for each row of the tile what log2(alpha) = strength - (sharpness x + shift)^2 needs, x from the tile's centre.
+
+    terms[at : at + 16] become the shifts, the next sixteen the strengths. centre_x, centre_y: the tile's centre, px.
+    """
+    slope, sharpness = footprints[i, footprint.SLOPE], footprints[i, footprint.SHARPNESS]
+    fall, strength = footprints[i, footprint.FALL], footprints[i, footprint.STRENGTH]
+    to_x, to_y = centre_x - footprints[i, footprint.X], centre_y - footprints[i, footprint.Y]
+    shift = broadcast(sharpness * (to_x - slope * to_y))
+    lean = broadcast(-sharpness * slope)
+    for half in range(2):
+        rows = load(offsets, half * LANES)
+        dy = rows + broadcast(to_y)
+        store(terms, at + half * LANES, multiply_add(lean, rows, shift))
+        store(terms, at + TILE + half * LANES, multiply_add(broadcast(-fall) * dy, dy, broadcast(strength)))
+
+
+@njit(error_model="numpy")
+def touched_chunks(sharpness, terms, at):
+    """The chunks within which alpha reaches ALPHA_MIN, given the row terms: exact, no root, eight rows at a time."""
+    chunks = np.uint32(0)
+    for side in range(2):
+        first = broadcast(sharpness * (OFFSETS[0] + side * HALF_TILE))
+        for half in range(2):
+            # sharpness x + shift grows with x, so over a chunk it is nearest to zero at an end, or is zero in between.
+            at_first = load(terms, at + half * LANES) + first
+            before_last = broadcast(-sharpness * SPAN) - at_first
+            nearest = maximum(maximum(at_first, before_last), broadcast(ZERO))
+            highest = load(terms, at + TILE + half * LANES) - nearest * nearest
+            rows = bits(highest >= broadcast(LOG2_ALPHA_MIN))
+            chunks |= rows << np.uint32(side * TILE + half * LANES)
+    return chunks
+
+
+@njit(error_model="numpy")
+def alpha_in_chunk(chunk, sharpness, offsets, terms, at):
+    """Alpha of a splat in the eight pixels of a chunk, before the clamp at ALPHA_MAX; 0 where it is below ALPHA_MIN."""
+    row = at + (chunk & (TILE - 1))
+    x = load(offsets, (chunk >> 4) * LANES)
+    shifted = multiply_add(sharpness, x, broadcast(terms[row]))
+    exponent = broadcast(terms[row + TILE]) - shifted * shifted
+    # The polynomial is nonsense for exponents below its range, which the selection throws away.
+    return select(exponent >= broadcast(LOG2_ALPHA_MIN), exp2(exponent), broadcast(ZERO))
+
+
+@njit(error_model="numpy")
+def clamped(alpha):
+    return minimum(alpha, broadcast(ALPHA_LIMIT))

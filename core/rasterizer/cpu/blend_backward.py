@@ -1,0 +1,174 @@
+"""Gradients of the picture by the footprints: the forward pass once more, with one number of state a pixel.
+
+With C(p) the picture including its background, v = dL/dC and c_i the colours, let S_i = v . (what splats i + 1, ... and the
+background add to the pixel). Going front to back, S starts as v . C and loses w_i (v . c_i) at each splat, and
+
+    dL/d alpha_i = T_i (v . c_i) - S_i / (1 - alpha_i),      w_i = alpha_i T_i
+
+so that any number of channels costs one dot product, and nothing has to be stored a splat and pixel.
+"""
+
+import numpy as np
+from numba import njit
+
+from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.blend import (
+    ALPHA_LIMIT,
+    BATCH,
+    CHUNKS,
+    OFFSETS,
+    ONE,
+    ROW_TERMS,
+    ZERO,
+    alpha_in_chunk,
+    clamped,
+    write_row_terms,
+)
+from core.rasterizer.cpu.blend_forward import STOP
+from core.rasterizer.cpu.footprint import TILE
+from core.rasterizer.cpu.simd import (
+    LANES,
+    broadcast,
+    fetch_add,
+    lane_sum,
+    lane_sums,
+    load,
+    lowest_set_bit,
+    minimum,
+    multiply_add,
+    select,
+    store,
+)
+
+# What a chunk keeps: transmittances (negative when finished, as in the forward pass), S, and the three gradients v.
+BEHIND, RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES, 4 * LANES
+STATE = 5 * LANES
+
+# A row of the slots' gradients. With g = alpha dL/d alpha and e = dx - slope dy, sums over the pixels of a tile of:
+G, GE, GEE, GY, GEY, GYY = 0, 1, 2, 3, 4, 5  # g, g e, g e^2, g dy, g e dy, g dy^2
+G_RED, G_GREEN, G_BLUE = 6, 7, 8  # w v
+SLOT_WIDTH = 9
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def blend_backward(
+    counter, tile_starts, entry_splats, entry_slots, footprints, drawn_chunks, image, image_gradient, slot_gradients,
+):  # fmt: skip
+    """Write the slots' gradients (slots, SLOT_WIDTH) wherever drawn_chunks (slots,) is not zero, from dL/d(image).
+
+    Takes tiles off `counter` until none are left.
+    """
+    columns = (image.shape[1] + TILE - 1) // TILE
+    offsets = OFFSETS.copy()  # a constant array is indexed more slowly than a local one
+    state = np.empty(CHUNKS * STATE, np.float32)
+    terms = np.empty(BATCH * ROW_TERMS, np.float32)
+    moments = np.empty(LANES, np.float32)
+    while True:
+        tile = fetch_add(counter, 0, 1)
+        if tile >= len(tile_starts) - 1:
+            return
+        left, top = (tile % columns) * TILE, (tile // columns) * TILE
+        centre_x, centre_y = np.float32(left + TILE / 2), np.float32(top + TILE / 2)
+        read_tile(state, left, top, image, image_gradient)
+        for begin in range(tile_starts[tile], tile_starts[tile + 1], BATCH):
+            end = min(begin + BATCH, tile_starts[tile + 1])
+            for entry in range(begin, end):
+                at = (entry - begin) * ROW_TERMS
+                write_row_terms(footprints, entry_splats[entry], centre_x, centre_y, offsets, terms, at)
+            for entry in range(begin, end):
+                i, slot = entry_splats[entry], entry_slots[entry]
+                if drawn_chunks[slot] != 0:
+                    at = (entry - begin) * ROW_TERMS
+                    slot_gradients[slot, G_BLUE] = gather_moments(
+                        drawn_chunks[slot], footprints, i, offsets, terms, at, state, moments
+                    )
+                    move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot)
+
+
+@njit(error_model="numpy")
+def read_tile(state, left, top, image, image_gradient):
+    """The state before the first splat; pixels outside the picture are finished from the start."""
+    height, width = image.shape[0], image.shape[1]
+    state[:] = 0
+    for chunk in range(CHUNKS):
+        y, first_x = top + chunk % TILE, left + chunk // TILE * LANES
+        for lane in range(LANES):
+            here, x = chunk * STATE + lane, first_x + lane
+            if x < width and y < height:
+                red, green, blue = image_gradient[y, x, 0], image_gradient[y, x, 1], image_gradient[y, x, 2]
+                state[here] = 1.0
+                state[here + BEHIND] = image[y, x, 0] * red + image[y, x, 1] * green + image[y, x, 2] * blue
+                state[here + RED], state[here + GREEN], state[here + BLUE] = red, green, blue
+            else:
+                state[here] = -1.0
+
+
+@njit(error_model="numpy")
+def gather_moments(chunks, footprints, i, offsets, terms, at, state, moments):
+    """Splat `i`'s sums over the tile of g x^m y^n, x and y from the tile's centre, and of w v.
+
+    moments becomes g, g x, g x^2, g y, g x y, g y^2, w v_red, w v_green; the last, w v_blue, is returned.
+    """
+    sharpness = broadcast(footprints[i, footprint.SHARPNESS])
+    red = broadcast(footprints[i, footprint.RED])
+    green = broadcast(footprints[i, footprint.GREEN])
+    blue = broadcast(footprints[i, footprint.BLUE])
+    zero, one = broadcast(ZERO), broadcast(ONE)
+    sum_g, sum_x, sum_xx, sum_y, sum_xy, sum_yy = zero, zero, zero, zero, zero, zero
+    sum_red, sum_green, sum_blue = zero, zero, zero
+    while chunks != 0:
+        chunk = lowest_set_bit(chunks)
+        chunks &= chunks - np.uint32(1)
+        here = chunk * STATE
+        light = load(state, here)
+        unclamped = alpha_in_chunk(chunk, sharpness, offsets, terms, at)
+        alpha = clamped(unclamped)
+        passed = one - alpha
+        left_over = light * passed
+        goes_on = left_over >= broadcast(STOP)
+        weight = select(goes_on, alpha * light, zero)
+        store(state, here, select(goes_on, left_over, minimum(light, zero - light)))
+
+        v_red, v_green, v_blue = load(state, here + RED), load(state, here + GREEN), load(state, here + BLUE)
+        sum_red = multiply_add(weight, v_red, sum_red)
+        sum_green = multiply_add(weight, v_green, sum_green)
+        sum_blue = multiply_add(weight, v_blue, sum_blue)
+        pull = multiply_add(v_red, red, multiply_add(v_green, green, v_blue * blue))
+        behind = load(state, here + BEHIND) - weight * pull
+        store(state, here + BEHIND, behind)
+
+        # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. 1 - alpha >= 0.01.
+        g = weight * pull - behind * alpha / passed
+        g = select(goes_on & (broadcast(ALPHA_LIMIT) >= unclamped), g, zero)
+        x, y = load(offsets, (chunk >> 4) * LANES), broadcast(offsets[chunk & (TILE - 1)])
+        g_x, g_y = g * x, g * y
+        sum_g, sum_x, sum_y = sum_g + g, sum_x + g_x, sum_y + g_y
+        sum_xx = multiply_add(g_x, x, sum_xx)
+        sum_xy = multiply_add(g_x, y, sum_xy)
+        sum_yy = multiply_add(g_y, y, sum_yy)
+    store(moments, 0, lane_sums(sum_g, sum_x, sum_xx, sum_y, sum_xy, sum_yy, sum_red, sum_green))
+    return lane_sum(sum_blue)
+
+
+@njit(error_model="numpy")
+def move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot):
+    """Moments about the tile's centre, which are small numbers, to moments in (e, dy) about the splat's line and centre.
+
+    In float64: far from the splat's centre the terms are larger than their sum.
+    """
+    slope = footprints[i, footprint.SLOPE] * 1.0
+    to_y = centre_y * 1.0 - footprints[i, footprint.Y]
+    to_e = centre_x * 1.0 - footprints[i, footprint.X] - slope * to_y
+    g, g_x, g_xx = moments[0] * 1.0, moments[1] * 1.0, moments[2] * 1.0
+    g_y, g_xy, g_yy = moments[3] * 1.0, moments[4] * 1.0, moments[5] * 1.0
+    # First shear x to x - slope y, then shift by (to_e, to_y).
+    sheared, sheared_y = g_x - slope * g_y, g_xy - slope * g_yy
+    sheared_2 = g_xx - 2 * slope * g_xy + slope * slope * g_yy
+    slot_gradients[slot, G] = g
+    slot_gradients[slot, GE] = sheared + to_e * g
+    slot_gradients[slot, GEE] = sheared_2 + to_e * (2 * sheared + to_e * g)
+    slot_gradients[slot, GY] = g_y + to_y * g
+    slot_gradients[slot, GEY] = sheared_y + to_e * g_y + to_y * (sheared + to_e * g)
+    slot_gradients[slot, GYY] = g_yy + to_y * (2 * g_y + to_y * g)
+    slot_gradients[slot, G_RED] = moments[6]
+    slot_gradients[slot, G_GREEN] = moments[7]

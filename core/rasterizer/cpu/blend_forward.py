@@ -1,0 +1,142 @@
+"""The picture: splats blended over each other, front to back, tile by tile (3DGS equation 3)."""
+
+import numpy as np
+from numba import njit
+
+from core.rasterizer.contract import STOP_TRANSMITTANCE
+from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.blend import (
+    BATCH,
+    CHUNKS,
+    OFFSETS,
+    ONE,
+    ROW_TERMS,
+    ZERO,
+    alpha_in_chunk,
+    clamped,
+    touched_chunks,
+    write_row_terms,
+)
+from core.rasterizer.cpu.footprint import TILE
+from core.rasterizer.cpu.simd import (
+    LANES,
+    bits,
+    broadcast,
+    fetch_add,
+    lane_maximum,
+    load,
+    lowest_set_bit,
+    maximum,
+    minimum,
+    multiply_add,
+    select,
+    store,
+)
+
+STOP = np.float32(STOP_TRANSMITTANCE)
+
+# What a chunk keeps, side by side: its eight transmittances, then red, green and blue. A transmittance is negative once its
+# pixel is finished (or lies outside the picture), so that it then fails the test against STOP for good.
+RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES
+STATE = 4 * LANES
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def blend_forward(
+    counter, tile_starts, entry_splats, entry_slots, footprints, background,
+    image, transmittance, drawn_chunks, strongest,
+):  # fmt: skip
+    """Write the picture (height, width, 3) and its transmittance. Takes tiles off `counter` until none are left.
+
+    drawn_chunks: (slots,) uint32, zeros; becomes the chunks in which each splat was blended, which the backward pass repeats.
+    strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty if nobody asks.
+    """
+    height, width = transmittance.shape
+    columns = (width + TILE - 1) // TILE
+    offsets = OFFSETS.copy()  # a constant array is indexed more slowly than a local one
+    state = np.empty(CHUNKS * STATE, np.float32)
+    terms = np.empty(BATCH * ROW_TERMS, np.float32)
+    while True:
+        tile = fetch_add(counter, 0, 1)
+        if tile >= len(tile_starts) - 1:
+            return
+        left, top = (tile % columns) * TILE, (tile // columns) * TILE
+        centre_x, centre_y = np.float32(left + TILE / 2), np.float32(top + TILE / 2)
+        clear(state, width - left, height - top)
+        for begin in range(tile_starts[tile], tile_starts[tile + 1], BATCH):
+            unfinished = unfinished_chunks(state)
+            if unfinished == 0:
+                break
+            end = min(begin + BATCH, tile_starts[tile + 1])
+            for entry in range(begin, end):
+                i, at = entry_splats[entry], (entry - begin) * ROW_TERMS
+                write_row_terms(footprints, i, centre_x, centre_y, offsets, terms, at)
+                chunks = touched_chunks(footprints[i, footprint.SHARPNESS], terms, at) & unfinished
+                drawn_chunks[entry_slots[entry]] = chunks
+            for entry in range(begin, end):
+                slot, at = entry_slots[entry], (entry - begin) * ROW_TERMS
+                largest = blend_splat(drawn_chunks[slot], footprints, entry_splats[entry], offsets, terms, at, state)
+                if len(strongest) > 0:
+                    strongest[slot] = lane_maximum(largest)
+        write_tile(state, background, left, top, image, transmittance)
+
+
+@njit(error_model="numpy")
+def clear(state, width, height):
+    """Nothing blended yet; pixels beyond `width` and `height` (from the tile's corner) are finished from the start."""
+    state[:] = 0
+    for chunk in range(CHUNKS):
+        y, x = chunk % TILE, chunk // TILE * LANES
+        for lane in range(LANES):
+            state[chunk * STATE + lane] = 1.0 if x + lane < width and y < height else -1.0
+
+
+@njit(error_model="numpy")
+def unfinished_chunks(state):
+    chunks = np.uint32(0)
+    for chunk in range(CHUNKS):
+        if bits(load(state, chunk * STATE) >= broadcast(ZERO)) != 0:
+            chunks |= np.uint32(1) << np.uint32(chunk)
+    return chunks
+
+
+@njit(error_model="numpy")
+def blend_splat(chunks, footprints, i, offsets, terms, at, state):
+    """Blend splat `i` into the given chunks; lane by lane the largest weight that it got."""
+    sharpness = broadcast(footprints[i, footprint.SHARPNESS])
+    red = broadcast(footprints[i, footprint.RED])
+    green = broadcast(footprints[i, footprint.GREEN])
+    blue = broadcast(footprints[i, footprint.BLUE])
+    largest = broadcast(ZERO)
+    while chunks != 0:
+        chunk = lowest_set_bit(chunks)
+        chunks &= chunks - np.uint32(1)
+        here = chunk * STATE
+        light = load(state, here)
+        alpha = clamped(alpha_in_chunk(chunk, sharpness, offsets, terms, at))
+        # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.
+        left_over = light * (broadcast(ONE) - alpha)
+        goes_on = left_over >= broadcast(STOP)
+        weight = select(goes_on, alpha * light, broadcast(ZERO))
+        finished = minimum(light, broadcast(ZERO) - light)
+        store(state, here, select(goes_on, left_over, finished))
+        store(state, here + RED, multiply_add(weight, red, load(state, here + RED)))
+        store(state, here + GREEN, multiply_add(weight, green, load(state, here + GREEN)))
+        store(state, here + BLUE, multiply_add(weight, blue, load(state, here + BLUE)))
+        largest = maximum(largest, weight)
+    return largest
+
+
+@njit(error_model="numpy")
+def write_tile(state, background, left, top, image, transmittance):
+    """Put the tile's pixels over the background into the picture."""
+    height, width = transmittance.shape
+    for y in range(top, min(top + TILE, height)):
+        for x in range(left, min(left + TILE, width)):
+            chunk = (y - top) + (x - left) // LANES * TILE
+            here = chunk * STATE + (x - left) % LANES
+            light = abs(state[here])
+            transmittance[y, x] = light
+            image[y, x, 0] = state[here + RED] + light * background[0]
+            image[y, x, 1] = state[here + GREEN] + light * background[1]
+            image[y, x, 2] = state[here + BLUE] + light * background[2]

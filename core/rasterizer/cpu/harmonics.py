@@ -1,0 +1,87 @@
+"""core.scene.harmonics for one Gaussian at a time, with the gradient. Plain numbers; float64, which costs the same here."""
+
+import numpy as np
+from numba import njit
+
+from core.rasterizer.cpu.tuples import add, dot, scaled
+from core.scene.harmonics import SH_0, SH_1, SH_2, SH_3
+
+
+@njit(error_model="numpy")
+def fill_basis(basis, direction, coefficients):
+    """Write the first `coefficients` (1, 4, 9 or 16) basis functions at a unit direction, or at zero, to `basis`."""
+    x, y, z = direction
+    basis[0] = SH_0
+    if coefficients > 1:
+        basis[1] = -SH_1 * y
+        basis[2] = SH_1 * z
+        basis[3] = -SH_1 * x
+    if coefficients > 4:
+        xx, yy, zz = x * x, y * y, z * z
+        basis[4] = SH_2[0] * x * y
+        basis[5] = SH_2[1] * y * z
+        basis[6] = SH_2[2] * (2 * zz - xx - yy)
+        basis[7] = SH_2[3] * x * z
+        basis[8] = SH_2[4] * (xx - yy)
+        if coefficients > 9:
+            basis[9] = SH_3[0] * y * (3 * xx - yy)
+            basis[10] = SH_3[1] * x * y * z
+            basis[11] = SH_3[2] * y * (4 * zz - xx - yy)
+            basis[12] = SH_3[3] * z * (2 * zz - 3 * xx - 3 * yy)
+            basis[13] = SH_3[4] * x * (4 * zz - xx - yy)
+            basis[14] = SH_3[5] * z * (xx - yy)
+            basis[15] = SH_3[6] * x * (xx - 3 * yy)
+
+
+@njit(error_model="numpy")
+def colour(sh, i, basis):
+    """SH + 0.5 of Gaussian `i` (red, green, blue), before the clamp at zero: not finite if a coefficient is not."""
+    red = green = blue = 0.5
+    for k in range(sh.shape[1]):
+        red += basis[k] * sh[i, k, 0]
+        green += basis[k] * sh[i, k, 1]
+        blue += basis[k] * sh[i, k, 2]
+    return red, green, blue
+
+
+@njit(error_model="numpy")
+def is_finite(sh, i):
+    """Whether every coefficient of Gaussian `i` is a finite number."""
+    total = np.float32(0)
+    for k in range(sh.shape[1]):
+        # 0 times NaN or infinity is NaN, and stays so in the sum.
+        total += np.float32(0) * sh[i, k, 0] + np.float32(0) * sh[i, k, 1] + np.float32(0) * sh[i, k, 2]
+    return total == 0
+
+
+@njit(error_model="numpy")
+def direction_gradient(sh, i, direction, gradient):
+    """dL/d(direction) of Gaussian `i` from dL/d(colour), before the direction's normalisation is taken into account."""
+    x, y, z = direction
+    coefficients = sh.shape[1]
+    total = (0.0, 0.0, 0.0)
+    if coefficients > 1:
+        total = (-SH_1 * pull(sh, i, 3, gradient), -SH_1 * pull(sh, i, 1, gradient), SH_1 * pull(sh, i, 2, gradient))
+    if coefficients > 4:
+        xx, yy, zz = x * x, y * y, z * z
+        total = add(total, scaled(SH_2[0] * pull(sh, i, 4, gradient), (y, x, 0.0)))
+        total = add(total, scaled(SH_2[1] * pull(sh, i, 5, gradient), (0.0, z, y)))
+        total = add(total, scaled(SH_2[2] * pull(sh, i, 6, gradient), (-2 * x, -2 * y, 4 * z)))
+        total = add(total, scaled(SH_2[3] * pull(sh, i, 7, gradient), (z, 0.0, x)))
+        total = add(total, scaled(SH_2[4] * pull(sh, i, 8, gradient), (2 * x, -2 * y, 0.0)))
+        if coefficients > 9:
+            xy, yz, xz = x * y, y * z, x * z
+            total = add(total, scaled(SH_3[0] * pull(sh, i, 9, gradient), (6 * xy, 3 * (xx - yy), 0.0)))
+            total = add(total, scaled(SH_3[1] * pull(sh, i, 10, gradient), (yz, xz, xy)))
+            total = add(total, scaled(SH_3[2] * pull(sh, i, 11, gradient), (-2 * xy, 4 * zz - xx - 3 * yy, 8 * yz)))
+            total = add(total, scaled(SH_3[3] * pull(sh, i, 12, gradient), (-6 * xz, -6 * yz, 6 * zz - 3 * (xx + yy))))
+            total = add(total, scaled(SH_3[4] * pull(sh, i, 13, gradient), (4 * zz - 3 * xx - yy, -2 * xy, 8 * xz)))
+            total = add(total, scaled(SH_3[5] * pull(sh, i, 14, gradient), (2 * xz, -2 * yz, xx - yy)))
+            total = add(total, scaled(SH_3[6] * pull(sh, i, 15, gradient), (3 * (xx - yy), -6 * xy, 0.0)))
+    return total
+
+
+@njit(error_model="numpy")
+def pull(sh, i, k, gradient):
+    """dL/d(basis function k) of Gaussian `i`."""
+    return dot((sh[i, k, 0], sh[i, k, 1], sh[i, k, 2]), gradient)

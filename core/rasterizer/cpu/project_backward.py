@@ -1,0 +1,187 @@
+"""Gradients of the footprints back to the Gaussians' parameters: project.py read in reverse, line by line, in float64."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.blend_backward import (
+    G,
+    G_BLUE,
+    G_GREEN,
+    G_RED,
+    GE,
+    GEE,
+    GEY,
+    GY,
+    GYY,
+    SLOT_WIDTH,
+)
+from core.rasterizer.cpu.harmonics import direction_gradient, fill_basis
+from core.rasterizer.cpu.project import (
+    BLOCK,
+    LEAST_LOG_SCALE,
+    MOST_LOG_SCALE,
+    axes_of,
+    clamped_slope,
+    covariance,
+    opacity_of,
+    pixel_gradient,
+    projected_axes,
+    scales_of,
+)
+from core.rasterizer.cpu.simd import fetch_add
+from core.rasterizer.cpu.tuples import add, dot, row, scaled, subtract
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def project_backward(
+    counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, size,
+    footprints, slot_starts, drawn_chunks, slot_gradients,
+    to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe,
+):  # fmt: skip
+    """Sum the slots' gradients a Gaussian at a time and write dL/d(parameters); zeros for what was not drawn.
+
+    to_probe may be empty: then nobody asks. Takes blocks off `counter` until none are left.
+    """
+    count = len(means)
+    basis = np.empty(16)
+    sums = np.empty(SLOT_WIDTH)
+    while True:
+        begin = fetch_add(counter, 0, BLOCK)
+        if begin >= count:
+            return
+        for i in range(begin, min(begin + BLOCK, count)):
+            if not add_up(slot_starts[i], slot_starts[i + 1], drawn_chunks, slot_gradients, sums):
+                write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe)
+                continue
+            offset = subtract(row(means, i), centre)
+            to_offset = ellipse_backward(
+                i, offset, quaternions, log_scales, rotation, lens, size, sums,
+                to_quaternions, to_log_scales, to_probe,
+            )  # fmt: skip
+            through_colour = colour_backward(i, offset, sh, basis, footprints, sums, to_sh)
+            to_offset = add(to_offset, through_colour)
+            to_means[i, 0], to_means[i, 1], to_means[i, 2] = to_offset
+            # alpha = opacity * ...: the derivative of log(opacity) by its logit is 1 - opacity.
+            to_logit_opacities[i] = sums[G] * (1.0 - opacity_of(logit_opacities[i]))
+
+
+@njit(error_model="numpy")
+def add_up(begin, end, drawn_chunks, slot_gradients, sums):
+    """Sum slots begin..end, those drawn, into `sums`; whether there was one."""
+    drawn = False
+    sums[:] = 0
+    for slot in range(begin, end):
+        if drawn_chunks[slot] != 0:
+            drawn = True
+            for k in range(SLOT_WIDTH):
+                sums[k] += slot_gradients[slot, k]
+    return drawn
+
+
+@njit(error_model="numpy")
+def write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe):
+    to_means[i], to_quaternions[i], to_log_scales[i], to_logit_opacities[i], to_sh[i] = 0, 0, 0, 0, 0
+    if len(to_probe) > 0:
+        to_probe[i] = 0
+
+
+@njit(error_model="numpy")
+def ellipse_backward(
+    i, offset, quaternions, log_scales, rotation, lens, size, sums, to_quaternions, to_log_scales, to_probe
+):
+    """From the sums over the pixels to quaternion, log scales and probe, which are written, and dL/d(offset), returned."""
+    fx, fy, cx, cy = lens
+    right, down, forward = row(rotation, 0), row(rotation, 1), row(rotation, 2)
+    depth = dot(forward, offset)
+    slope_x, slope_y = dot(right, offset) / depth, dot(down, offset) / depth
+    clamped_x, clamped_y = clamped_slope(slope_x, fx, cx, size[0]), clamped_slope(slope_y, fy, cy, size[1])
+    unit, norm, axes = axes_of(quaternions, i)
+    scales = scales_of(log_scales, i)
+    x_gradient = pixel_gradient(rotation, 0, fx, clamped_x, depth)
+    y_gradient = pixel_gradient(rotation, 1, fy, clamped_y, depth)
+    across, along = projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
+    a, b, c, determinant = covariance(across, along)
+
+    # log(alpha) = ... - A e^2 / 2 - dy^2 / (2 c), with e = dx - m dy, A = c / det and m = b / c.
+    precision, lean = c / determinant, b / c
+    to_x = precision * sums[GE]
+    to_y = sums[GY] / c - lean * to_x
+    to_precision = -0.5 * sums[GEE]
+    to_lean = precision * sums[GEY]
+    to_inverse_c = -0.5 * sums[GYY]
+    # dA = -A^2 (da - 2 m db + m^2 dc): in this form there is no determinant to divide by twice.
+    spread = precision * precision * to_precision
+    to_a = -spread
+    to_b = 2.0 * lean * spread + to_lean / c
+    to_c = -lean * lean * spread - (lean * to_lean + to_inverse_c / c) / c
+
+    # The covariance is V V' + blur with rows `across` and `along` of V.
+    to_across = add(scaled(2.0 * to_a, across), scaled(to_b, along))
+    to_along = add(scaled(2.0 * to_c, along), scaled(to_b, across))
+    to_x_gradient = to_y_gradient = (0.0, 0.0, 0.0)
+    for k in range(3):
+        log_scale = log_scales[i, k]
+        inside = LEAST_LOG_SCALE <= log_scale and log_scale <= MOST_LOG_SCALE
+        to_log_scales[i, k] = to_across[k] * across[k] + to_along[k] * along[k] if inside else 0.0
+        to_x_gradient = add(to_x_gradient, scaled(scales[k] * to_across[k], axes[k]))
+        to_y_gradient = add(to_y_gradient, scaled(scales[k] * to_along[k], axes[k]))
+    to_axes = (
+        scaled(scales[0], add(scaled(to_across[0], x_gradient), scaled(to_along[0], y_gradient))),
+        scaled(scales[1], add(scaled(to_across[1], x_gradient), scaled(to_along[1], y_gradient))),
+        scaled(scales[2], add(scaled(to_across[2], x_gradient), scaled(to_along[2], y_gradient))),
+    )
+    write_quaternion_gradient(i, unit, norm, to_axes, to_quaternions)
+    if len(to_probe) > 0:
+        to_probe[i, 0], to_probe[i, 1] = to_x, to_y
+
+    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth.
+    to_slope_x, to_slope_y = fx * to_x, fy * to_y
+    if clamped_x == slope_x:
+        to_slope_x -= fx / depth * dot(to_x_gradient, forward)
+    if clamped_y == slope_y:
+        to_slope_y -= fy / depth * dot(to_y_gradient, forward)
+    to_depth = -(dot(to_x_gradient, x_gradient) + dot(to_y_gradient, y_gradient)) / depth
+    to_depth -= (to_slope_x * slope_x + to_slope_y * slope_y) / depth
+    in_camera = add(scaled(to_slope_x / depth, right), scaled(to_slope_y / depth, down))
+    return add(in_camera, scaled(to_depth, forward))
+
+
+@njit(error_model="numpy")
+def write_quaternion_gradient(i, unit, norm, to_axes, to_quaternions):
+    """From dL/d(columns of the rotation matrix) to dL/d(quaternion), its normalisation included."""
+    w, x, y, z = unit
+    first, second, third = to_axes
+    to_w = 2 * (x * (second[2] - third[1]) + y * (third[0] - first[2]) + z * (first[1] - second[0]))
+    to_x = 2 * (w * (second[2] - third[1]) + y * (second[0] + first[1]) + z * (third[0] + first[2]))
+    to_x -= 4 * x * (second[1] + third[2])
+    to_y = 2 * (w * (third[0] - first[2]) + x * (second[0] + first[1]) + z * (third[1] + second[2]))
+    to_y -= 4 * y * (first[0] + third[2])
+    to_z = 2 * (w * (first[1] - second[0]) + x * (third[0] + first[2]) + y * (third[1] + second[2]))
+    to_z -= 4 * z * (first[0] + second[1])
+    radial = w * to_w + x * to_x + y * to_y + z * to_z
+    to_quaternions[i, 0] = (to_w - w * radial) / norm
+    to_quaternions[i, 1] = (to_x - x * radial) / norm
+    to_quaternions[i, 2] = (to_y - y * radial) / norm
+    to_quaternions[i, 3] = (to_z - z * radial) / norm
+
+
+@njit(error_model="numpy")
+def colour_backward(i, offset, sh, basis, footprints, sums, to_sh):
+    """Write dL/d(sh); dL/d(offset) by way of the direction."""
+    distance = math.sqrt(dot(offset, offset))
+    direction = scaled(1.0 / distance, offset)
+    fill_basis(basis, direction, sh.shape[1])
+    # A colour that the forward pass clamped at zero has no gradient.
+    red = sums[G_RED] if footprints[i, footprint.RED] > 0 else 0.0
+    green = sums[G_GREEN] if footprints[i, footprint.GREEN] > 0 else 0.0
+    blue = sums[G_BLUE] if footprints[i, footprint.BLUE] > 0 else 0.0
+    for k in range(sh.shape[1]):
+        to_sh[i, k, 0] = basis[k] * red
+        to_sh[i, k, 1] = basis[k] * green
+        to_sh[i, k, 2] = basis[k] * blue
+    to_direction = direction_gradient(sh, i, direction, (red, green, blue))
+    radial = dot(to_direction, direction)
+    return scaled(1.0 / distance, subtract(to_direction, scaled(radial, direction)))

@@ -1,0 +1,235 @@
+"""The story end to end on six tiny photos: train, stop, go on, bake, interpolate; and what is refused on the way."""
+
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+import core.rasterizer
+from core import pipeline
+from core.errors import BadInput, BadSetting
+from core.export.ply import read_ply
+from core.report import Report
+from core.training import run
+from tests.small import small_collection, small_settings
+
+STEPS = 12
+
+
+class Heard(Report):
+    """Keeps what it is told."""
+
+    def __init__(self):
+        self.lines: list[str] = []
+        self.steps: list[tuple[int, int]] = []
+
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+    def warn(self, line: str) -> None:
+        self.lines.append(f"! {line}")
+
+    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
+        self.steps.append((done, total))
+
+    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
+        self.lines += [f"{name}: {value}" for name, value in rows]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_scene(tmp_path_factory):
+    """`pipeline` finds the small collection, whatever folder it is asked to read."""
+    folder = tmp_path_factory.mktemp("scene")
+    collection = replace(small_collection(folder), notes=("photo_7.png was dropped: it is empty.",))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pipeline, "find_kind", lambda path: "test")
+        patch.setattr(pipeline, "load_collection", lambda path: collection)
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def trained(small_scene, tmp_path_factory):
+    """A finished run and what was said on the way."""
+    heard = Heard()
+    output = tmp_path_factory.mktemp("runs") / "small"
+    return pipeline.train(small_scene, small_settings(steps=STEPS), output, heard), heard
+
+
+# --- training
+
+
+def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained):
+    folder, heard = trained
+    said = "\n".join(heard.lines)
+    for words in (
+        "6 photos (4 train, 2 test)",
+        "! photo_7.png was dropped",
+        "48x36 px",
+        "held-out PSNR",
+        "Next: wegs bake",
+    ):
+        assert words in said
+    assert heard.steps == [(step + 1, STEPS) for step in range(STEPS)]
+    names = {path.name for path in folder.iterdir()}
+    assert {"cfg_args", "cameras.json", "input.ply", "point_cloud", "config.json", "history.csv", "masks"} <= names
+    neutral = read_ply(folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply")
+    assert len(neutral) == len(pipeline.load_run(folder).splats)
+    assert len(list((folder / "masks").iterdir())) == 4
+
+
+def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(trained, small_scene, tmp_path):
+    class Impatient(Heard):
+        def progress(self, what, done, total, note=""):
+            super().progress(what, done, total, note)
+            if done == 5:
+                signal.raise_signal(signal.SIGINT)
+
+    whole, folder = pipeline.load_run(trained[0]), tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt, match="Step 5 is kept.*--resume"):
+        pipeline.train(small_scene, small_settings(steps=STEPS), folder, Impatient())
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert not (folder / "point_cloud").exists()
+    heard = Heard()
+    pipeline.resume(folder, heard)
+    assert heard.steps[0] == (6, STEPS)
+    resumed = pipeline.load_run(folder)
+    for name, tensor in whole.splats.tensors().items():
+        assert torch.equal(getattr(resumed.splats, name), tensor), name
+    with pytest.raises(BadInput, match="is finished"):
+        pipeline.resume(folder)
+
+
+def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    collection = pipeline.load_collection(small_scene)
+    run.create(folder, collection, small_settings())
+    with pytest.raises(BadInput, match="no checkpoint"):
+        pipeline.resume(folder)
+    fewer = replace(collection, photos=collection.photos[1:])
+    monkeypatch.setattr(pipeline, "load_collection", lambda path: fewer)
+    monkeypatch.setattr(pipeline.checkpoint, "newest", lambda folder: folder / "checkpoint")
+    monkeypatch.setattr(pipeline.checkpoint, "load", lambda path: pipeline.checkpoint.Checkpoint({}, {"step": 1}))
+    with pytest.raises(BadInput, match="not those that"):
+        pipeline.resume(folder)
+
+
+def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path):
+    output = tmp_path / "run"
+    for settings in (small_settings(backend="cuda"), small_settings(device="cuda")):
+        with pytest.raises(BadSetting, match="cuda"):
+            pipeline.train(small_scene, settings, output)
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- baking
+
+
+def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
+    live = pipeline.load_run(trained[0])
+    photo = live.collection.photos[0]
+    rasterizer = core.rasterizer.create("auto")
+    camera = live.picture(photo).camera
+    for word in ("neutral", "photo_0.png", "photo_2.png"):
+        path = pipeline.export(trained[0], word, tmp_path / f"{word}.ply")
+        look = pipeline.find_appearance(live, word)
+        sh, _ = live.model.transfer(live.splats.sh, live.splats.means, look.embedding, live.latents)
+        expected = rasterizer.render(live.splats.with_sh(sh.detach()), camera).image
+        baked = rasterizer.render(read_ply(path).in_scene(live.collection.frame), camera).image
+        assert (baked - expected).abs().max() <= 0.5 / 255  # half an 8-bit step: no viewer can show the difference
+
+
+def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
+    folder = trained[0]
+    data = {}
+    for name, word, save_as in (("a", "photo_0.png", "noon"), ("b", "noon", None), ("c", "photo_4.png", None)):
+        pipeline.export(folder, word, tmp_path / f"{name}.ply", save_as=save_as)
+        data[name] = read_ply(tmp_path / f"{name}.ply").sh
+    assert torch.equal(data["a"], data["b"]) and not torch.equal(data["a"], data["c"])
+    live = pipeline.load_run(folder)
+    by_path = pipeline.find_appearance(live, str(folder / "appearance" / "noon.json"))
+    assert by_path.source == "training photo photo_0.png"
+
+
+def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outside(trained, small_scene, tmp_path):
+    live = pipeline.load_run(trained[0])
+    known = pipeline.find_appearance(live, str(small_scene / "photo_0.png"))
+    assert known.source == "training photo photo_0.png"
+    copy = tmp_path / "copy.png"
+    copy.write_bytes((small_scene / "photo_0.png").read_bytes())
+    outside = pipeline.find_appearance(live, str(copy))
+    assert outside.source == "photo copy.png from outside the collection"
+    assert "held-out" in pipeline.find_appearance(live, "photo_2.png").source
+
+
+@pytest.mark.parametrize(
+    "word, words",
+    [
+        ("photo_00.png", "such as photo_0.png"),
+        ("none.json", "no saved look"),
+        ("tiny.png", "1 x 1 px"),
+        ("text.png", "text.png"),
+        (".", "neither a photo file"),
+    ],
+)
+def test_a_look_that_is_none_is_refused_and_nothing_is_written(trained, tmp_path, monkeypatch, word, words):
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("tiny.png", np.zeros((1, 1, 3), np.uint8))
+    Path("text.png").write_text("not a photo")
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(BadInput, match=words):
+        pipeline.export(trained[0], word, Path("a.ply"))
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_an_output_that_exists_or_has_no_format_is_refused(trained, tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_text("old")
+    with pytest.raises(BadInput, match="--force"):
+        pipeline.export(trained[0], "neutral", path)
+    with pytest.raises(BadInput, match=".ply"):
+        pipeline.export(trained[0], "neutral", tmp_path / "a.obj")
+    assert path.read_text() == "old"
+    pipeline.export(trained[0], "neutral", path, force=True)
+    assert len(read_ply(path)) > 0
+
+
+def test_a_table_of_embeddings_knows_no_other_photos(small_scene, tmp_path):
+    folder = pipeline.train(small_scene, small_settings(steps=2, embedding="glo"), tmp_path / "run")
+    pipeline.export(folder, "photo_0.png", tmp_path / "a.ply")
+    with pytest.raises(BadInput, match="embedding=glo"):
+        pipeline.export(folder, "photo_2.png", tmp_path / "b.ply")
+
+
+# --- interpolating
+
+
+def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
+    folder, ends = trained[0], ("neutral", "photo_4.png")
+    output = pipeline.interpolate(folder, *ends, steps=3, output=tmp_path / "fade", ply=True)
+    assert sorted(path.name for path in output.iterdir()) == [
+        *(f"frame_{step:03d}.png" for step in range(3)),
+        "sheet.png",
+        *(f"step_{step:03d}.ply" for step in range(3)),
+        "video.mp4",
+    ]
+    live = pipeline.load_run(folder)
+    camera = live.picture(live.collection.split("test")[0]).camera
+    for word, step in zip(ends, (0, 2), strict=True):
+        pipeline.export(folder, word, tmp_path / "end.ply", force=True)
+        assert (tmp_path / "end.ply").read_bytes() == (output / f"step_{step:03d}.ply").read_bytes()
+        baked = pipeline.bake(live, pipeline.find_appearance(live, word))
+        image = core.rasterizer.create("auto").render(baked, camera).image
+        frame = cv2.imread(str(output / f"frame_{step:03d}.png"))[..., ::-1]
+        np.testing.assert_array_equal(frame, (image.clamp(0, 1) * 255).round().byte().numpy())
+    ends_sh = [read_ply(output / f"step_{step:03d}.ply").sh for step in (0, 1, 2)]
+    assert not torch.equal(ends_sh[1], ends_sh[0]) and not torch.equal(ends_sh[1], ends_sh[2])
+
+
+def test_a_view_that_is_none_is_refused(trained, tmp_path):
+    with pytest.raises(BadInput, match="no photo bogus"):
+        pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
+    assert list(tmp_path.iterdir()) == []

@@ -1,7 +1,7 @@
 """Make samples/plaza: render the photos, their truth and their COLMAP model. Everything follows from fixed seeds.
 
-    python samples/make_plaza.py                          # the collection, into samples/plaza
-    python samples/make_plaza.py --calm --output /tmp/calm  # the same views in one light, with nobody about
+python samples/make_plaza.py                          # the collection, into samples/plaza
+python samples/make_plaza.py --calm --output /tmp/calm  # the same views in one light, with nobody about
 """
 
 import os
@@ -17,7 +17,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
 from plaza_maker import shots
 from plaza_maker.light import render
 from plaza_maker.looks import Look, develop, to_bytes
@@ -39,7 +38,12 @@ def _write(path: Path, picture: np.ndarray, *options: int) -> None:
 def _take(shot: Shot, output: Path, photo: str, mask: str | None, grid: int) -> tuple[Taken, float]:
     """Take a photo with everybody in it; write it and its mask of what stays."""
     picture = render(World((*static_groups(), *shot.passers_by())), shot.look, shot.view, grid)
-    _write(output / photo, to_bytes(develop(shot.look, picture.radiance), shot.look), cv2.IMWRITE_JPEG_QUALITY, shot.look.quality)
+    _write(
+        output / photo,
+        to_bytes(develop(shot.look, picture.radiance), shot.look),
+        cv2.IMWRITE_JPEG_QUALITY,
+        shot.look.quality,
+    )
     moving = picture.transient > 0
     if mask:
         _write(output / mask, np.where(moving, 0, 255).astype(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)
@@ -68,7 +72,11 @@ def _rounded(value):
 
 def _record(shot: Shot, **more) -> dict:
     view = shot.view
-    camera = {"centre": view.centre.tolist(), "world_to_camera": view.world_to_camera.tolist(), "focal_px": view.focal_px}
+    camera = {
+        "centre": view.centre.tolist(),
+        "world_to_camera": view.world_to_camera.tolist(),
+        "focal_px": view.focal_px,
+    }
     return {**more, "look": shot.look.describe(), "camera": camera}
 
 
@@ -80,10 +88,14 @@ def make(output: Path, calm: bool, grid: int, processes: int) -> None:
         collection = shots.calm(collection)
     tested = [shot for shot in collection if shot.name in test]
     central = sorted(tested, key=lambda shot: abs(shot.view.centre[0]))[:STYLE_VIEWS]
-    takes = [partial(_take, s, output, f"dense/images/{s.name}.jpg", f"truth/masks/{s.name}.png", grid) for s in collection]
+    takes = [
+        partial(_take, s, output, f"dense/images/{s.name}.jpg", f"truth/masks/{s.name}.png", grid) for s in collection
+    ]
     extra = [partial(_take, s, output, f"styles/{s.name}.jpg", None, grid) for s in styles]
     extra += [partial(_clean, s, s.look, output, f"truth/clean/{s.name}.png", grid) for s in tested]
-    extra += [partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central]
+    extra += [
+        partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central
+    ]
     with get_context("spawn").Pool(processes) as pool:
         results = []
         for number, result in enumerate(pool.imap(_run, takes + extra), start=1):
@@ -94,23 +106,32 @@ def make(output: Path, calm: bool, grid: int, processes: int) -> None:
     print()
     taken = results[: len(takes)]
     figures = write_model([photo for photo, _ in taken], output / "dense" / "sparse", shots.SEED)
-    rows = [f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza" for number, shot in enumerate(collection, 1)]
+    rows = [
+        f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza"
+        for number, shot in enumerate(collection, 1)
+    ]
     (output / "plaza.tsv").write_text("filename\tid\tsplit\tdataset\n" + "\n".join(rows) + "\n")
     record = {
         "model": {**figures, "scale": SCALE, "rotation": ROTATION.tolist(), "origin": ORIGIN.tolist()},
         "photos": {shot.name: _record(shot, occluded=share) for shot, (_, share) in zip(collection, taken)},
         "styles": {shot.name: _record(shot) for shot in styles},
     }
-    (output / "truth" / "looks.json").write_text(json.dumps(_rounded(record), separators=(",", ":")).replace('},"0', '},\n"0') + "\n")
+    (output / "truth" / "looks.json").write_text(
+        json.dumps(_rounded(record), separators=(",", ":")).replace('},"0', '},\n"0') + "\n"
+    )
     print(f"{output}: {len(collection)} photos, {len(test)} of them test; {figures}")
 
 
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description="Make the plaza sample: photos, truth and COLMAP model.")
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "plaza", help="folder to write (default: samples/plaza)")
+    parser.add_argument(
+        "--output", type=Path, default=Path(__file__).parent / "plaza", help="folder to write (default: samples/plaza)"
+    )
     parser.add_argument("--calm", action="store_true", help="one light, one exposure, nobody about; needs --output")
-    parser.add_argument("--grid", type=int, default=3, help="sub-samples a pixel along each side (default: 3; 1 is a quick look)")
+    parser.add_argument(
+        "--grid", type=int, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)"
+    )
     parser.add_argument("--processes", type=int, default=2, help="processes to work in (default: 2)")
     parser.add_argument("--force", action="store_true", help="replace the folder if it exists")
     given = parser.parse_args()

@@ -58,13 +58,14 @@ class AppearanceModel(nn.Module):
         self.register_buffer("mean_embedding", torch.zeros(settings.embedding_size))
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
-    def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None) -> Look:
+    def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None, masked: bool = True) -> Look:
         """The look of a picture ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
 
-        photo: its row in `photo_names`; the embedding then heeds the predicted mask. None for a photo from outside: it
-        is encoded with M := 1 and its mask, where a network predicts one, is only for looking at. A GLO table knows
-        nothing of a photo from outside: its embedding is the mean, the place to start a refinement. Without
-        appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
+        photo: its row in `photo_names`, or None for one that was not trained on. masked: whether the embedding heeds the
+        predicted mask; a photo from outside the collection is encoded with M := 1 instead (paper, unseen appearance
+        transfer), and its mask is only for looking at. A GLO table knows nothing of a photo without a row: its
+        embedding is the mean, the place to start a refinement. Without appearance the embedding is the mean too
+        (zeros). Raises BadInput for a row that does not exist.
         """
         if photo is not None and not 0 <= photo < len(self.photo_names):
             raise BadInput(f"There is no photo {photo} among {len(self.photo_names)}.", "Count from 0.")
@@ -73,7 +74,7 @@ class AppearanceModel(nn.Module):
         if self.encoder is not None:
             # A few ms of work: more threads cost more than they save, and would round the embedding differently.
             with one_torch_thread():
-                embedding, mask = self.encoder(picture, photo is not None)
+                embedding, mask = self.encoder(picture, masked)
         if self.embedding_table is not None and photo is not None:
             embedding = self.embedding_table[photo]
         if isinstance(self.mask_network, PlainMask):

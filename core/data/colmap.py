@@ -72,7 +72,8 @@ def _points(
     reconstruction: pycolmap.Reconstruction, model: Path
 ) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray], list[str]]:
     """Finite points (P, 3) in world units, colours (P, 3) in [0, 1], the points each image id sees, notes."""
-    points = list(reconstruction.points3D.values())
+    # By id: pycolmap's own order is that of a hash table, and a run must begin the same each time.
+    points = [point for _, point in sorted(reconstruction.points3D.items(), key=lambda item: item[0])]
     positions = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
     finite = np.isfinite(positions).all(axis=1)
     if not finite.any():

@@ -62,7 +62,7 @@ def probe(path: Path) -> Header:
     try:
         with open(path, "rb") as file:
             if not file.read(1):
-                raise bad_photo(path, "is empty")
+                return read_header(path, b"")  # an empty file cannot be mapped
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
                 return read_header(path, data)
     except OSError as problem:
@@ -75,10 +75,21 @@ def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:
         return _read_png(path, data)
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8).copy(), cv2.IMREAD_COLOR)
+    height, width = decode(path, data[:], cv2.IMREAD_COLOR).shape[:2]
+    return Header("other", width, height)
+
+
+def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
+    """OpenCV's picture of the file's bytes; raises BadInput where it has none."""
+    if not data:
+        raise bad_photo(path, "is empty")
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:  # such as more than 2^30 pixels
+        pixels = None
     if pixels is None:
         raise bad_photo(path, "is not a photo that can be read")
-    return Header("other", pixels.shape[1], pixels.shape[0])
+    return pixels
 
 
 def _read_jpeg(path: Path, data: bytes | mmap.mmap) -> Header:

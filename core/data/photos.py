@@ -8,10 +8,11 @@ import numpy as np
 
 from core.data import lens as lenses
 from core.data.collection import Photo
-from core.data.photo_file import TRUNCATED, Header, bad_photo, read_header
+from core.data.photo_file import TRUNCATED, Header, bad_photo, decode, read_header
 
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
+OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
 
@@ -26,10 +27,11 @@ class Picture:
 def read(path: Path) -> np.ndarray:
     """A photo as displayed: (H, W, 3) uint8 RGB, EXIF rotation applied.
 
-    Grey, 16-bit (the upper 8 bits), palette and CMYK photos are converted; transparency is laid on white, as viewers do.
+    Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparency is laid on white, as
+    viewers do.
     Raises BadInput for what is missing, truncated or no photo.
     """
-    header, pixels, alpha = _decode(Path(path))
+    header, pixels, alpha = _read_file(Path(path))
     return upright(_on_white(pixels, alpha), header.orientation)
 
 
@@ -39,14 +41,14 @@ def load(photo: Photo, width: int, height: int) -> Picture:
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that the
     lens did not see and those with any transparency. Raises BadInput like `read`.
     """
-    header, pixels, alpha = _decode(Path(photo.path), (width, height))
+    header, pixels, alpha = _read_file(Path(photo.path), (width, height))
     pixels = _on_white(pixels, alpha)
     valid = None if alpha is None else alpha == 255
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
         valid = None if valid is None else upright(valid, header.orientation)
     else:
-        pixels, valid = _undistort(pixels, valid, photo, header)
+        pixels, valid = _undistort(pixels, valid, photo, header, (width, height))
     return Picture(_resize(pixels, width, height), _resize_valid(valid, width, height))
 
 
@@ -61,35 +63,32 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return np.ascontiguousarray(pixels)
 
 
-def _decode(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
-    """Header, stored pixels (H, W, 3) RGB and alpha (H, W) or None; a JPEG shrunk, but not below `wanted` (width, height as displayed)."""
+def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
+    """Header, stored pixels (H, W, 3) RGB, and alpha (H, W) or None.
+
+    A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
+    """
     try:
         data = path.read_bytes()
     except OSError as problem:
         raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
-    if not data:
-        raise bad_photo(path, "is empty")
     header = read_header(path, data)
-    encoded = np.frombuffer(data, np.uint8)
     if header.kind == "jpeg":
         flags = REDUCTIONS.get(_reduction(header, wanted), cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
-        pixels = cv2.imdecode(encoded, flags)
-        if pixels is None:
-            raise bad_photo(path, "cannot be decoded")
+        pixels = decode(path, data, flags)
         if _runs_out(pixels):
             raise bad_photo(path, TRUNCATED)
         return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
-    with_alpha = cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED)  # the only way to alpha; ignores EXIF
-    if with_alpha is not None and with_alpha.ndim == 3 and with_alpha.shape[2] == 4:
-        if with_alpha.dtype == np.uint16:
-            with_alpha = (with_alpha >> 8).astype(np.uint8)
-        if with_alpha.dtype == np.uint8:
-            return header, cv2.cvtColor(with_alpha, cv2.COLOR_BGRA2RGB), with_alpha[..., 3]
-    flags = cv2.IMREAD_COLOR | (cv2.IMREAD_IGNORE_ORIENTATION if header.kind == "png" else 0)
-    pixels = cv2.imdecode(encoded, flags)
-    if pixels is None:
-        raise bad_photo(path, "cannot be decoded")
-    return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
+    pixels = decode(path, data, cv2.IMREAD_UNCHANGED)  # the only way to alpha; ignores EXIF
+    if pixels.dtype == np.uint16:
+        pixels = (pixels >> 8).astype(np.uint8)
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    if channels == 4 and pixels.dtype == np.uint8:
+        return header, cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[..., 3]
+    if header.kind == "png":
+        return header, cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB), None
+    # Decoded once more: of these formats OpenCV alone knows the rotation, and how to make 8 bits of what they hold.
+    return header, cv2.cvtColor(decode(path, data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), None
 
 
 def _reduction(header: Header, wanted: tuple[int, int] | None) -> int:
@@ -116,16 +115,19 @@ def _on_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
 
 
 def _undistort(
-    pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header
+    pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stored pixels at any size -> the pinhole picture as displayed, and where it is valid."""
+    """Stored pixels -> the pinhole picture as displayed, at OVERSAMPLING times the wanted size or less; where it is valid."""
     if valid is not None:
         pixels = np.dstack([pixels, valid * np.uint8(255)])
-    height, width = pixels.shape[:2]
-    if header.orientation >= 5:
-        width, height = height, width
+    most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if header.orientation >= 5 else wanted))
+    if pixels.shape[1] > most[0] and pixels.shape[0] > most[1]:
+        pixels = _resize(pixels, *most)
     if "orientation" not in photo.lens:  # the lens is that of the picture as displayed
         pixels = upright(pixels, header.orientation)
+    height, width = pixels.shape[:2]
+    if photo.lens.get("orientation", 1) >= 5:
+        width, height = height, width
     found, seen = lenses.undistort(pixels, photo.lens, photo.camera.resized(width, height))
     if valid is not None:
         seen &= found[..., 3] == 255

@@ -109,7 +109,8 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
             else:
                 (folder / copy).write_bytes(_encode(read(path), header))
             turned += header.orientation != 1
-            copies[copy] = path.name if header.kind == "jpeg" else f"{path.name}.jpg"
+            name = path.name if header.kind == "jpeg" else f"{path.name}.jpg"
+            copies[copy] = f"{done}-{name}" if name in copies.values() else name
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")
         report.progress("Photos", done, len(paths))

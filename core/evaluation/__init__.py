@@ -1,0 +1,1 @@
+"""Renders against photos: metrics, protocols, result files and picture sheets."""

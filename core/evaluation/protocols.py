@@ -56,7 +56,7 @@ class ViewResult:
     """The figures of one photo.
 
     scores: by what the render is compared with, then by whose embedding it was rendered with.
-      photo: the test photo, in the protocol's region. clean: the whole clean truth. clean_right (`half`): its right half.
+      photo: the test photo, in the protocol's region. clean: all of the clean truth. clean_right: its right half.
       zero_shot: the encoder's embedding. refined: that embedding after the refinement, where there was one.
     mask_iou: overlap of predicted and true passers-by, where both are known.
     """
@@ -127,7 +127,7 @@ def compare(
     valid: Bool[Tensor, "h w"] | None = None,
     lpips: Distance | None = None,
 ) -> Scores:
-    """All metrics of two quantised pictures. LPIPS, which takes the whole, sees the photo itself where it is not valid."""
+    """All metrics of two quantised pictures. LPIPS, which takes the whole, sees the photo where that is not valid."""
     shown = image if valid is None else torch.where(valid[..., None], image, photo)
     distance = None if lpips is None else lpips(shown, photo)
     return Scores(metrics.psnr(image, photo, valid), metrics.ssim(image, photo, valid), distance)

@@ -1,7 +1,7 @@
 """What is evaluated: something that embeds pictures and renders looks. Protocols know no more of it."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -13,6 +13,7 @@ from core.scene.camera import Camera
 from core.scene.splats import Splats
 
 
+@runtime_checkable
 class Subject(Protocol):
     """A scene whose look follows an embedding."""
 

@@ -12,16 +12,21 @@ COLLAPSED = 0.6  # a photo of which less counts as static is not a photo of this
 
 
 def mask_loss(
-    mask: Float[Tensor, "1 h w"], error: Float[Tensor, "H W"], regularisation: float
+    mask: Float[Tensor, "1 h w"],
+    image: Float[Tensor, "H W 3"],
+    photo: Float[Tensor, "3 H W"],
+    regularisation: float,
 ) -> Float[Tensor, ""]:
-    """What teaches the mask: it may drop a pixel only where the error pays for it.
+    """What teaches the mask: it may hide a place only where the error there pays for it. Pictures are detached.
 
-    error: per-pixel picture error of the detached render. Its median over the photo is taken off and the rest clipped at 0: an
-    error that the whole photo shares says that the look is not learnt yet, not that people stand in the way. A pixel is best
-    masked by 1 - M = excess / (2 * regularisation). L_regM is the mean of (1 - M)^2.
+    Picture and photo are compared after both were averaged down to the mask: a passer-by changes the mean colour of a place, detail
+    that is not learnt yet does not. The median over the photo is taken off and the rest clipped at 0: an error that the whole
+    photo shares says that its look is not learnt yet. A place is best hidden by 1 - M = excess / (2 * regularisation).
+    L_regM is the mean of (1 - M)^2.
     """
-    excess = (error - error.median()).clamp_min(0)
-    excess = F.interpolate(excess[None, None], size=mask.shape[-2:], mode="area")[0]
+    difference = image.detach().permute(2, 0, 1) - photo
+    coarse = F.interpolate(difference[None], size=mask.shape[-2:], mode="area")[0].abs().mean(dim=0, keepdim=True)
+    excess = (coarse - coarse.median()).clamp_min(0)
     return (mask * excess).mean() + regularisation * ((1 - mask) ** 2).mean()
 
 

@@ -3,11 +3,11 @@
     loss  = sum over valid pixels p and channels c of  w_p ((1 - s) |x - y| + s (1 - SSIM(x, y)))_pc  /  (3 V)
     error = the same map without w, averaged over the channels
 
-V is the number of valid pixels, whatever the weights: a mask that hides half of a photo halves its loss, so hidden pixels
-do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma 1.5,
-constants 0.01^2 and 0.03^2 for a range of 1, and zeros beyond the picture. Invalid pixels are beyond the picture: zero on
-both sides. Paper: section IV-C (lambda_1 = 0.2 is `ssim_weight`). This module is the definition, in any dtype on any
-device; float32 on a CPU goes through core.training.photometric_kernel, which equals it.
+V is the number of valid pixels, whatever the weights: a mask that hides half of a photo halves its loss, so hidden
+pixels do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma
+1.5, constants 0.01^2 and 0.03^2 for a range of 1, and zeros beyond the picture. Invalid pixels are beyond the picture:
+zero on both sides. Paper: section IV-C (lambda_1 = 0.2 is `ssim_weight`). This module is the definition, in any dtype
+on any device; float32 on a CPU goes through core.training.photometric_kernel, which equals it.
 """
 
 import torch
@@ -45,8 +45,8 @@ class Target:
     Raises BadInput for a photo without a valid pixel.
 
     planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
-    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. valid_pixels: V. Everything has the dtype
-    and the device of `picture`.
+    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. valid_pixels: V. Everything has the
+    dtype and the device of `picture`.
     """
 
     def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None):
@@ -93,17 +93,14 @@ def photometric_paper(
     """`photometric` as the paper writes it: both pictures are multiplied by the mask before L1 and SSIM.
 
     The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero. The error
-    is that of the unmasked pictures, as in `photometric`, so that the mask learns from the same signal in both readings.
+    is that of the unmasked pictures, as in `photometric`: the mask learns from the same signal in both readings.
     """
-    mask = mask.detach()
-    planes = _planes(image, target.valid)
-    photo = target.planes * mask
-    masked = _error(planes * mask, photo, blur(photo), blur(photo**2), ssim_weight)
-    if target.valid is not None:
-        masked = torch.where(target.valid, masked, 0)
+    mask = mask.detach()[..., None]
+    masked = Target(target.planes.permute(1, 2, 0) * mask, target.valid)
+    loss, _ = photometric(image * mask, masked, None, ssim_weight)
     with torch.no_grad():
-        _, error = photometric(image.detach(), target, None, ssim_weight)
-    return masked.sum() / target.valid_pixels, error
+        _, error = photometric(image, target, None, ssim_weight)
+    return loss, error
 
 
 def _planes(picture: Tensor, valid: Tensor | None) -> Tensor:

@@ -130,7 +130,7 @@ def _of_outside(trained: Run, path: Path) -> Appearance:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")
     picture = shrink(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255, trained.settings.encoder_side_px)
     return Appearance(
-        path.stem, f"photo {path.name} from outside the collection", trained.model.look(picture, None).embedding
+        path.stem, f"photo {path.name} from outside the collection", trained.model.look(picture, masked=False).embedding
     )
 
 

@@ -20,7 +20,7 @@ from core.scene.splats import Splats
 from core.threads import one_torch_thread
 from core.training import checkpoint, densify, losses, schedule
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
-from core.training.photometric import photometric, photometric_paper
+from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Picture, Pictures, auto_factor
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
@@ -115,8 +115,8 @@ class Trainer:
         probe = torch.zeros(len(rows), 2, requires_grad=True)
         image = self.rasterizer.render(seen, camera, probe=probe).image
 
-        picture_loss, error = self._picture_loss(image, target, look, progress)
-        mask_loss = self._mask_loss(look, error, progress)
+        picture_loss = self._picture_loss(image, target, look, progress)
+        mask_loss = self._mask_loss(look, image, target, progress)
         loss = picture_loss + self._regularisers(look, residual, seen, camera, progress)
         self.done += 1
         messages = []
@@ -141,18 +141,19 @@ class Trainer:
             messages=tuple(messages),
         )
 
-    def _picture_loss(self, image, target, look: Look, progress: float) -> tuple[Tensor, Tensor]:
+    def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
         settings = self.settings
         if look.mask is None or progress < settings.mask_apply:
-            return photometric(image, target, None, settings.ssim_weight)
+            return photometric(image, target, None, settings.ssim_weight)[0]
         weight = losses.pixel_weights(look.mask, *image.shape[:2], self.mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
-        return loss(image, target, weight, settings.ssim_weight)
+        return loss(image, target, weight, settings.ssim_weight)[0]
 
-    def _mask_loss(self, look: Look, error: Tensor, progress: float) -> Tensor:
+    def _mask_loss(self, look: Look, image: Tensor, target: Target, progress: float) -> Tensor:
         if look.mask is None or progress < self.settings.mask_start:
             return torch.zeros(())
-        return losses.mask_loss(look.mask, error, schedule.mask_regularisation(self.settings, progress))
+        weight = schedule.mask_regularisation(self.settings, progress)
+        return losses.mask_loss(look.mask, image, target.planes, weight)
 
     def _regularisers(self, look: Look, residual, seen: Splats, camera, progress: float) -> Tensor:
         settings = self.settings
@@ -244,7 +245,7 @@ class Trainer:
         with torch.no_grad():
             for index in range(len(self.held_out)):
                 picture = self.held_out[index]
-                look = self.model.look(picture.encoder_input, None)
+                look = self.model.look(picture.encoder_input)
                 splats = self.model.bake(self.gaussians.splats, look.embedding, self.gaussians.latents)
                 image = self.rasterizer.render(splats, picture.camera).image.clamp(0, 1)
                 photo = torch.from_numpy(picture.pixels).float() / 255

@@ -20,7 +20,11 @@ def _column(x, y, bottom, top, radius):
     shaft_low, shaft_high = bottom + 0.42, top - 0.62
     middle, half = (shaft_low + shaft_high) / 2, (shaft_high - shaft_low) / 2
     return [
-        _box((x - 1.35 * radius, y - 1.35 * radius, bottom), (x + 1.35 * radius, y + 1.35 * radius, bottom + 0.2), "marble"),
+        _box(
+            (x - 1.35 * radius, y - 1.35 * radius, bottom),
+            (x + 1.35 * radius, y + 1.35 * radius, bottom + 0.2),
+            "marble",
+        ),
         make("sphere", (x, y, bottom + 0.32), (1.3 * radius, 1.3 * radius, 0.16), "marble"),
         make("frustum", (x, y, middle), (radius, radius, half), "fluted", taper=0.84),
         make("frustum", (x, y, top - 0.42), (0.86 * radius, 0.86 * radius, 0.22), "marble", taper=1.45),
@@ -30,6 +34,7 @@ def _column(x, y, bottom, top, radius):
 
 def _person_of_stone(x, y, z, size, material, **params):
     """A standing robed figure for niches and pedestals."""
+
     def at(dx, dy, dz):
         return np.array([x + dx * size, y + dy * size, z + dz * size])
 
@@ -47,7 +52,15 @@ def steps() -> list[Group]:
     treads = []
     for number in range(5):
         reach = 0.45 * (4 - number)
-        treads.append(_box((-10.6 - reach, -7.4 - reach, 0), (10.6 + reach, 27 + reach, 0.18 * (number + 1)), "ashlar", block=(2.0, 0.18), tone=(1.05, 1.05, 1.05)))
+        treads.append(
+            _box(
+                (-10.6 - reach, -7.4 - reach, 0),
+                (10.6 + reach, 27 + reach, 0.18 * (number + 1)),
+                "ashlar",
+                block=(2.0, 0.18),
+                tone=(1.05, 1.05, 1.05),
+            )
+        )
     return [group(treads)]
 
 
@@ -56,9 +69,12 @@ def portico() -> list[Group]:
     places = [(x, -5.6) for x in (-7.6, -4.55, -1.55, 1.55, 4.55, 7.6)] + [(-7.6, -2.6), (7.6, -2.6)]
     columns = [group([part for part in _column(x, y, PLATFORM, 8.5, 0.56)]) for x, y in places]
     text = {
-        "lines": ("LVX  MVTAT  LAPIDES  MANENT",), "shape": (72, 1024), "scale": 1.75, "thickness": 4,
+        "lines": ("LVX  MVTAT  LAPIDES  MANENT",),
+        "shape": (72, 1024),
+        "scale": 1.75,
+        "thickness": 4,
         "area": (-7.3, -0.33, 14.6, 0.66),
-    }  # fmt: skip
+    }
     entablature = [
         _box((-8.4, -6.4, 8.5), (8.4, 0, 9.05), "marble"),
         _box((-8.4, -6.4, 9.05), (8.4, 0, 9.85), "inscription", **text),
@@ -73,7 +89,11 @@ def portico() -> list[Group]:
         middle = np.array([side * 4.62, 0, 11.86])
         pediment.append(make("box", middle + [0, -3.55, 0], (4.95, 3.55, 0.16), "marble", rotation=lean))
         pediment.append(make("box", middle + [0, -3.4, 0.2], (4.9, 3.4, 0.07), "tiles", rotation=lean))
-    acroteria = [part for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25)) for part in _person_of_stone(x, -6.4, z, 1.15, "marble")]
+    acroteria = [
+        part
+        for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25))
+        for part in _person_of_stone(x, -6.4, z, 1.15, "marble")
+    ]
     return [*columns, group(entablature), group(pediment), group(acroteria)]
 
 
@@ -82,20 +102,32 @@ def nave() -> list[Group]:
     door = make("arch", (0, 0, PLATFORM), (1.65, 0.9, 3.9), "marble")
     niches = [make("arch", (x, 0, 2.4), (0.8, 0.55, 2.3), "marble") for x in (-5.6, 5.6)]
     bays = [3.0, 7.5, 12.0, 16.5, 21.0]
-    windows = [
-        make("arch", (side * 10, y, 4.2), (0.95, 0.6, 3.3), "marble", yaw=90) for side in (-1, 1) for y in bays
-    ]
+    windows = [make("arch", (side * 10, y, 4.2), (0.95, 0.6, 3.3), "marble", yaw=90) for side in (-1, 1) for y in bays]
     centre, half = np.array([0, 13.0, 6.45]), np.array([10.0, 13.0, 5.55])
     body = [make("box", centre, half, "ashlar", holes=[door, *niches])]
     flanks = [
-        make("box", (side * 9.9, 13.0, 6.45), (0.35, 12.95, 5.5), "brick", half=(1e3, 1e3), band=3.7, offset=1.0, holes=windows)
+        make(
+            "box",
+            (side * 9.9, 13.0, 6.45),
+            (0.35, 12.95, 5.5),
+            "brick",
+            half=(1e3, 1e3),
+            band=3.7,
+            offset=1.0,
+            holes=windows,
+        )
         for side in (-1, 1)
     ]
-    panes = [_box((side * 10.0 - 0.12, y - 0.95, 4.2), (side * 10.0 + 0.12, y + 0.95, 8.5), "glass") for side in (-1, 1) for y in bays]
+    panes = [
+        _box((side * 10.0 - 0.12, y - 0.95, 4.2), (side * 10.0 + 0.12, y + 0.95, 8.5), "glass")
+        for side in (-1, 1)
+        for y in bays
+    ]
     inside = [
         make("box", (0, 0.75, PLATFORM + 2.8), (1.7, 0.1, 2.8), "bronze_door"),
-        *_person_of_stone(-5.6, 0.05, 2.45, 1.5, "marble"), *_person_of_stone(5.6, 0.05, 2.45, 1.5, "marble"),
-    ]  # fmt: skip
+        *_person_of_stone(-5.6, 0.05, 2.45, 1.5, "marble"),
+        *_person_of_stone(5.6, 0.05, 2.45, 1.5, "marble"),
+    ]
     trims = [
         _box((-10.5, -0.4, 11.0), (10.5, 26.4, 11.35), "marble", dentils=0.5),
         _box((-10.75, -0.65, 11.35), (10.75, 26.65, 11.75), "marble"),
@@ -104,8 +136,9 @@ def nave() -> list[Group]:
     ]
     pilasters = [
         _box((side * 10.4 - 0.2, y - 0.4, PLATFORM), (side * 10.4 + 0.2, y + 0.4, 11.0), "marble")
-        for side in (-1, 1) for y in (0.6, 5.25, 9.75, 14.25, 18.75, 25.4)
-    ]  # fmt: skip
+        for side in (-1, 1)
+        for y in (0.6, 5.25, 9.75, 14.25, 18.75, 25.4)
+    ]
     return [group(body), group(inside), group(trims), *(group([f]) for f in flanks), group(panes), group(pilasters)]
 
 
@@ -134,7 +167,9 @@ def cupola() -> list[Group]:
     ]
     for number in range(6):
         angle = number * np.pi / 3 + 0.2
-        lantern.append(make("frustum", (x + 1.15 * np.cos(angle), y + 1.15 * np.sin(angle), 25.8), (0.14, 0.14, 1.1), "marble"))
+        lantern.append(
+            make("frustum", (x + 1.15 * np.cos(angle), y + 1.15 * np.sin(angle), 25.8), (0.14, 0.14, 1.1), "marble")
+        )
     return [group(drum), group(shell), group(lantern)]
 
 
@@ -144,26 +179,43 @@ def tower() -> list[Group]:
     half = 2.35
     openings = [
         make("arch", (x + dx, y + dy, 18.6), (0.72, 3.5, 1.6), "marble", yaw=yaw)
-        for yaw, places in ((0, ((-1.05, 0), (1.05, 0))), (90, ((0, -1.05), (0, 1.05)))) for dx, dy in places
-    ]  # fmt: skip
+        for yaw, places in ((0, ((-1.05, 0), (1.05, 0))), (90, ((0, -1.05), (0, 1.05))))
+        for dx, dy in places
+    ]
     slits = [make("arch", (x, y, z), (0.34, 3.5, 1.0), "marble") for z in (4.5, 10.5)]
     shaft = [
-        _box((x - half - 0.35, y - half - 0.35, 0), (x + half + 0.35, y + half + 0.35, 1.6), "ashlar", block=(1.4, 0.52)),
+        _box(
+            (x - half - 0.35, y - half - 0.35, 0), (x + half + 0.35, y + half + 0.35, 1.6), "ashlar", block=(1.4, 0.52)
+        ),
         make("box", (x, y, 9.2), (half, half, 7.7), "brick", half=(half, half), band=4.4, offset=1.2, holes=slits),
         make("box", (x, y, 9.2), (0.9, 0.9, 7.0), "glass"),
         _box((x - half - 0.3, y - half - 0.3, 16.9), (x + half + 0.3, y + half + 0.3, 17.3), "marble", dentils=0.4),
     ]
     top = [
-        make("box", (x, y, 19.5), (half - 0.1, half - 0.1, 2.25), "brick", half=(half - 0.1, half - 0.1), band=9.0, holes=openings),
+        make(
+            "box",
+            (x, y, 19.5),
+            (half - 0.1, half - 0.1, 2.25),
+            "brick",
+            half=(half - 0.1, half - 0.1),
+            band=9.0,
+            holes=openings,
+        ),
         make("sphere", (x, y, 19.6), (0.75, 0.75, 0.85), "metal", colour=(0.3, 0.2, 0.08)),
         _box((x - half - 0.35, y - half - 0.35, 21.6), (x + half + 0.35, y + half + 0.35, 22.1), "marble", dentils=0.4),
         make("frustum", (x, y, 24.4), (2.5, 2.5, 2.3), "tiles", taper=0.04),
         make("sphere", (x, y, 26.9), (0.28, 0.28, 0.28), "metal", colour=(0.75, 0.52, 0.16)),
     ]
-    faces = (((0, -1), [[1, 0, 0], [0, 0, 1], [0, -1, 0]]), ((1, 0), [[0, 1, 0], [0, 0, 1], [1, 0, 0]]), ((-1, 0), [[0, -1, 0], [0, 0, 1], [-1, 0, 0]]))
+    faces = (
+        ((0, -1), [[1, 0, 0], [0, 0, 1], [0, -1, 0]]),
+        ((1, 0), [[0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+        ((-1, 0), [[0, -1, 0], [0, 0, 1], [-1, 0, 0]]),
+    )
     for (dx, dy), rotation in faces:
         place = (x + dx * half, y + dy * half, 14.4)
-        shaft.append(make("frustum", place, (1.25, 1.25, 0.12), "clock", rotation=np.array(rotation, float), radius=1.25))
+        shaft.append(
+            make("frustum", place, (1.25, 1.25, 0.12), "clock", rotation=np.array(rotation, float), radius=1.25)
+        )
     return [group(shaft), group(top)]
 
 
@@ -171,15 +223,35 @@ def loggia() -> list[Group]:
     """An arcade on the left flank with a lean-to roof."""
     arches = [make("arch", (x, 3.6, 0.35), (0.95, 1.0, 2.6), "marble") for x in (-21.0, -18.4, -15.8, -13.2)]
     end = make("arch", (-22.3, 7.5, 0.35), (1.1, 1.0, 2.6), "marble", yaw=90)
-    return [group([
-        _box((-22.6, 3.1, 0), (-10.2, 13.2, 0.35), "ashlar", block=(1.6, 0.35)),
-        make("box", (-16.3, 3.6, 2.7), (6.1, 0.32, 2.35), "ashlar", block=(0.8, 0.36), tone=(1.0, 0.93, 0.85), holes=arches),
-        make("box", (-22.1, 8.0, 2.7), (0.32, 4.7, 2.35), "ashlar", block=(0.8, 0.36), tone=(1.0, 0.93, 0.85), holes=[end]),
-        _box((-22.4, 9.0, 0.35), (-10.2, 12.8, 6.6), "brick", half=(6.1, 1.9), band=3.4),
-        _box((-22.6, 3.0, 5.05), (-10.2, 9.0, 5.3), "marble", dentils=0.4),
-        make("box", (-16.4, 6.1, 6.05), (6.3, 3.3, 0.12), "tiles", ridge="x", rotation=_slope(0.30)),
-        make("prism", (-16.4, 10.9, 6.6), (2.3, 6.3, 1.5), "tiles", yaw=90),
-    ])]  # fmt: skip
+    return [
+        group(
+            [
+                _box((-22.6, 3.1, 0), (-10.2, 13.2, 0.35), "ashlar", block=(1.6, 0.35)),
+                make(
+                    "box",
+                    (-16.3, 3.6, 2.7),
+                    (6.1, 0.32, 2.35),
+                    "ashlar",
+                    block=(0.8, 0.36),
+                    tone=(1.0, 0.93, 0.85),
+                    holes=arches,
+                ),
+                make(
+                    "box",
+                    (-22.1, 8.0, 2.7),
+                    (0.32, 4.7, 2.35),
+                    "ashlar",
+                    block=(0.8, 0.36),
+                    tone=(1.0, 0.93, 0.85),
+                    holes=[end],
+                ),
+                _box((-22.4, 9.0, 0.35), (-10.2, 12.8, 6.6), "brick", half=(6.1, 1.9), band=3.4),
+                _box((-22.6, 3.0, 5.05), (-10.2, 9.0, 5.3), "marble", dentils=0.4),
+                make("box", (-16.4, 6.1, 6.05), (6.3, 3.3, 0.12), "tiles", ridge="x", rotation=_slope(0.30)),
+                make("prism", (-16.4, 10.9, 6.6), (2.3, 6.3, 1.5), "tiles", yaw=90),
+            ]
+        )
+    ]
 
 
 def _slope(angle):

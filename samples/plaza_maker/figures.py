@@ -7,7 +7,14 @@ from plaza_maker.solids import limb, make
 
 SKINS = ((0.62, 0.42, 0.31), (0.50, 0.32, 0.22), (0.30, 0.18, 0.11), (0.16, 0.09, 0.06), (0.70, 0.50, 0.39))
 HAIR = ((0.03, 0.02, 0.02), (0.12, 0.07, 0.03), (0.38, 0.26, 0.11), (0.34, 0.33, 0.32), (0.22, 0.08, 0.03))
-PAINTS = ((0.55, 0.04, 0.03), (0.05, 0.09, 0.30), (0.60, 0.60, 0.60), (0.03, 0.03, 0.03), (0.66, 0.48, 0.05), (0.08, 0.24, 0.14))
+PAINTS = (
+    (0.55, 0.04, 0.03),
+    (0.05, 0.09, 0.30),
+    (0.60, 0.60, 0.60),
+    (0.03, 0.03, 0.03),
+    (0.66, 0.48, 0.05),
+    (0.08, 0.24, 0.14),
+)
 
 
 def _dye(rng) -> tuple:
@@ -20,7 +27,10 @@ def _dye(rng) -> tuple:
 
 
 def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0, heading: float | None = None) -> Group:
-    """Someone walking, standing, or holding up a telephone; at times with a bag, hat, skirt or umbrella. Metres, radians."""
+    """Someone walking, waving or holding up a telephone; at times with a bag, hat, skirt or umbrella.
+
+    x, y, z: metres, where the feet stand. heading: radians from +x; None leaves it to chance.
+    """
     heading = rng.uniform(0, 2 * np.pi) if heading is None else heading
     size = rng.uniform(0.92, 1.08) * (0.68 if rng.random() < 0.1 else 1.0)
     c, s = np.cos(heading), np.sin(heading)
@@ -42,12 +52,32 @@ def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0, heading
         knee, bare = (0.35 * step + 0.05, 0.1 * side, 0.5), rng.random() < 0.12
         parts.append(body((0, 0.1 * side, 0.92), knee, 0.105 * girth, 0.08, **legs))
         parts.append(body(knee, (step, 0.1 * side, 0.06), 0.08, 0.055, **(flesh if bare else legs)))
-        parts.append(make("sphere", at(step + 0.06, 0.1 * side, 0.05), np.array([0.13, 0.07, 0.06]) * size, "skin", yaw=np.degrees(heading), colour=(0.05, 0.04, 0.04)))
+        parts.append(
+            make(
+                "sphere",
+                at(step + 0.06, 0.1 * side, 0.05),
+                np.array([0.13, 0.07, 0.06]) * size,
+                "skin",
+                yaw=np.degrees(heading),
+                colour=(0.05, 0.04, 0.04),
+            )
+        )
     if rng.random() < 0.25:
         parts.append(body((0, 0, 0.45), (0, 0, 1.05), 0.30 * girth, 0.16, **(shirt if rng.random() < 0.5 else legs)))
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    parts.append(make("frustum", at(0, 0, 1.16), np.array([0.115 * girth, 0.165 * girth, 0.27]) * size, rotation=turn, taper=1.2, **shirt))
-    parts.append(make("sphere", at(0, 0, 1.42), np.array([0.13 * girth, 0.21 * girth, 0.10]) * size, rotation=turn, **shirt))
+    parts.append(
+        make(
+            "frustum",
+            at(0, 0, 1.16),
+            np.array([0.115 * girth, 0.165 * girth, 0.27]) * size,
+            rotation=turn,
+            taper=1.2,
+            **shirt,
+        )
+    )
+    parts.append(
+        make("sphere", at(0, 0, 1.42), np.array([0.13 * girth, 0.21 * girth, 0.10]) * size, rotation=turn, **shirt)
+    )
     parts.append(body((0, 0, 1.42), (0.01, 0, 1.56), 0.06, 0.055, **flesh))
     parts.append(make("sphere", at(0.02, 0, 1.65), np.array([0.105, 0.085, 0.125]) * size, rotation=turn, **flesh))
     parts.append(make("sphere", at(-0.015, 0, 1.685), np.array([0.115, 0.097, 0.118]) * size, rotation=turn, **hair))
@@ -62,17 +92,62 @@ def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0, heading
         parts.append(body(elbow, hand, 0.05, 0.038, **(flesh if rng.random() < 0.5 else shirt)))
         parts.append(make("sphere", at(*hand), np.array([0.05, 0.05, 0.06]) * size, **flesh))
     if gesture == "phone":
-        parts.append(make("box", at(0.41, 0, 1.58), np.array([0.01, 0.05, 0.08]) * size, "skin", rotation=turn, colour=(0.02, 0.02, 0.02)))
+        parts.append(
+            make(
+                "box",
+                at(0.41, 0, 1.58),
+                np.array([0.01, 0.05, 0.08]) * size,
+                "skin",
+                rotation=turn,
+                colour=(0.02, 0.02, 0.02),
+            )
+        )
     extra = rng.random()
     if extra < 0.25:
-        parts.append(make("sphere", at(-0.2, 0, 1.22), np.array([0.14, 0.17, 0.24]) * size, rotation=turn, **{**shirt, "colour": _dye(rng), "pattern": "plain"}))
+        parts.append(
+            make(
+                "sphere",
+                at(-0.2, 0, 1.22),
+                np.array([0.14, 0.17, 0.24]) * size,
+                rotation=turn,
+                **{**shirt, "colour": _dye(rng), "pattern": "plain"},
+            )
+        )
     elif extra < 0.38:
-        parts.append(make("frustum", at(0, 0, 1.74), np.array([0.24, 0.24, 0.015]) * size, "cloth", colour=_dye(rng), other=(0, 0, 0), pattern="plain"))
-        parts.append(make("sphere", at(0, 0, 1.76), np.array([0.11, 0.11, 0.09]) * size, "cloth", colour=_dye(rng), other=(0, 0, 0), pattern="plain"))
+        parts.append(
+            make(
+                "frustum",
+                at(0, 0, 1.74),
+                np.array([0.24, 0.24, 0.015]) * size,
+                "cloth",
+                colour=_dye(rng),
+                other=(0, 0, 0),
+                pattern="plain",
+            )
+        )
+        parts.append(
+            make(
+                "sphere",
+                at(0, 0, 1.76),
+                np.array([0.11, 0.11, 0.09]) * size,
+                "cloth",
+                colour=_dye(rng),
+                other=(0, 0, 0),
+                pattern="plain",
+            )
+        )
     elif extra < 0.44:
         parts.append(body((0.2, 0.16, 1.2), (0.08, 0.1, 2.15), 0.012, 0.012, material="skin", colour=(0.1, 0.1, 0.1)))
-        canopy = make("sphere", at(0.08, 0.1, 1.86), np.array([0.56, 0.56, 0.34]) * size, "cloth", colour=_dye(rng), other=_dye(rng), pattern="gores",
-                      holes=[make("sphere", at(0.08, 0.1, 1.72), np.array([0.6, 0.6, 0.4]) * size, "cloth")])  # fmt: skip
+        canopy = make(
+            "sphere",
+            at(0.08, 0.1, 1.86),
+            np.array([0.56, 0.56, 0.34]) * size,
+            "cloth",
+            colour=_dye(rng),
+            other=_dye(rng),
+            pattern="gores",
+            holes=[make("sphere", at(0.08, 0.1, 1.72), np.array([0.6, 0.6, 0.4]) * size, "cloth")],
+        )
         parts.append(canopy)
     return group(parts, transient=True)
 
@@ -81,7 +156,14 @@ def _wheels(x, y, c, s, places, radius, width):
     """Wheels at (forward, left) places of a vehicle that heads along (c, s)."""
     axle = np.array([[c, s, 0], [0, 0, 1], [s, -c, 0]])
     return [
-        make("frustum", (x + f * c - a * s, y + f * s + a * c, radius), (radius, radius, width), "tyre", rotation=axle, radius=radius)
+        make(
+            "frustum",
+            (x + f * c - a * s, y + f * s + a * c, radius),
+            (radius, radius, width),
+            "tyre",
+            rotation=axle,
+            radius=radius,
+        )
         for f, a in places
     ]
 
@@ -92,15 +174,47 @@ def car(rng: np.random.Generator, x: float, y: float, heading: float) -> Group:
     degrees = np.degrees(heading)
     paint = PAINTS[rng.integers(len(PAINTS))]
     long, wide = rng.uniform(2.0, 2.3), 0.85
-    cabin = make("frustum", (x - 0.15 * c, y - 0.15 * s, 1.16), (0.62 * long, wide * 0.92, 0.32), "paint", yaw=degrees, taper=0.72,
-                 colour=paint, half=(long * 0.62, wide, 0.32), panes=(-0.26, 0.2), pane=1.3)  # fmt: skip
+    cabin = make(
+        "frustum",
+        (x - 0.15 * c, y - 0.15 * s, 1.16),
+        (0.62 * long, wide * 0.92, 0.32),
+        "paint",
+        yaw=degrees,
+        taper=0.72,
+        colour=paint,
+        half=(long * 0.62, wide, 0.32),
+        panes=(-0.26, 0.2),
+        pane=1.3,
+    )
     parts = [
-        make("box", (x, y, 0.62), (long, wide, 0.26), "paint", yaw=degrees, colour=paint, half=(long, wide, 0.26), panes=(5.0, 6.0), pane=9.0),
-        make("sphere", (x + 0.66 * long * c, y + 0.66 * long * s, 0.78), (0.75, wide * 0.98, 0.2), "paint", yaw=degrees, colour=paint,
-             half=(1, 1, 1), panes=(5.0, 6.0), pane=9.0, lights=0.0),
+        make(
+            "box",
+            (x, y, 0.62),
+            (long, wide, 0.26),
+            "paint",
+            yaw=degrees,
+            colour=paint,
+            half=(long, wide, 0.26),
+            panes=(5.0, 6.0),
+            pane=9.0,
+        ),
+        make(
+            "sphere",
+            (x + 0.66 * long * c, y + 0.66 * long * s, 0.78),
+            (0.75, wide * 0.98, 0.2),
+            "paint",
+            yaw=degrees,
+            colour=paint,
+            half=(1, 1, 1),
+            panes=(5.0, 6.0),
+            pane=9.0,
+            lights=0.0,
+        ),
         cabin,
-        *_wheels(x, y, c, s, [(f * long * 0.62, side * (wide - 0.05)) for f in (-1, 1) for side in (-1, 1)], 0.33, 0.12),
-    ]  # fmt: skip
+        *_wheels(
+            x, y, c, s, [(f * long * 0.62, side * (wide - 0.05)) for f in (-1, 1) for side in (-1, 1)], 0.33, 0.12
+        ),
+    ]
     return group(parts, transient=True)
 
 
@@ -112,10 +226,23 @@ def bus(rng: np.random.Generator, x: float, y: float, heading: float, van: bool 
     wide = 0.98 if van else 1.22
     paint, band = PAINTS[rng.integers(len(PAINTS))], PAINTS[rng.integers(len(PAINTS))]
     panes = (0.15, 0.6) if van else (-0.1, 0.75)
-    body = make("box", (x, y, 0.42 + tall), (long, wide, tall), "paint", yaw=degrees, colour=paint, band=band, half=(long, wide, tall),
-                panes=panes, pane=5.0 if van else 1.35, inside=0.0 if van else 0.8)  # fmt: skip
+    body = make(
+        "box",
+        (x, y, 0.42 + tall),
+        (long, wide, tall),
+        "paint",
+        yaw=degrees,
+        colour=paint,
+        band=band,
+        half=(long, wide, tall),
+        panes=panes,
+        pane=5.0 if van else 1.35,
+        inside=0.0 if van else 0.8,
+    )
     places = [(f * long * 0.66, side * (wide - 0.08)) for f in (-1, 1) for side in (-1, 1)]
-    roof = make("box", (x, y, 0.5 + 2 * tall), (long * 0.85, wide * 0.85, 0.1), "skin", yaw=degrees, colour=(0.5, 0.5, 0.5))
+    roof = make(
+        "box", (x, y, 0.5 + 2 * tall), (long * 0.85, wide * 0.85, 0.1), "skin", yaw=degrees, colour=(0.5, 0.5, 0.5)
+    )
     return group([body, roof, *_wheels(x, y, c, s, places, 0.4 if van else 0.48, 0.13)], transient=True)
 
 

@@ -1,4 +1,4 @@
-"""The radiance a camera sees: textures lit by sun, sky, lamps and each other's glow, with shadow rays for all of them."""
+"""The radiance a camera sees: textures lit by sun, sky and lamps, with shadow rays for all of them."""
 
 from dataclasses import dataclass
 
@@ -12,13 +12,13 @@ from plaza_maker.sky import ambient, sky
 from plaza_maker.solids import MISS, normals
 from plaza_maker.square import lamps
 
-SKY_RAYS = 6  # a sub-sample's share of the sky; with 3 x 3 sub-samples a pixel sees 54 directions
+SKY_RAYS = 6  # a sub-sample's share of the sky: with 2 x 2 of them a pixel sees 24 directions
 
 
 @dataclass(frozen=True)
 class Picture:
-    """radiance: (H, W, 3) linear. transient: (H, W) share of the pixel covered by passers-by. depth: (H, W) metres along the axis
-    at the middle sub-sample, inf in the sky.
+    """What a camera records, each as (H, W): linear radiance (with a third axis RGB), the share of the pixel that passers-by
+    cover, and the depth of one sub-sample near the pixel's middle (metres along the axis, inf in the sky).
     """
 
     radiance: np.ndarray
@@ -69,24 +69,30 @@ def _surfaces(world, look, origin, directions, hits, spread):
     return albedo, normal, flat, emission, gloss
 
 
-def _irradiance(world, look, points, normal, turn):
-    """Light on white walls at points, as (3, N): the sun's disc, the sky's dome and the ground's bounce, lamps. Shadows by rays."""
-    start = points
+def _irradiance(world, look, points, normal, turn, turns):
+    """Radiance of white walls at points, as (3, N): sun, sky, the ground's bounce, lamps, with shadow rays.
+
+    Sub-sample `turn` of `turns` looks at its own point of the sun's disc and its own directions of the sky.
+    """
     total = np.zeros_like(points)
-    jitter = np.array([np.cos(turn * 2.4), np.sin(turn * 2.4), np.sin(turn * 5.1)]) * look.sun_width * np.sqrt((turn % 9 + 0.5) / 9)
+    jitter = (
+        np.array([np.cos(turn * 2.4), np.sin(turn * 2.4), np.sin(turn * 5.1)])
+        * look.sun_width
+        * np.sqrt((turn + 0.5) / turns)
+    )
     toward = np.asarray(look.sun_direction) + jitter
     toward = (toward / np.linalg.norm(toward)).astype(np.float32)
     if max(look.sun) > 0 and toward[2] > 0:
         slant = normal.T @ toward
         rows = np.flatnonzero(slant > 0)
-        open_way = lit(world, start[:, rows], toward)
+        open_way = lit(world, points[:, rows], toward)
         total[:, rows] += np.float32(look.sun)[:, None] * (slant[rows] * open_way)
     directions = _spread(SKY_RAYS, 1.7 * turn)
     light = ambient(look, directions)
     for number in range(SKY_RAYS):
         slant = normal.T @ directions[:, number]
         rows = np.flatnonzero(slant > 0)
-        open_way = lit(world, start[:, rows], directions[:, number], 30.0)
+        open_way = lit(world, points[:, rows], directions[:, number], 30.0)
         total[:, rows] += light[:, number, None] * (2 / SKY_RAYS * slant[rows] * (0.15 + 0.85 * open_way))
     ground = 0.25 * (np.float32(look.sun) * max(toward[2], 0) + light.mean(axis=1))
     total += ground[:, None] * (0.5 - 0.5 * normal[2]) * np.float32(0.9)
@@ -97,13 +103,13 @@ def _irradiance(world, look, points, normal, turn):
             direction = offset / np.maximum(distance, 1e-3)
             slant = (normal * direction).sum(0)
             rows = np.flatnonzero((slant > 0) & (distance < lamp.reach))
-            open_way = lit(world, start[:, rows], direction[:, rows], distance[rows] - 0.35)
+            open_way = lit(world, points[:, rows], direction[:, rows], distance[rows] - 0.35)
             fall = (1 - (distance[rows] / lamp.reach) ** 2) ** 2 / (0.4 + distance[rows] ** 2)
             total[:, rows] += (lamp.power.astype(np.float32) * look.lamps)[:, None] * (slant[rows] * open_way * fall)
     return total
 
 
-def render(world: World, look: Look, view: View, grid: int = 3) -> Picture:
+def render(world: World, look: Look, view: View, grid: int) -> Picture:
     """The picture of a world through a camera, with grid x grid samples a pixel."""
     samples = grid * grid
     radiance = np.zeros((view.height * view.width, 3), np.float32)
@@ -118,10 +124,12 @@ def render(world: World, look: Look, view: View, grid: int = 3) -> Picture:
         picture = np.zeros_like(directions)
         picture[:, ~seen] = sky(look, directions[:, ~seen])
         spread = 0.8 / (view.focal_px * grid)
-        albedo, normal, flat, emission, gloss = (a[..., seen] for a in _surfaces(world, look, origin, directions, hits, spread))
+        albedo, normal, flat, emission, gloss = (
+            a[..., seen] for a in _surfaces(world, look, origin, directions, hits, spread)
+        )
         towards = directions[:, seen]
         points = origin[:, None] + towards * hits.distance[seen] + flat * np.float32(0.012)
-        value = albedo * _irradiance(world, look, points, normal, turn) + emission
+        value = albedo * _irradiance(world, look, points, normal, turn, samples) + emission
         shiny = np.flatnonzero(gloss > 0)
         mirrored = towards[:, shiny] - 2 * (towards[:, shiny] * normal[:, shiny]).sum(0) * normal[:, shiny]
         grazing = (1 - np.clip(-(towards[:, shiny] * normal[:, shiny]).sum(0), 0, 1)) ** 4

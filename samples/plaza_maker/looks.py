@@ -9,9 +9,11 @@ import numpy as np
 class Look:
     """Everything that decides how a photo looks apart from where it was taken.
 
-    Radiance is in units in which a white wall square to a full midday sun is about 1. Directions are world (z up), towards the sun.
-    `lamps`: 0 by day, 1 by night. exposure multiplies radiance; balance is the white balance's gain a channel; gamma, contrast,
-    saturation, lift make the tone curve; vignette is the loss in the corners; grain the noise (8-bit steps); quality the JPEG's.
+    Colours are RGB radiance, in units in which a white wall square to the midday sun is about 1. sun_direction: world
+    (z up), towards the sun; sun_width: the radius of its disc, radians. gradient: exponent of the sky's fade from horizon
+    to zenith. clouds: cover in [0, 1]. haze: extinction, 1 / metre. lamps: 0 by day, 1 by night. exposure multiplies
+    radiance; balance is the white balance's gain a channel; gamma, contrast, saturation and lift make the tone curve;
+    vignette is the loss in the corners; grain the noise (8-bit steps); quality the JPEG's.
     """
 
     kind: str
@@ -49,23 +51,104 @@ class Look:
 
 
 def _toward(azimuth: float, elevation: float) -> tuple:
-    """Unit vector towards azimuth (degrees; 0 = in front of the church, that is -y; 90 = right) and elevation (degrees)."""
+    """Unit vector towards azimuth (0 = in front of the church, that is -y; 90 = right) and elevation, in degrees."""
     a, e = np.radians(azimuth), np.radians(elevation)
     return (float(np.sin(a) * np.cos(e)), float(-np.cos(a) * np.cos(e)), float(np.sin(e)))
 
 
 KINDS = ("noon", "morning", "afternoon", "cloudy", "overcast", "sunset", "dusk", "night")
 
-# For each kind: azimuth and elevation of the sun, its colour, zenith, horizon, glow, clouds (least, most), lamps, exposure.
+# For each kind: ranges of the sun's azimuth and elevation (degrees); colours of sun, zenith and horizon; strength of the
+# glow round the sun; range of cloud cover; lamps; exposure.
 _WEATHER = {
-    "noon": ((-75, 75), (40, 60), (1.30, 1.21, 1.05), (0.06, 0.15, 0.38), (0.26, 0.35, 0.46), 0.10, (0.0, 0.35), 0, 1.00),
-    "morning": ((30, 115), (14, 32), (1.25, 0.98, 0.66), (0.07, 0.14, 0.31), (0.32, 0.32, 0.32), 0.20, (0.0, 0.4), 0, 1.05),
-    "afternoon": ((-115, -30), (18, 40), (1.30, 1.06, 0.76), (0.06, 0.14, 0.34), (0.29, 0.33, 0.38), 0.18, (0.0, 0.45), 0, 1.00),
-    "cloudy": ((-110, 110), (25, 55), (0.95, 0.90, 0.80), (0.10, 0.20, 0.40), (0.34, 0.39, 0.46), 0.1, (0.5, 0.72), 0, 1.0),
-    "overcast": ((-110, 110), (35, 60), (0.03, 0.03, 0.03), (0.42, 0.44, 0.47), (0.50, 0.51, 0.53), 0.0, (0.85, 1.0), 0, 1.25),
-    "sunset": ((-115, -25), (4, 11), (1.15, 0.52, 0.18), (0.06, 0.11, 0.26), (0.62, 0.33, 0.17), 0.55, (0.1, 0.55), 0.25, 1.5),
-    "dusk": ((-150, 150), (-4, 0), (0.0, 0.0, 0.0), (0.02, 0.035, 0.11), (0.16, 0.085, 0.09), 0.22, (0.0, 0.6), 0.8, 2.3),
-    "night": ((-180, 180), (25, 60), (0.006, 0.007, 0.010), (0.004, 0.006, 0.016), (0.022, 0.016, 0.014), 0.0, (0.0, 0.5), 1.0, 2.3),
+    "noon": (
+        (-75, 75),
+        (40, 60),
+        (1.30, 1.21, 1.05),
+        (0.06, 0.15, 0.38),
+        (0.26, 0.35, 0.46),
+        0.10,
+        (0.0, 0.35),
+        0,
+        1.00,
+    ),
+    "morning": (
+        (30, 115),
+        (14, 32),
+        (1.25, 0.98, 0.66),
+        (0.07, 0.14, 0.31),
+        (0.32, 0.32, 0.32),
+        0.20,
+        (0.0, 0.4),
+        0,
+        1.05,
+    ),
+    "afternoon": (
+        (-115, -30),
+        (18, 40),
+        (1.30, 1.06, 0.76),
+        (0.06, 0.14, 0.34),
+        (0.29, 0.33, 0.38),
+        0.18,
+        (0.0, 0.45),
+        0,
+        1.00,
+    ),
+    "cloudy": (
+        (-110, 110),
+        (25, 55),
+        (0.95, 0.90, 0.80),
+        (0.10, 0.20, 0.40),
+        (0.34, 0.39, 0.46),
+        0.1,
+        (0.5, 0.72),
+        0,
+        1.0,
+    ),
+    "overcast": (
+        (-110, 110),
+        (35, 60),
+        (0.03, 0.03, 0.03),
+        (0.42, 0.44, 0.47),
+        (0.50, 0.51, 0.53),
+        0.0,
+        (0.85, 1.0),
+        0,
+        1.25,
+    ),
+    "sunset": (
+        (-115, -25),
+        (4, 11),
+        (1.15, 0.52, 0.18),
+        (0.06, 0.11, 0.26),
+        (0.62, 0.33, 0.17),
+        0.55,
+        (0.1, 0.55),
+        0.25,
+        1.5,
+    ),
+    "dusk": (
+        (-150, 150),
+        (-4, 0),
+        (0.0, 0.0, 0.0),
+        (0.02, 0.035, 0.11),
+        (0.16, 0.085, 0.09),
+        0.22,
+        (0.0, 0.6),
+        0.8,
+        2.3,
+    ),
+    "night": (
+        (-180, 180),
+        (25, 60),
+        (0.006, 0.007, 0.010),
+        (0.004, 0.006, 0.016),
+        (0.022, 0.016, 0.014),
+        0.0,
+        (0.0, 0.5),
+        1.0,
+        2.3,
+    ),
 }
 
 
@@ -74,7 +157,9 @@ def draw_look(kind: str, rng: np.random.Generator, clouds: float | None = None) 
     azimuths, elevations, sun, zenith, horizon, glow, cover, lamps, exposure = _WEATHER[kind]
     clouds = rng.uniform(*cover) if clouds is None else clouds
     direction = _toward(rng.uniform(*azimuths), rng.uniform(*elevations))
-    sun, zenith, horizon = (np.array(c) * rng.uniform(0.85, 1.15, 3) * rng.uniform(0.85, 1.15) for c in (sun, zenith, horizon))
+    sun, zenith, horizon = (
+        np.array(c) * rng.uniform(0.85, 1.15, 3) * rng.uniform(0.85, 1.15) for c in (sun, zenith, horizon)
+    )
     grey = 0.55 * sun + 0.35 * (zenith + horizon)
     if kind == "overcast":
         light, shade = horizon * rng.uniform(1.0, 1.25), horizon * rng.uniform(0.55, 0.8)
@@ -88,31 +173,47 @@ def draw_look(kind: str, rng: np.random.Generator, clouds: float | None = None) 
     tint = rng.normal(0, 0.035)
     night = kind in ("dusk", "night")
     return Look(
-        kind=kind, seed=int(rng.integers(1, 1 << 30)), sun_direction=direction, sun=tuple(map(float, sun)),
+        kind=kind,
+        seed=int(rng.integers(1, 1 << 30)),
+        sun_direction=direction,
+        sun=tuple(map(float, sun)),
         sun_width=float(rng.uniform(0.006, 0.012)) if clouds < 0.5 else 0.05,
-        zenith=tuple(map(float, zenith)), horizon=tuple(map(float, horizon)), gradient=float(rng.uniform(0.42, 0.65)),
-        glow=tuple(float(glow * c) for c in (1.0, 0.62, 0.30)), disc=0.0 if clouds > 0.6 or night else 3.0,
-        clouds=float(clouds), cloud_scale=float(rng.uniform(0.8, 1.9)), cloud_offset=float(rng.uniform(0, 50)),
-        cloud_light=tuple(map(float, light)), cloud_shade=tuple(map(float, shade)),
-        cloud_opacity=0.8 if night else 0.95, stars=kind == "night" and clouds < 0.4,
-        haze=float(rng.uniform(0.0004, 0.0028) * (1.7 if kind == "overcast" else 1.0)), lamps=float(lamps),
+        zenith=tuple(map(float, zenith)),
+        horizon=tuple(map(float, horizon)),
+        gradient=float(rng.uniform(0.42, 0.65)),
+        glow=tuple(float(glow * c) for c in (1.0, 0.62, 0.30)),
+        disc=0.0 if clouds > 0.6 or night else 3.0,
+        clouds=float(clouds),
+        cloud_scale=float(rng.uniform(0.8, 1.9)),
+        cloud_offset=float(rng.uniform(0, 50)),
+        cloud_light=tuple(map(float, light)),
+        cloud_shade=tuple(map(float, shade)),
+        cloud_opacity=0.8 if night else 0.95,
+        stars=kind == "night" and clouds < 0.4,
+        haze=float(rng.uniform(0.0004, 0.0028) * (1.7 if kind == "overcast" else 1.0)),
+        lamps=float(lamps),
         exposure=float(exposure * 2 ** rng.normal(0, 0.33)),
         balance=(float(np.exp(warm)), float(np.exp(tint)), float(np.exp(-warm * 1.3))),
-        gamma=float(rng.uniform(0.86, 1.14)), contrast=float(rng.uniform(0.0, 0.9)),
+        gamma=float(rng.uniform(0.86, 1.14)),
+        contrast=float(rng.uniform(0.0, 0.9)),
         saturation=float(rng.choice([rng.uniform(0.45, 0.8), rng.uniform(0.9, 1.45)], p=[0.2, 0.8])),
-        lift=float(rng.choice([0.0, rng.uniform(0.01, 0.06)])), vignette=float(rng.uniform(0.0, 0.35)),
-        grain=float(rng.uniform(0.8, 2.2) * (1.8 if night else 1.0)), quality=int(rng.integers(80, 88)),
-    )  # fmt: skip
+        lift=float(rng.choice([0.0, rng.uniform(0.01, 0.06)])),
+        vignette=float(rng.uniform(0.0, 0.35)),
+        grain=float(rng.uniform(0.8, 2.2) * (1.8 if night else 1.0)),
+        quality=int(rng.integers(80, 88)),
+    )
 
 
 def develop(look: Look, radiance: np.ndarray) -> np.ndarray:
-    """Linear radiance (H, W, 3) to the photo's values in [0, 1]: exposure, vignette, balance, film curve, gamma, contrast, colour."""
+    """Linear radiance (H, W, 3) to the photo's values in [0, 1], without grain."""
     height, width = radiance.shape[:2]
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     reach = np.hypot(width, height) / 2
     corner = ((x + 0.5 - width / 2) ** 2 + (y + 0.5 - height / 2) ** 2) / reach**2
     light = radiance * look.exposure * (1 - look.vignette * corner)[..., None] * np.float32(look.balance)
-    filmed = light * (1 + light / 2.6**2) / (1 + light * 0.55)  # Reinhard's curve, white at about 2.6, its foot made steeper
+    filmed = (
+        light * (1 + light / 2.6**2) / (1 + light * 0.55)
+    )  # Reinhard's curve, white at about 2.6, its foot made steeper
     value = np.clip(filmed, 0, 1) ** (1 / (2.2 * look.gamma))
     smooth = value * value * (3 - 2 * value)
     value = value + look.contrast * (smooth - value)

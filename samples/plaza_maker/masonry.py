@@ -1,4 +1,4 @@
-"""The building's materials: stone, brick, tiles, glass, relief. Each maps (point, normal, footprint, params) to a Surface.
+"""The building's materials: stone, brick, tiles, glass, relief, each a map to a Surface.
 
 point, normal: (3, N), in the solid's local metres. footprint: (N,) metres a sample spans.
 """
@@ -66,13 +66,15 @@ def fluted(point, normal, footprint, params):
     wave = np.sin(angle * count) * sharp
     drum = stripe(point[2] + params.get("offset", 0.0), 1.45, 0.04, footprint)
     grain = fractal(angle * 3, point[2] * 0.7, 51, 4)
-    albedo = mix(LIMESTONE * 1.1, SHADE * 0.95, np.clip(1.5 * grain - 0.4, 0, 1)) * (1 - 0.30 * sharp * (1 - np.cos(angle * count)) / 2)
+    albedo = mix(LIMESTONE * 1.1, SHADE * 0.95, np.clip(1.5 * grain - 0.4, 0, 1)) * (
+        1 - 0.30 * sharp * (1 - np.cos(angle * count)) / 2
+    )
     tilt = np.stack([-np.sin(angle) * wave, np.cos(angle) * wave, np.zeros_like(wave)]) * 0.9
     return Surface(mix(albedo, GROUT, 0.6 * drum), tilt)
 
 
 def brick(point, normal, footprint, params):
-    """Brickwork with a stone band every few metres and stone quoins; by the param `height`, arched blind windows too."""
+    """Brickwork with a stone band every `band` metres, and stone quoins where `half` gives the wall's half widths."""
     u, v, axis = wall_coordinates(point, normal)
     joints, column, row, slope_u, slope_v = _courses(u, v, 0.42, 0.16, 0.03, footprint)
     fade = np.clip(1 - footprint / 0.3, 0, 1)
@@ -132,7 +134,12 @@ def drum(point, normal, footprint, params):
     angle = np.arctan2(point[1], point[0])
     radius, count = params["radius"], params["windows"]
     across = ((angle * count / (2 * np.pi)) % 1 - 0.5) * 2 * np.pi * radius / count
-    surface = ashlar(np.stack([angle * radius, -np.full_like(angle, radius), point[2]]), np.stack([0 * angle, -1 + 0 * angle, 0 * angle]), footprint, {})
+    surface = ashlar(
+        np.stack([angle * radius, -np.full_like(angle, radius), point[2]]),
+        np.stack([0 * angle, -1 + 0 * angle, 0 * angle]),
+        footprint,
+        {},
+    )
     top = point[2] - params["sill"] - 1.7
     distance = np.where(top > 0, np.hypot(across, top), np.maximum(np.abs(across), -(point[2] - params["sill"]) + 0.55))
     blur = np.maximum(footprint, 1e-3)
@@ -145,7 +152,7 @@ def drum(point, normal, footprint, params):
 
 def glass(point, normal, footprint, params):
     """Leaded coloured panes, lit from inside by night."""
-    u, v, axis = wall_coordinates(point, normal)
+    u, v, _ = wall_coordinates(point, normal)
     slanted, other = (u + v) / 0.42, (u - v) / 0.42
     lead = np.maximum(stripe(u + v, 0.42, 0.05, footprint), stripe(u - v, 0.42, 0.05, footprint))
     hue = scatter(np.floor(slanted), np.floor(other), seed=91)
@@ -158,9 +165,15 @@ def bronze_door(point, normal, footprint, params):
     """Two wings of square panels with studs."""
     u, v = point[0], point[2]
     frame = np.maximum(stripe(u, 0.8, 0.12, footprint), stripe(v, 0.9, 0.12, footprint))
-    boss = np.clip((0.17 - np.hypot((u / 0.8 % 1 - 0.5) * 0.8, (v / 0.9 % 1 - 0.5) * 0.9)) / np.maximum(footprint, 1e-3), 0, 1)
+    boss = np.clip(
+        (0.17 - np.hypot((u / 0.8 % 1 - 0.5) * 0.8, (v / 0.9 % 1 - 0.5) * 0.9)) / np.maximum(footprint, 1e-3), 0, 1
+    )
     patina = fractal(u * 4, v * 2, 101, 4)
-    albedo = mix(mix(colour(0.20, 0.13, 0.07), colour(0.13, 0.22, 0.17), np.clip(2 * patina - 0.6, 0, 1)), colour(0.36, 0.24, 0.1), np.maximum(frame, boss))
+    albedo = mix(
+        mix(colour(0.20, 0.13, 0.07), colour(0.13, 0.22, 0.17), np.clip(2 * patina - 0.6, 0, 1)),
+        colour(0.36, 0.24, 0.1),
+        np.maximum(frame, boss),
+    )
     return Surface(albedo, None, None, 0.12)
 
 

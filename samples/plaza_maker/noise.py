@@ -35,7 +35,7 @@ def fractal(u: np.ndarray, v: np.ndarray, seed: int = 0, octaves: int = 3) -> np
 
 
 def stripe(u: np.ndarray, period: float, width: float, footprint: np.ndarray) -> np.ndarray:
-    """Coverage in [0, 1] by lines of `width` every `period` (at multiples of it), box-filtered over `footprint` (all metres)."""
+    """Coverage in [0, 1] by lines of `width` at multiples of `period`, box-filtered over `footprint`; all metres."""
     distance = np.abs((u / period + 0.5) % 1 - 0.5) * period
     blur = np.maximum(footprint, 1e-3)
     sharp = np.clip((width / 2 - distance) / blur + 0.5, 0, 1) * np.minimum(1, width / blur)

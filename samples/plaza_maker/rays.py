@@ -9,7 +9,7 @@ from plaza_maker.solids import MISS, Solid, first_hit
 
 @dataclass(frozen=True)
 class Group:
-    """Solids that stand together (a person, a tree, a colonnade), inside one bounding sphere, so that rays skip them at once."""
+    """Solids that stand together (a person, a tree) inside one bounding sphere, so that rays skip them at once."""
 
     solids: tuple[Solid, ...]
     transient: bool
@@ -88,7 +88,7 @@ def cast(world: World, origins: np.ndarray, directions: np.ndarray) -> Hits:
 
 
 def lit(world: World, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray | float = 400.0) -> np.ndarray:
-    """Whether nothing stands within `reach` metres along each ray. origins: (3, N); directions: (3,) or (3, N). (N,) bool."""
+    """Whether nothing stands within `reach` metres along each ray, (N,) bool. directions: (3,) or (3, N)."""
     directions = np.broadcast_to(directions.reshape(3, -1), origins.shape)
     open_way = np.ones(origins.shape[1], bool)
     reach = np.broadcast_to(np.asarray(reach, np.float32), open_way.shape)

@@ -16,7 +16,7 @@ def gradient(look: Look, directions: np.ndarray) -> np.ndarray:
 
 
 def _cloud_cover(look: Look, directions: np.ndarray, lift: float = 0.0) -> np.ndarray:
-    """Density of clouds in [0, 1], on a flat layer overhead; `lift` moves the look-up towards the sun, for self-shading."""
+    """Density of clouds in [0, 1] on a flat layer; `lift` moves the look-up towards the sun, for self-shading."""
     sun = look.sun_direction
     flat = 1 / (np.clip(directions[2], 0, 1) + 0.12)
     u = directions[0] * flat * look.cloud_scale + look.cloud_offset + lift * sun[0]
@@ -49,4 +49,8 @@ def sky(look: Look, directions: np.ndarray) -> np.ndarray:
 def ambient(look: Look, directions: np.ndarray) -> np.ndarray:
     """The sky as a light: like `sky`, clouds averaged, no disc."""
     clouds = 0.5 * np.float32(look.cloud_shade) + 0.5 * np.float32(look.cloud_light)
-    return mix(gradient(look, directions), clouds, np.full(directions.shape[1], 0.75 * look.clouds * look.cloud_opacity, np.float32))
+    return mix(
+        gradient(look, directions),
+        clouds,
+        np.full(directions.shape[1], 0.75 * look.clouds * look.cloud_opacity, np.float32),
+    )

@@ -57,7 +57,13 @@ def make(kind, centre, size, material, yaw=0.0, rotation=None, taper=1.0, holes=
         c, s = np.cos(angle), np.sin(angle)
         rotation = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
     return Solid(
-        kind, np.asarray(centre, float), np.asarray(size, float), np.asarray(rotation, float), material, params, taper,
+        kind,
+        np.asarray(centre, float),
+        np.asarray(size, float),
+        np.asarray(rotation, float),
+        material,
+        params,
+        taper,
         tuple(holes),
     )
 
@@ -72,7 +78,9 @@ def limb(start, end, start_radius, end_radius, material, **params) -> Solid:
     side /= np.linalg.norm(side)
     rotation = np.stack([side, np.cross(axis, side), axis])
     size = (start_radius, start_radius, length / 2)
-    return make("frustum", (start + end) / 2, size, material, rotation=rotation, taper=end_radius / start_radius, **params)
+    return make(
+        "frustum", (start + end) / 2, size, material, rotation=rotation, taper=end_radius / start_radius, **params
+    )
 
 
 def _slabs(origin, inverse, low, high):
@@ -96,7 +104,7 @@ def _safe(direction):
 
 
 def _frustum_interval(solid, o, d):
-    """A cone's inside is two nappes; where the ray is steeper than the flank, only the nappe of positive radius counts."""
+    """A cone's inside is two nappes; of these only the one of positive radius counts."""
     half = np.float32(solid.size[2])
     squash = np.float32(solid.size[0] / solid.size[1])
     middle = np.float32(solid.size[0] * (1 + solid.taper) / 2)
@@ -122,7 +130,9 @@ def _frustum_interval(solid, o, d):
 
 def _prism_interval(solid, o, d):
     half, length, height = (np.float32(v) for v in solid.size)
-    enter, leave = _slabs(o, 1 / d, np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32))
+    enter, leave = _slabs(
+        o, 1 / d, np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32)
+    )
     for sign in (-1, 1):  # the two roof planes: sign * x * height + z * half <= half * height
         speed = sign * d[0] * height + d[2] * half
         distance = half * height - (sign * o[0] * height + o[2] * half)
@@ -189,8 +199,7 @@ def normals(solid: Solid, local: np.ndarray) -> np.ndarray:
     result = np.zeros_like(local)
     columns = np.arange(local.shape[1])
     if solid.kind == "box":
-        nearness = np.abs(local) / size[:, None] * 0 + (np.abs(local) - size[:, None])
-        axis = nearness.argmax(axis=0)
+        axis = (np.abs(local) - size[:, None]).argmax(axis=0)
         result[axis, columns] = np.sign(local[axis, columns])
         return result
     if solid.kind == "sphere":
@@ -209,7 +218,13 @@ def normals(solid: Solid, local: np.ndarray) -> np.ndarray:
     if solid.kind == "prism":
         lean = np.hypot(size[0], size[2])
         planes = np.array(
-            [[size[2] / lean, 0, size[0] / lean], [-size[2] / lean, 0, size[0] / lean], [0, 1, 0], [0, -1, 0], [0, 0, -1]],
+            [
+                [size[2] / lean, 0, size[0] / lean],
+                [-size[2] / lean, 0, size[0] / lean],
+                [0, 1, 0],
+                [0, -1, 0],
+                [0, 0, -1],
+            ],
             np.float32,
         )
         offsets = np.array([size[0] * size[2] / lean] * 2 + [size[1]] * 2 + [0], np.float32)

@@ -106,7 +106,10 @@ def centroid(picture: np.ndarray, near: np.ndarray, reach: float) -> np.ndarray:
 def exif_block(orientation: int, order: str = "<") -> bytes:
     """A minimal EXIF block: orientation, and a focal length of 35 mm that must survive turning."""
     head = {"<": b"II*\0", ">": b"MM\0*"}[order] + struct.pack(order + "I", 8)
-    entries = [struct.pack(order + "HHIHH", 0x0112, 3, 1, orientation, 0), struct.pack(order + "HHIHH", 0xA405, 3, 1, 35, 0)]
+    entries = [
+        struct.pack(order + "HHIHH", 0x0112, 3, 1, orientation, 0),
+        struct.pack(order + "HHIHH", 0xA405, 3, 1, 35, 0),
+    ]
     return head + struct.pack(order + "H", len(entries)) + b"".join(entries) + struct.pack(order + "I", 0)
 
 

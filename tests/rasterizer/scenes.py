@@ -188,6 +188,13 @@ for _width, _height in [(1, 1), (1, 40), (40, 1), (15, 15), (16, 16), (17, 17), 
 
 
 @scene
+def many_tiles() -> Scene:
+    """Several tiles of any usual size both ways, none filled to its border, and splats that cross them."""
+    view = camera(80, 55, focal=70.0)
+    return Scene(cloud(view, 250, seed=32, degree=2, sizes_px=(0.3, 25.0)), view, margin=2e-5)
+
+
+@scene
 def principal_point_off_centre() -> Scene:
     view = camera(cx=7.0, cy=29.0)
     return Scene(cloud(view, 40, seed=19), view)

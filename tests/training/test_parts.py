@@ -94,11 +94,11 @@ def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
 
 
 def test_the_mask_pays_for_what_it_hides():
-    error = torch.zeros(40, 40)
-    error[:10] = 0.5
+    photo, image = torch.zeros(3, 40, 40), torch.zeros(40, 40, 3)
+    image[:10] = 0.5
     mask = torch.full((1, 10, 10), 0.9, requires_grad=True)
     for _ in range(300):
-        losses.mask_loss(mask, error, 0.15).backward()
+        losses.mask_loss(mask, image, photo, 0.15).backward()
         with torch.no_grad():
             mask -= 5 * mask.grad
             mask.clamp_(0, 1)

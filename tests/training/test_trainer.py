@@ -101,8 +101,7 @@ def poison(trainer, steps):
     honest, left = trainer._picture_loss, [steps]
 
     def picture_loss(*arguments):
-        loss, error = honest(*arguments)
         left[0] -= 1
-        return (loss * float("nan") if left[0] >= 0 else loss), error
+        return honest(*arguments) * (float("nan") if left[0] >= 0 else 1.0)
 
     trainer._picture_loss = picture_loss

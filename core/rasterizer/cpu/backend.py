@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput
-from core.rasterizer.contract import Rendering
+from core.rasterizer.contract import JACOBIAN_MARGIN, Rendering
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, blend_backward
@@ -55,7 +55,7 @@ class CpuRasterizer:
     def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
         arrays = arrays_of(splats)
         lists = tile_lists(arrays, NOTHING, camera)
-        strongest = np.zeros(len(lists.entry_slots), dtype=np.float32)
+        strongest = np.zeros(len(lists.entries), dtype=np.float32)
         draw(lists, camera, (0.0, 0.0, 0.0), strongest)
         largest = np.zeros(len(splats), dtype=np.float32)
         np.maximum.at(largest, np.repeat(np.arange(len(splats)), np.diff(lists.slot_starts)), strongest)
@@ -80,7 +80,7 @@ class _Render(torch.autograd.Function):
     def backward(ctx, image_gradient, _):
         image, *parameters = ctx.saved_tensors
         lists = ctx.lists
-        slot_gradients = np.empty((len(lists.entry_slots), SLOT_WIDTH), dtype=np.float32)
+        slot_gradients = np.empty((len(lists.entries), SLOT_WIDTH), dtype=np.float32)
         drawn = image.detach().numpy(), image_gradient.contiguous().numpy()
         on_all_threads(lambda counter: blend_backward(counter, *lists.for_blending(), *drawn, slot_gradients))
 
@@ -90,7 +90,7 @@ class _Render(torch.autograd.Function):
         outputs = [gradient.numpy() for gradient in gradients]
         outputs.append(NOTHING if probe_gradient is None else probe_gradient.numpy())
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
-        view = arguments_of(ctx.camera)
+        *view, _ = arguments_of(ctx.camera)
         on_all_threads(lambda counter: project_backward(counter, *arrays, *view, *slots, *outputs))
         return None, None, probe_gradient, *gradients
 
@@ -103,19 +103,18 @@ class TileLists:
     """What lies between projection and blending, kept for the backward pass.
 
     footprints: (N, footprint.WIDTH) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64. tile_starts:
-    (tiles + 1,) int64. entry_splats, entry_slots: (pairs,) int32. drawn_chunks: (pairs,) uint32, by slot.
+    (tiles + 1,) int64. entries: (pairs, 2) int32, Gaussian and slot. drawn_chunks: (pairs,) uint32, by slot.
     """
 
     footprints: np.ndarray
     slot_starts: np.ndarray
     tile_starts: np.ndarray
-    entry_splats: np.ndarray
-    entry_slots: np.ndarray
+    entries: np.ndarray
     drawn_chunks: np.ndarray
 
     def for_blending(self) -> tuple[np.ndarray, ...]:
         """In the order in which `blend_backward` takes them."""
-        return self.tile_starts, self.entry_splats, self.entry_slots, self.footprints, self.drawn_chunks
+        return self.tile_starts, self.entries, self.footprints, self.drawn_chunks
 
 
 def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> TileLists:
@@ -125,12 +124,12 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
     footprints = np.empty((count, footprint.WIDTH), dtype=np.float32)
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)
+    view = arguments_of(camera)
     threads_loads: list[np.ndarray] = []
 
     def work(counter):
         loads = np.zeros(tiles, dtype=np.int32)
         threads_loads.append(loads)
-        view = arguments_of(camera)
         project(counter, *arrays, probe, *view, footprints, depths, tile_counts, loads)
 
     on_all_threads(work)
@@ -143,10 +142,10 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
             f"{pairs * BYTES_A_PAIR / 2**30:.1f} GiB of lists.",
             "Lower the resolution (-r) or --max-gaussians.",
         )
-    entry_splats, entry_slots = np.empty(pairs, dtype=np.int32), np.empty(pairs, dtype=np.int32)
+    entries = np.empty((pairs, 2), dtype=np.int32)
     order = front_to_back(depths, tile_counts)
-    fill_lists(order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entry_splats, entry_slots)
-    return TileLists(footprints, slot_starts, tile_starts, entry_splats, entry_slots, np.zeros(pairs, dtype=np.uint32))
+    fill_lists(order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entries)
+    return TileLists(footprints, slot_starts, tile_starts, entries, np.zeros(pairs, dtype=np.uint32))
 
 
 def draw(
@@ -159,9 +158,9 @@ def draw(
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
     transmittance = np.empty((camera.height, camera.width), dtype=np.float32)
     behind = tuple(np.float32(channel) for channel in background)
-    entries = lists.tile_starts, lists.entry_splats, lists.entry_slots, lists.footprints
+    sorted_into_tiles = lists.tile_starts, lists.entries, lists.footprints
     on_all_threads(
-        lambda counter: blend_forward(counter, *entries, behind, image, transmittance, lists.drawn_chunks, strongest)
+        lambda counter: blend_forward(counter, *sorted_into_tiles, behind, image, transmittance, lists.drawn_chunks, strongest)
     )
     return image, transmittance
 
@@ -173,11 +172,22 @@ def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
 
 
 def arguments_of(camera: Camera) -> tuple:
-    """Rotation, centre, (fx, fy, cx, cy) and (width, height) as the kernels take them."""
+    """What the kernels take of a camera.
+
+    Rotation, centre, (fx, fy, cx, cy), the limits of x / z and y / z in the Jacobian, which are those of the picture widened by
+    JACOBIAN_MARGIN, and (width, height).
+    """
     rotation = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
     centre = tuple(float(x) for x in camera.centre)
     lens = float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
-    return rotation, centre, lens, (int(camera.width), int(camera.height))
+    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
+    limits = (
+        float((-margin_x - camera.cx) / camera.fx),
+        float((camera.width + margin_x - camera.cx) / camera.fx),
+        float((-margin_y - camera.cy) / camera.fy),
+        float((camera.height + margin_y - camera.cy) / camera.fy),
+    )
+    return rotation, centre, lens, limits, (int(camera.width), int(camera.height))
 
 
 def arrays_of(splats: Splats) -> list[np.ndarray]:

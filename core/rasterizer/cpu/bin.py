@@ -9,10 +9,13 @@ import numpy as np
 from numba import njit
 
 from core.rasterizer.cpu import footprint
-from core.rasterizer.cpu.footprint import touched_columns, touched_rows
+from core.rasterizer.cpu.footprint import extent_of, touched_columns, touched_rows
+from core.rasterizer.cpu.simd import prefetch
 
 DIGIT_BITS = 11  # three passes for 32 bits; the histograms stay in the first-level cache
 DIGITS = 1 << DIGIT_BITS
+SPLAT, SLOT = 0, 1  # the columns of the entries
+AHEAD = 12  # Gaussians; 4 hide half of the waiting, more change nothing
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -59,22 +62,39 @@ def running_starts(counts):
     return starts
 
 
+@njit(error_model="numpy")
+def add_to_loads(footprints, i, size, columns, tile_loads):
+    """Count Gaussian `i` in each tile that it touches; how many those are."""
+    extent = extent_of(footprints, i)
+    touched = 0
+    first_row, last_row = touched_rows(extent, size[1])
+    for tile_row in range(first_row, last_row):
+        first, last = touched_columns(extent, tile_row, size[0])
+        for tile in range(tile_row * columns + first, tile_row * columns + last):
+            tile_loads[tile] += 1
+        touched += last - first
+    return touched
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_lists(order, footprints, slot_starts, tile_starts, size, entry_splats, entry_slots):
-    """Write the lists of all tiles: tile t has entries tile_starts[t] to tile_starts[t + 1]."""
+def fill_lists(order, footprints, slot_starts, tile_starts, size, entries):
+    """Write the lists of all tiles: tile t has entries (Gaussian, slot) from tile_starts[t] to tile_starts[t + 1]."""
     columns = (size[0] + footprint.TILE - 1) // footprint.TILE
     cursors = tile_starts.copy()
-    for i in order:
-        x, y = footprints[i, footprint.X] * 1.0, footprints[i, footprint.Y] * 1.0
-        slope, sharpness = footprints[i, footprint.SLOPE] * 1.0, footprints[i, footprint.SHARPNESS] * 1.0
-        fall, strength = footprints[i, footprint.FALL] * 1.0, footprints[i, footprint.STRENGTH] * 1.0
+    for position in range(len(order)):
+        # The order jumps about in memory.
+        ahead = order[min(position + AHEAD, len(order) - 1)]
+        prefetch(footprints, ahead * footprint.WIDTH)
+        prefetch(slot_starts, ahead)
+        i = order[position]
         slot = slot_starts[i]
-        # The same functions that counted, on the same numbers: the slots are filled exactly.
-        first_row, last_row = touched_rows(y, fall, strength, size[1])
+        # What `add_to_loads` counted, by the same functions: the slots are filled exactly.
+        extent = extent_of(footprints, i)
+        first_row, last_row = touched_rows(extent, size[1])
         for tile_row in range(first_row, last_row):
-            first, last = touched_columns(x, y, slope, sharpness, fall, strength, tile_row, size[0])
+            first, last = touched_columns(extent, tile_row, size[0])
             for tile in range(tile_row * columns + first, tile_row * columns + last):
-                position = cursors[tile]
-                cursors[tile] = position + 1
-                entry_splats[position], entry_slots[position] = i, slot
+                entry = cursors[tile]
+                cursors[tile] = entry + 1
+                entries[entry, SPLAT], entries[entry, SLOT] = i, slot
                 slot += 1

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
     ALPHA_LIMIT,
     BATCH,
@@ -52,7 +53,7 @@ SLOT_WIDTH = 9
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def blend_backward(
-    counter, tile_starts, entry_splats, entry_slots, footprints, drawn_chunks, image, image_gradient, slot_gradients,
+    counter, tile_starts, entries, footprints, drawn_chunks, image, image_gradient, slot_gradients,
 ):  # fmt: skip
     """Write the slots' gradients (slots, SLOT_WIDTH) wherever drawn_chunks (slots,) is not zero, from dL/d(image).
 
@@ -74,9 +75,9 @@ def blend_backward(
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
                 at = (entry - begin) * ROW_TERMS
-                write_row_terms(footprints, entry_splats[entry], centre_x, centre_y, offsets, terms, at)
+                write_row_terms(footprints, entries[entry, SPLAT], centre_x, centre_y, offsets, terms, at)
             for entry in range(begin, end):
-                i, slot = entry_splats[entry], entry_slots[entry]
+                i, slot = entries[entry, SPLAT], entries[entry, SLOT]
                 if drawn_chunks[slot] != 0:
                     at = (entry - begin) * ROW_TERMS
                     slot_gradients[slot, G_BLUE] = gather_moments(

@@ -5,6 +5,7 @@ from numba import njit
 
 from core.rasterizer.contract import STOP_TRANSMITTANCE
 from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
     BATCH,
     CHUNKS,
@@ -43,7 +44,7 @@ STATE = 4 * LANES
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def blend_forward(
-    counter, tile_starts, entry_splats, entry_slots, footprints, background,
+    counter, tile_starts, entries, footprints, background,
     image, transmittance, drawn_chunks, strongest,
 ):  # fmt: skip
     """Write the picture (height, width, 3) and its transmittance. Takes tiles off `counter` until none are left.
@@ -69,13 +70,13 @@ def blend_forward(
                 break
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
-                i, at = entry_splats[entry], (entry - begin) * ROW_TERMS
+                i, at = entries[entry, SPLAT], (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, i, centre_x, centre_y, offsets, terms, at)
                 chunks = touched_chunks(footprints[i, footprint.SHARPNESS], terms, at) & unfinished
-                drawn_chunks[entry_slots[entry]] = chunks
+                drawn_chunks[entries[entry, SLOT]] = chunks
             for entry in range(begin, end):
-                slot, at = entry_slots[entry], (entry - begin) * ROW_TERMS
-                largest = blend_splat(drawn_chunks[slot], footprints, entry_splats[entry], offsets, terms, at, state)
+                slot, at = entries[entry, SLOT], (entry - begin) * ROW_TERMS
+                largest = blend_splat(drawn_chunks[slot], footprints, entries[entry, SPLAT], offsets, terms, at, state)
                 if len(strongest) > 0:
                     strongest[slot] = lane_maximum(largest)
         write_tile(state, background, left, top, image, transmittance)

@@ -34,36 +34,48 @@ SLACK_PX = 0.01
 
 
 @njit(error_model="numpy")
-def level_of(strength):
-    """How far log2(alpha) may fall below its peak within the ellipse; above zero, as it is divided by."""
-    return max(strength - LOG2_ALPHA_MIN, 1e-6)
+def extent_of(footprints, i):
+    """What the two functions below need of footprint `i`'s ellipse alpha >= ALPHA_MIN, in float64.
+
+    Its centre x, y; slope; half its width on the row through the centre; half its height; and how far below its centre
+    it reaches furthest to the right, which is how far above it reaches furthest to the left.
+    """
+    slope, fall = footprints[i, SLOPE] * 1.0, footprints[i, FALL] * 1.0
+    # How far log2(alpha) may fall below its peak; above zero, as it is divided by.
+    level = max(footprints[i, STRENGTH] - LOG2_ALPHA_MIN, 1e-6)
+    half_width = math.sqrt(level) / footprints[i, SHARPNESS]
+    variance = level / fall
+    lean = slope * variance / math.sqrt(slope * slope * variance + half_width * half_width)
+    return footprints[i, X] * 1.0, footprints[i, Y] * 1.0, slope, half_width, math.sqrt(variance), lean
 
 
 @njit(error_model="numpy")
-def touched_rows(y, fall, strength, height):
-    """The tile rows [first, last) that hold pixel centres within the ellipse alpha >= ALPHA_MIN."""
-    reach = math.sqrt(level_of(strength) / fall)
-    return tiles_between(y - reach, y + reach, height)
+def touched_rows(extent, height):
+    """The tile rows [first, last) that hold pixel centres within the ellipse."""
+    _, y, _, _, half_height, _ = extent
+    return tiles_between(y - half_height, y + half_height, height)
 
 
 @njit(error_model="numpy")
-def touched_columns(x, y, slope, sharpness, fall, strength, tile_row, width):
+def touched_columns(extent, tile_row, width):
     """The tiles [first, last) of a tile row that the ellipse touches: all of them, as an ellipse has no holes.
 
-    Where the ellipse reaches furthest to the right its height above the centre is `lean`; on either side its border recedes, so
-    within a band of rows it reaches furthest at the row nearest to that. To the left the same, mirrored.
+    Where the ellipse reaches furthest to the right it is `lean` below its centre. From there its right border recedes on
+    either side, so that within a band of rows it reaches furthest in the row nearest to that. The left is the mirror image.
     """
-    level = level_of(strength)
-    variance = level / fall
-    reach = math.sqrt(slope * slope * variance + level / (sharpness * sharpness))
-    lean = slope * variance / reach
+    x, y, slope, half_width, half_height, lean = extent
     top = tile_row * TILE + 0.5 - y
-    bottom = top + TILE - 1.0
-    right_row = min(max(lean, top), bottom)
-    left_row = min(max(-lean, top), bottom)
-    right = slope * right_row + math.sqrt(max(level - fall * right_row * right_row, 0.0)) / sharpness
-    left = slope * left_row - math.sqrt(max(level - fall * left_row * left_row, 0.0)) / sharpness
+    bottom = top + (TILE - 1.0)
+    right_row, left_row = min(max(lean, top), bottom), min(max(-lean, top), bottom)
+    right = slope * right_row + half_width * half_chord(right_row / half_height)
+    left = slope * left_row - half_width * half_chord(left_row / half_height)
     return tiles_between(x + left, x + right, width)
+
+
+@njit(error_model="numpy")
+def half_chord(height):
+    """Of the unit circle, at a height above its centre; 0 outside."""
+    return math.sqrt(max(1.0 - height * height, 0.0))
 
 
 @njit(error_model="numpy")

@@ -3,11 +3,11 @@
 import numpy as np
 from numba import njit
 
-from core.rasterizer.cpu.tuples import add, dot, scaled
+from core.rasterizer.cpu.tuples import SCALAR, add, scaled
 from core.scene.harmonics import SH_0, SH_1, SH_2, SH_3
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def fill_basis(basis, direction, coefficients):
     """Write the first `coefficients` (1, 4, 9 or 16) basis functions at a unit direction, or at zero, to `basis`."""
     x, y, z = direction
@@ -33,7 +33,7 @@ def fill_basis(basis, direction, coefficients):
             basis[15] = SH_3[6] * x * (xx - 3 * yy)
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def colour(sh, i, basis):
     """SH + 0.5 of Gaussian `i` (red, green, blue), before the clamp at zero: not finite if a coefficient is not."""
     red = green = blue = 0.5
@@ -44,7 +44,7 @@ def colour(sh, i, basis):
     return red, green, blue
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def is_finite(sh, i):
     """Whether every coefficient of Gaussian `i` is a finite number."""
     total = np.float32(0)
@@ -54,34 +54,27 @@ def is_finite(sh, i):
     return total == 0
 
 
-@njit(error_model="numpy")
-def direction_gradient(sh, i, direction, gradient):
-    """dL/d(direction) of Gaussian `i` from dL/d(colour), before the direction's normalisation is taken into account."""
+@njit(**SCALAR)
+def direction_gradient(to_basis, direction, coefficients):
+    """dL/d(direction) from dL/d(basis functions), before the direction's normalisation is taken into account."""
     x, y, z = direction
-    coefficients = sh.shape[1]
     total = (0.0, 0.0, 0.0)
     if coefficients > 1:
-        total = (-SH_1 * pull(sh, i, 3, gradient), -SH_1 * pull(sh, i, 1, gradient), SH_1 * pull(sh, i, 2, gradient))
+        total = (-SH_1 * to_basis[3], -SH_1 * to_basis[1], SH_1 * to_basis[2])
     if coefficients > 4:
         xx, yy, zz = x * x, y * y, z * z
-        total = add(total, scaled(SH_2[0] * pull(sh, i, 4, gradient), (y, x, 0.0)))
-        total = add(total, scaled(SH_2[1] * pull(sh, i, 5, gradient), (0.0, z, y)))
-        total = add(total, scaled(SH_2[2] * pull(sh, i, 6, gradient), (-2 * x, -2 * y, 4 * z)))
-        total = add(total, scaled(SH_2[3] * pull(sh, i, 7, gradient), (z, 0.0, x)))
-        total = add(total, scaled(SH_2[4] * pull(sh, i, 8, gradient), (2 * x, -2 * y, 0.0)))
+        total = add(total, scaled(SH_2[0] * to_basis[4], (y, x, 0.0)))
+        total = add(total, scaled(SH_2[1] * to_basis[5], (0.0, z, y)))
+        total = add(total, scaled(SH_2[2] * to_basis[6], (-2 * x, -2 * y, 4 * z)))
+        total = add(total, scaled(SH_2[3] * to_basis[7], (z, 0.0, x)))
+        total = add(total, scaled(SH_2[4] * to_basis[8], (2 * x, -2 * y, 0.0)))
         if coefficients > 9:
             xy, yz, xz = x * y, y * z, x * z
-            total = add(total, scaled(SH_3[0] * pull(sh, i, 9, gradient), (6 * xy, 3 * (xx - yy), 0.0)))
-            total = add(total, scaled(SH_3[1] * pull(sh, i, 10, gradient), (yz, xz, xy)))
-            total = add(total, scaled(SH_3[2] * pull(sh, i, 11, gradient), (-2 * xy, 4 * zz - xx - 3 * yy, 8 * yz)))
-            total = add(total, scaled(SH_3[3] * pull(sh, i, 12, gradient), (-6 * xz, -6 * yz, 6 * zz - 3 * (xx + yy))))
-            total = add(total, scaled(SH_3[4] * pull(sh, i, 13, gradient), (4 * zz - 3 * xx - yy, -2 * xy, 8 * xz)))
-            total = add(total, scaled(SH_3[5] * pull(sh, i, 14, gradient), (2 * xz, -2 * yz, xx - yy)))
-            total = add(total, scaled(SH_3[6] * pull(sh, i, 15, gradient), (3 * (xx - yy), -6 * xy, 0.0)))
+            total = add(total, scaled(SH_3[0] * to_basis[9], (6 * xy, 3 * (xx - yy), 0.0)))
+            total = add(total, scaled(SH_3[1] * to_basis[10], (yz, xz, xy)))
+            total = add(total, scaled(SH_3[2] * to_basis[11], (-2 * xy, 4 * zz - xx - 3 * yy, 8 * yz)))
+            total = add(total, scaled(SH_3[3] * to_basis[12], (-6 * xz, -6 * yz, 6 * zz - 3 * (xx + yy))))
+            total = add(total, scaled(SH_3[4] * to_basis[13], (4 * zz - 3 * xx - yy, -2 * xy, 8 * xz)))
+            total = add(total, scaled(SH_3[5] * to_basis[14], (2 * xz, -2 * yz, xx - yy)))
+            total = add(total, scaled(SH_3[6] * to_basis[15], (3 * (xx - yy), -6 * xy, 0.0)))
     return total
-
-
-@njit(error_model="numpy")
-def pull(sh, i, k, gradient):
-    """dL/d(basis function k) of Gaussian `i`."""
-    return dot((sh[i, k, 0], sh[i, k, 1], sh[i, k, 2]), gradient)

@@ -24,20 +24,20 @@ from core.rasterizer.cpu.project import (
     LEAST_LOG_SCALE,
     MOST_LOG_SCALE,
     axes_of,
-    clamped_slope,
     covariance,
     opacity_of,
     pixel_gradient,
     projected_axes,
     scales_of,
+    slopes_of,
 )
 from core.rasterizer.cpu.simd import fetch_add
-from core.rasterizer.cpu.tuples import add, dot, row, scaled, subtract
+from core.rasterizer.cpu.tuples import SCALAR, add, dot, row, scaled, subtract
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, **SCALAR)
 def project_backward(
-    counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, size,
+    counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits,
     footprints, slot_starts, drawn_chunks, slot_gradients,
     to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe,
 ):  # fmt: skip
@@ -58,7 +58,7 @@ def project_backward(
                 continue
             offset = subtract(row(means, i), centre)
             to_offset = ellipse_backward(
-                i, offset, quaternions, log_scales, rotation, lens, size, sums,
+                i, offset, quaternions, log_scales, rotation, lens, limits, sums,
                 to_quaternions, to_log_scales, to_probe,
             )  # fmt: skip
             through_colour = colour_backward(i, offset, sh, basis, footprints, sums, to_sh)
@@ -68,7 +68,7 @@ def project_backward(
             to_logit_opacities[i] = sums[G] * (1.0 - opacity_of(logit_opacities[i]))
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def add_up(begin, end, drawn_chunks, slot_gradients, sums):
     """Sum slots begin..end, those drawn, into `sums`; whether there was one."""
     drawn = False
@@ -81,42 +81,42 @@ def add_up(begin, end, drawn_chunks, slot_gradients, sums):
     return drawn
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe):
     to_means[i], to_quaternions[i], to_log_scales[i], to_logit_opacities[i], to_sh[i] = 0, 0, 0, 0, 0
     if len(to_probe) > 0:
         to_probe[i] = 0
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def ellipse_backward(
-    i, offset, quaternions, log_scales, rotation, lens, size, sums, to_quaternions, to_log_scales, to_probe
+    i, offset, quaternions, log_scales, rotation, lens, limits, sums, to_quaternions, to_log_scales, to_probe
 ):
     """From the sums over the pixels to quaternion, log scales and probe, which are written, and dL/d(offset), returned."""
-    fx, fy, cx, cy = lens
+    fx, fy, _, _ = lens
     right, down, forward = row(rotation, 0), row(rotation, 1), row(rotation, 2)
-    depth = dot(forward, offset)
-    slope_x, slope_y = dot(right, offset) / depth, dot(down, offset) / depth
-    clamped_x, clamped_y = clamped_slope(slope_x, fx, cx, size[0]), clamped_slope(slope_y, fy, cy, size[1])
-    unit, norm, axes = axes_of(quaternions, i)
+    inverse_depth, slope_x, slope_y, clamped_x, clamped_y = slopes_of(offset, rotation, limits)
+    zoom_x, zoom_y = fx * inverse_depth, fy * inverse_depth
+    unit, inverse_norm, axes = axes_of(quaternions, i)
     scales = scales_of(log_scales, i)
-    x_gradient = pixel_gradient(rotation, 0, fx, clamped_x, depth)
-    y_gradient = pixel_gradient(rotation, 1, fy, clamped_y, depth)
+    x_gradient = pixel_gradient(rotation, 0, zoom_x, clamped_x)
+    y_gradient = pixel_gradient(rotation, 1, zoom_y, clamped_y)
     across, along = projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
     a, b, c, determinant = covariance(across, along)
 
     # log(alpha) = ... - A e^2 / 2 - dy^2 / (2 c), with e = dx - m dy, A = c / det and m = b / c.
-    precision, lean = c / determinant, b / c
+    inverse_c = 1.0 / c
+    precision, lean = c / determinant, b * inverse_c
     to_x = precision * sums[GE]
-    to_y = sums[GY] / c - lean * to_x
+    to_y = inverse_c * sums[GY] - lean * to_x
     to_precision = -0.5 * sums[GEE]
     to_lean = precision * sums[GEY]
     to_inverse_c = -0.5 * sums[GYY]
-    # dA = -A^2 (da - 2 m db + m^2 dc): in this form there is no determinant to divide by twice.
+    # dA = -A^2 (da - 2 m db + m^2 dc): in this form the determinant appears in A alone.
     spread = precision * precision * to_precision
     to_a = -spread
-    to_b = 2.0 * lean * spread + to_lean / c
-    to_c = -lean * lean * spread - (lean * to_lean + to_inverse_c / c) / c
+    to_b = 2.0 * lean * spread + inverse_c * to_lean
+    to_c = -lean * lean * spread - inverse_c * (lean * to_lean + inverse_c * to_inverse_c)
 
     # The covariance is V V' + blur with rows `across` and `along` of V.
     to_across = add(scaled(2.0 * to_a, across), scaled(to_b, along))
@@ -133,24 +133,24 @@ def ellipse_backward(
         scaled(scales[1], add(scaled(to_across[1], x_gradient), scaled(to_along[1], y_gradient))),
         scaled(scales[2], add(scaled(to_across[2], x_gradient), scaled(to_along[2], y_gradient))),
     )
-    write_quaternion_gradient(i, unit, norm, to_axes, to_quaternions)
+    write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions)
     if len(to_probe) > 0:
         to_probe[i, 0], to_probe[i, 1] = to_x, to_y
 
     # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth.
     to_slope_x, to_slope_y = fx * to_x, fy * to_y
     if clamped_x == slope_x:
-        to_slope_x -= fx / depth * dot(to_x_gradient, forward)
+        to_slope_x -= zoom_x * dot(to_x_gradient, forward)
     if clamped_y == slope_y:
-        to_slope_y -= fy / depth * dot(to_y_gradient, forward)
-    to_depth = -(dot(to_x_gradient, x_gradient) + dot(to_y_gradient, y_gradient)) / depth
-    to_depth -= (to_slope_x * slope_x + to_slope_y * slope_y) / depth
-    in_camera = add(scaled(to_slope_x / depth, right), scaled(to_slope_y / depth, down))
-    return add(in_camera, scaled(to_depth, forward))
+        to_slope_y -= zoom_y * dot(to_y_gradient, forward)
+    to_depth = dot(to_x_gradient, x_gradient) + dot(to_y_gradient, y_gradient)
+    to_depth += to_slope_x * slope_x + to_slope_y * slope_y
+    in_picture = add(scaled(to_slope_x, right), scaled(to_slope_y, down))
+    return scaled(inverse_depth, subtract(in_picture, scaled(to_depth, forward)))
 
 
-@njit(error_model="numpy")
-def write_quaternion_gradient(i, unit, norm, to_axes, to_quaternions):
+@njit(**SCALAR)
+def write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions):
     """From dL/d(columns of the rotation matrix) to dL/d(quaternion), its normalisation included."""
     w, x, y, z = unit
     first, second, third = to_axes
@@ -162,15 +162,15 @@ def write_quaternion_gradient(i, unit, norm, to_axes, to_quaternions):
     to_z = 2 * (w * (first[1] - second[0]) + x * (third[0] + first[2]) + y * (third[1] + second[2]))
     to_z -= 4 * z * (first[0] + second[1])
     radial = w * to_w + x * to_x + y * to_y + z * to_z
-    to_quaternions[i, 0] = (to_w - w * radial) / norm
-    to_quaternions[i, 1] = (to_x - x * radial) / norm
-    to_quaternions[i, 2] = (to_y - y * radial) / norm
-    to_quaternions[i, 3] = (to_z - z * radial) / norm
+    to_quaternions[i, 0] = inverse_norm * (to_w - w * radial)
+    to_quaternions[i, 1] = inverse_norm * (to_x - x * radial)
+    to_quaternions[i, 2] = inverse_norm * (to_y - y * radial)
+    to_quaternions[i, 3] = inverse_norm * (to_z - z * radial)
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def colour_backward(i, offset, sh, basis, footprints, sums, to_sh):
-    """Write dL/d(sh); dL/d(offset) by way of the direction."""
+    """Write dL/d(sh); dL/d(offset) by way of the direction. basis: room for 16 numbers; becomes dL/d(basis functions)."""
     distance = math.sqrt(dot(offset, offset))
     direction = scaled(1.0 / distance, offset)
     fill_basis(basis, direction, sh.shape[1])
@@ -182,6 +182,7 @@ def colour_backward(i, offset, sh, basis, footprints, sums, to_sh):
         to_sh[i, k, 0] = basis[k] * red
         to_sh[i, k, 1] = basis[k] * green
         to_sh[i, k, 2] = basis[k] * blue
-    to_direction = direction_gradient(sh, i, direction, (red, green, blue))
+        basis[k] = sh[i, k, 0] * red + sh[i, k, 1] * green + sh[i, k, 2] * blue
+    to_direction = direction_gradient(basis, direction, sh.shape[1])
     radial = dot(to_direction, direction)
     return scaled(1.0 / distance, subtract(to_direction, scaled(radial, direction)))

@@ -112,6 +112,23 @@ def store(typing_context, array, index, value):
 
 
 @intrinsic
+def prefetch(typing_context, array, index):
+    """Ask for the memory of element `index`, counted over the whole contiguous array, to be in cache soon."""
+
+    def generate(context, builder, sig, args):
+        pointer = element_pointer(context, builder, sig.args[0], *args)
+        byte, integer = ir.IntType(8).as_pointer(), ir.IntType(32)
+        function_type = ir.FunctionType(ir.VoidType(), [byte, integer, integer, integer])
+        function = cgutils.get_or_insert_function(builder.module, function_type, "llvm.prefetch.p0")
+        for_reading, keep, data = 0, 3, 1
+        hints = [ir.Constant(integer, hint) for hint in (for_reading, keep, data)]
+        builder.call(function, [builder.bitcast(pointer, byte), *hints])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), generate
+
+
+@intrinsic
 def fetch_add(typing_context, counters, index, amount):
     """Add `amount` to counters[index] (int64) as one indivisible step and return what was there before."""
 

@@ -2,33 +2,36 @@
 
 from numba import njit
 
+# How the scalar code is compiled. contract allows fused multiply-adds; anything more would let LLVM assume that no NaN comes by.
+SCALAR = {"error_model": "numpy", "fastmath": {"contract"}}
 
-@njit(error_model="numpy")
+
+@njit(**SCALAR)
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def add(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def subtract(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def scaled(factor, a):
     return factor * a[0], factor * a[1], factor * a[2]
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(error_model="numpy")
+@njit(**SCALAR)
 def row(matrix, i):
     """Row `i` of an (N, 3) array, in float64 if the array is float32: scalar code gains nothing from less."""
     return matrix[i, 0] * 1.0, matrix[i, 1] * 1.0, matrix[i, 2] * 1.0

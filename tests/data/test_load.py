@@ -1,0 +1,101 @@
+"""What a folder holds, and what a user is told who gave another; real collections where they are at hand."""
+
+import cv2
+import numpy as np
+import pytest
+
+from core.data import find_kind, find_photos, load_collection
+from core.data.photos import load
+from core.errors import BadInput
+from tests.data.small_scene import SmallScene
+from tests.real_data import real
+
+
+def save_photo(path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint8))
+
+
+def test_no_such_folder(tmp_path):
+    with pytest.raises(BadInput, match="There is no folder .*nowhere"):
+        load_collection(tmp_path / "nowhere")
+
+
+def test_a_file(tmp_path):
+    save_photo(tmp_path / "a.jpg")
+    with pytest.raises(BadInput, match="a.jpg is a file"):
+        load_collection(tmp_path / "a.jpg")
+
+
+def test_no_photos(tmp_path):
+    (tmp_path / "images").mkdir()
+    with pytest.raises(BadInput, match="no photos and no COLMAP model"):
+        load_collection(tmp_path)
+
+
+def test_photos_that_opencv_cannot_read_are_named(tmp_path):
+    (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
+    with pytest.raises(BadInput, match="only .heic photos.* Convert"):
+        load_collection(tmp_path)
+
+
+@pytest.mark.parametrize("folder", [".", "images", "photos"])
+def test_photos_without_a_model(tmp_path, folder):
+    save_photo(tmp_path / folder / "a.jpg")
+    assert find_kind(tmp_path) == "photos"
+    assert find_photos(tmp_path) == tmp_path / folder
+    with pytest.raises(BadInput, match="no COLMAP model.* Type: wegs sfm"):
+        load_collection(tmp_path)
+
+
+@pytest.mark.parametrize("mark", ["transforms.json", "transforms_train.json", "final/train/pose"])
+def test_kinds_not_read_yet_are_named(tmp_path, mark):
+    (tmp_path / mark).mkdir(parents=True)
+    save_photo(tmp_path / "images" / "a.jpg")
+    with pytest.raises(BadInput, match=f"{mark}.*not read yet"):
+        load_collection(tmp_path)
+
+
+def test_a_model_beats_what_is_not_read_yet(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    (root / "transforms.json").write_text("{}")
+    assert load_collection(root).kind == "colmap"
+
+
+def test_one_photo(tmp_path):
+    collection = load_collection(SmallScene(names=["only.png"]).write(tmp_path / "scene"))
+    assert [photo.split for photo in collection.photos] == ["train"]
+
+
+def test_loading_twice_is_the_same(tmp_path):
+    root = SmallScene(names=[f"{index}.png" for index in (3, 1, 2)]).write(tmp_path / "scene")
+    first, second = load_collection(root), load_collection(root)
+    assert (
+        [photo.name for photo in first.photos] == ["1.png", "2.png", "3.png"] == [photo.name for photo in second.photos]
+    )
+    assert (first.points == second.points).all() and (first.point_colours == second.point_colours).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "train", "test", "points"),
+    [
+        ("kermit", "colmap", 9, 2, 650),
+        ("fountain", "colmap", 9, 2, 15310),
+        ("sacre_coeur", "phototourism", 8, 0, 1427),
+        ("statue_of_liberty", "phototourism", 76, 11, 11983),
+    ],
+)
+def test_real_collections(name, kind, train, test, points):
+    collection = load_collection(real(name))
+    assert collection.kind == kind and len(collection.points) == points
+    assert (len(collection.split("train")), len(collection.split("test"))) == (train, test)
+    # Half of the SfM points lie within radius 1 by a wide margin, and each photo sees those it should.
+    assert np.quantile(np.linalg.norm(collection.points, axis=1), 0.9) < 1
+    for photo in collection.photos:
+        pixels, depth = photo.camera.project(collection.points[photo.points])
+        margin = 0.1 * max(photo.camera.width, photo.camera.height)  # undistortion pushes border points outwards
+        inside = (pixels > -margin) & (pixels < np.array([photo.camera.width, photo.camera.height]) + margin)
+        assert inside.all() and (depth > 0).all()
+    photo = collection.photos[0]
+    picture = load(photo, photo.camera.width // 3, photo.camera.height // 3)
+    assert picture.pixels.std() > 20  # a photo, not a flat fill

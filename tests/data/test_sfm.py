@@ -1,0 +1,178 @@
+"""Structure from motion: from photos of a room corner, made here, back to the cameras that took them."""
+
+import errno
+
+import cv2
+import numpy as np
+import pytest
+
+from core.data import load_collection
+from core.data.photos import load
+from core.data.sfm import reconstruct
+from core.errors import BadInput, WegsError
+from core.report import Report
+from tests.data.small_scene import add_exif, exif_block
+
+WIDTH, HEIGHT, FOCAL = 320, 240, 380.0
+WALLS = (  # corner, and the two edges from it; all 2 units long
+    ((-1, -1, 5), (2, 0, 0), (0, 2, 0)),
+    ((-1, 1, 3), (2, 0, 0), (0, 0, 2)),
+    ((-1, -1, 3), (0, 0, 2), (0, 2, 0)),
+)
+SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
+
+
+class Listener(Report):
+    def __init__(self):
+        self.lines, self.stages = [], []
+
+    def say(self, line):
+        self.lines.append(line)
+
+    warn = say
+
+    def progress(self, what, done, total, note=""):
+        self.stages.append((what, done, total))
+
+
+def textures():
+    """Three pictures full of corners, coarse and fine."""
+    random = np.random.default_rng(1)
+    made = []
+    for _ in WALLS:
+        picture = np.zeros((500, 500, 3), np.uint8)
+        for cells in (25, 60):
+            noise = random.integers(0, 128, (cells, cells, 3), np.uint8)
+            picture += cv2.resize(noise, (500, 500), interpolation=cv2.INTER_NEAREST)
+        made.append(picture)
+    return made
+
+
+def cameras(count):
+    """World-to-camera rotations and centres on an arc, all looking into the corner."""
+    for index in range(count):
+        centre = np.array([0.4 + 0.35 * index, -0.6 - 0.1 * (index % 2), -0.3 + 0.1 * index])
+        forward = np.array([-0.2, 0.2, 4.4]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross([0.0, 1.0, 0.0], forward)
+        right /= np.linalg.norm(right)
+        yield np.stack([right, np.cross(forward, right), forward]), centre
+
+
+def take_photo(rotation, centre, pictures):
+    """The corner seen by a pinhole; farther walls first."""
+    photo = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+    for (corner, first, second), picture in zip(WALLS, pictures, strict=True):
+        world = np.array([np.add(corner, np.multiply(first, u) + np.multiply(second, v)) for u, v in SQUARE])
+        local = (world - centre) @ rotation.T
+        seen = local[:, :2] / local[:, 2:] * FOCAL + (WIDTH / 2, HEIGHT / 2)
+        # OpenCV counts pixels from the middle of the first one.
+        warp = cv2.getPerspectiveTransform(
+            (np.array(SQUARE) * 500 - 0.5).astype(np.float32), (seen - 0.5).astype(np.float32)
+        )
+        wall = cv2.warpPerspective(picture, warp, (WIDTH, HEIGHT), flags=cv2.INTER_AREA)
+        inside = cv2.warpPerspective(np.full(picture.shape[:2], 255, np.uint8), warp, (WIDTH, HEIGHT)) == 255
+        photo[inside] = wall[inside]
+    return photo
+
+
+def aligned(found, truth):
+    """`found` (N, 3) moved, turned and scaled onto `truth` (Umeyama 1991)."""
+    a, b = found - found.mean(axis=0), truth - truth.mean(axis=0)
+    u, s, v = np.linalg.svd(b.T @ a)
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ v))])
+    return (a @ (u @ sign @ v).T) * np.trace(np.diag(s) @ sign) / (a**2).sum() + truth.mean(axis=0)
+
+
+def noise_photo(path, seed):
+    noise = np.random.default_rng(seed).integers(0, 256, (60, 80, 3), np.uint8)
+    assert cv2.imwrite(str(path), cv2.resize(noise, (WIDTH, HEIGHT)))
+
+
+def test_cameras_are_found_again(tmp_path):
+    """With a turned photo, a PNG, a name with a space; a truncated photo and a stranger are named and left out."""
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    pictures, names, centres = textures(), ["a b.jpg", "b.png", "c.jpg", "d.jpg", "e.jpg", "f.jpg"], []
+    for name, (rotation, centre) in zip(names, cameras(len(names)), strict=True):
+        assert cv2.imwrite(str(photos / name), take_photo(rotation, centre, pictures))
+        centres.append(centre)
+    turned = cv2.rotate(cv2.imread(str(photos / "c.jpg")), cv2.ROTATE_90_COUNTERCLOCKWISE)
+    assert cv2.imwrite(str(photos / "c.jpg"), turned, [cv2.IMWRITE_JPEG_QUALITY, 100])
+    add_exif(photos / "c.jpg", exif_block(6))
+    (photos / "cut.jpg").write_bytes((photos / "d.jpg").read_bytes()[:3000])
+    noise_photo(photos / "stranger.jpg", 0)
+
+    listener = Listener()
+    scene = reconstruct(photos, tmp_path / "new" / "scene", listener)
+    assert any("cut.jpg" in line and "truncated" in line for line in listener.lines)
+    assert any("fit nowhere" in line and "stranger.jpg" in line for line in listener.lines)
+    assert "1 photo turned upright, as EXIF says." in listener.lines
+    assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
+    assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
+    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "sparse"]
+
+    collection = load_collection(scene)
+    assert [photo.name for photo in collection.photos] == ["a b.jpg", "b.png.jpg", *names[2:]]
+    assert all(photo.lens is None and photo.camera.width > photo.camera.height for photo in collection.photos)
+    found = aligned(np.array([photo.camera.centre for photo in collection.photos]), np.array(centres))
+    # 0.01 was seen; focal lengths and distortion are estimated as well, and threads make it vary. The arc is 1.8 long.
+    assert np.abs(found - centres).max() < 0.05
+    picture = load(collection.photos[2], WIDTH // 2, HEIGHT // 2)
+    assert picture.pixels.std() > 20
+
+
+def test_photos_that_do_not_overlap(tmp_path):
+    for seed in range(3):
+        noise_photo(tmp_path / f"{seed}.jpg", seed)
+    with pytest.raises(BadInput, match="No cameras could be found: the 3 photos"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg", "2.jpg"]
+
+
+def test_one_photo_is_too_few(tmp_path):
+    noise_photo(tmp_path / "0.jpg", 0)
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+
+
+def test_no_folder_no_photos(tmp_path):
+    with pytest.raises(BadInput, match="There is no folder"):
+        reconstruct(tmp_path / "none", tmp_path / "scene", Report())
+    with pytest.raises(BadInput, match="holds no photos"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+
+
+def test_an_output_that_exists_is_left_alone(tmp_path):
+    noise_photo(tmp_path / "0.jpg", 0)
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "scene" / "mine.txt").write_text("precious")
+    with pytest.raises(BadInput, match="scene exists"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+    assert (tmp_path / "scene" / "mine.txt").read_text() == "precious"
+
+
+@pytest.mark.parametrize("stage", ["Features", "Matches"])
+def test_an_interrupted_run_leaves_nothing(tmp_path, stage):
+    class Impatient(Report):
+        def progress(self, what, done, total, note=""):
+            if what == stage:
+                raise KeyboardInterrupt
+
+    for seed in range(3):
+        noise_photo(tmp_path / f"{seed}.jpg", seed)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(tmp_path, tmp_path / "scene", Impatient())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg", "2.jpg"]
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for seed in range(2):
+        noise_photo(tmp_path / f"{seed}.jpg", seed)
+    monkeypatch.setattr("shutil.copyfile", full)
+    with pytest.raises(WegsError, match="The disk is full"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg"]

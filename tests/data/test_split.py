@@ -1,0 +1,116 @@
+"""Splits: what a .tsv, a test.txt or neither says about the photos at hand."""
+
+import pytest
+
+from core.data import load_collection
+from core.data.phototourism import read_split_table
+from core.data.split import split_photos
+from core.errors import BadInput
+from tests.data.small_scene import SmallScene
+from tests.real_data import real
+
+NAMES = [f"{letter}.jpg" for letter in "abcdefghijklmnopq"]
+
+
+def table(*rows):
+    return "\n".join(["filename\tid\tsplit\tdataset", *("\t".join(row) for row in rows)]) + "\n"
+
+
+def split(root, names=NAMES):
+    return split_photos(root, names, set(names))
+
+
+def test_every_eighth_by_name_is_held_out_without_a_list(tmp_path):
+    splits, notes = split(tmp_path)
+    assert [name for name in NAMES if splits[name] == "test"] == ["a.jpg", "i.jpg", "q.jpg"]
+    assert set(splits) == set(NAMES) and "every 8th photo" in notes[0]
+
+
+def test_one_photo_is_trained_on(tmp_path):
+    assert split(tmp_path, ["a.jpg"])[0] == {"a.jpg": "train"}
+
+
+def test_test_txt(tmp_path):
+    (tmp_path / "test.txt").write_text("c.jpg\r\n\r\nd.jpg\r\nunknown.jpg\r\n")
+    splits, notes = split(tmp_path)
+    assert [name for name in NAMES if splits[name] == "test"] == ["c.jpg", "d.jpg"]
+    assert notes == ["1 photo of test.txt not in the model: unknown.jpg"]
+
+
+def test_tsv_beats_test_txt_and_drops_what_it_must(tmp_path):
+    (tmp_path / "test.txt").write_text("a.jpg\n")
+    rows = [("a.jpg", "1.0", "train", "x"), ("b.jpg", "2.0", "test", "x"), ("c.jpg", "", "train", "x")]
+    rows += [
+        ("d.jpg", "nan", "test", "x"),
+        ("e.jpg", "5", "other", "x"),
+        ("gone.jpg", "6.0", "test", "x"),
+        ("", "", "", ""),
+    ]
+    (tmp_path / "church.tsv").write_text(table(*rows), encoding="utf-8")
+    splits, notes = split(tmp_path, NAMES[:6])
+    assert splits == {"a.jpg": "train", "b.jpg": "test"}
+    assert notes == [
+        "2 photos of church.tsv without an id, not used: c.jpg, d.jpg",
+        "1 photo of church.tsv in neither train nor test, not used: e.jpg",
+        "1 photo of church.tsv not in the model: gone.jpg",
+        "1 photo not in church.tsv, not used: f.jpg",
+    ]
+
+
+def test_tsv_matches_photos_in_folders_by_their_last_name(tmp_path):
+    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
+    splits, notes = split(tmp_path, ["left/a.jpg", "left/b.jpg"])
+    assert splits == {"left/a.jpg": "train", "left/b.jpg": "test"} and notes == []
+
+
+def test_several_tsv_files(tmp_path):
+    for name in ("a.tsv", "b.tsv"):
+        (tmp_path / name).write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
+    assert split(tmp_path, NAMES[:2])[1] == ["Several .tsv files: a.tsv is used, b.tsv not."]
+
+
+def test_no_test_photo_is_noted_and_no_training_photo_refused(tmp_path):
+    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x")))
+    assert "holds out none" in split(tmp_path, ["a.jpg"])[1][0]
+    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "test", "x")))
+    with pytest.raises(BadInput, match="x.tsv leaves no photo"):
+        split(tmp_path, ["a.jpg"])
+
+
+@pytest.mark.parametrize("content", [b"", b"name\tvalue\n1\t2\n", b"filename\tid\tsplit\n", b"\xff\xfe\x80\n"])
+def test_tsv_that_is_no_split_table(tmp_path, content):
+    (tmp_path / "x.tsv").write_bytes(content)
+    with pytest.raises(BadInput, match="x.tsv is not a"):
+        split(tmp_path)
+
+
+def test_rows_that_are_too_short(tmp_path):
+    (tmp_path / "x.tsv").write_text("filename\tid\tsplit\na.jpg\nb.jpg\t1\ttrain\n")
+    read = read_split_table(tmp_path / "x.tsv")
+    assert read.splits == {"b.jpg": "train"} and read.without_id == ("a.jpg",)
+
+
+def test_long_lists_are_cut_but_counted(tmp_path):
+    (tmp_path / "x.tsv").write_text(
+        table(*((name, "", "train", "x") for name in NAMES[:15]), ("q.jpg", "1", "train", "x"))
+    )
+    note = split(tmp_path)[1][0]
+    assert note.startswith("15 photos") and note.endswith("l.jpg and 3 more")
+
+
+def test_phototourism_scene(tmp_path):
+    root = SmallScene().write(tmp_path / "scene", "dense/images", "dense/sparse")
+    names = [f"photo_{index}.png" for index in range(4)]
+    (root / "plaza.tsv").write_text(
+        table(*((name, "1.0", "test" if name == names[1] else "train", "x") for name in names))
+    )
+    collection = load_collection(root)
+    assert collection.kind == "phototourism" and collection.notes == ()
+    assert [photo.name for photo in collection.split("test")] == [names[1]]
+
+
+@pytest.mark.parametrize(("name", "train", "test"), [("brandenburg", 763, 10), ("sacre", 830, 21), ("trevi", 1689, 19)])
+def test_official_splits(name, train, test):
+    """The counts that NeRF-W's own reader gets after dropping rows without an id."""
+    splits = list(read_split_table(real("nerfw_splits") / f"{name}.tsv").splits.values())
+    assert (splits.count("train"), splits.count("test")) == (train, test)

@@ -1,0 +1,230 @@
+"""The two protocols, on a subject whose every figure is known."""
+
+import dataclasses
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+import core.rasterizer
+from core.appearance.model import AppearanceModel
+from core.errors import BadInput, BadSetting
+from core.evaluation.metrics import quantised
+from core.evaluation.protocols import REFINE_STEPS, View, compare, measure, refine_embedding
+from core.evaluation.results import Results
+from core.evaluation.subject import TrainedScene
+from core.evaluation.truth import Truth, load_truth
+from core.scene.splats import Splats
+from tests.small import ring_camera, small_settings
+
+WIDTH, HEIGHT = 25, 14  # an odd width: the halves are 13 and 12 columns
+CAMERA = dataclasses.replace(ring_camera(0.0), width=WIDTH, height=HEIGHT)
+
+
+class Flat:
+    """Renders one colour, its embedding; embeds the mean colour of what it is shown, plus an error."""
+
+    def __init__(self, error=0.0, follows=True):
+        self.error, self.follows, self.shown, self.cameras = error, follows, [], []
+
+    def embed(self, picture):
+        self.shown.append(tuple(picture.shape))
+        return picture.mean(dim=(1, 2)) + self.error
+
+    def mask(self, picture):
+        mask = torch.ones(picture.shape[1:])
+        mask[:, :10] = 0
+        return mask
+
+    def render(self, embedding, camera):
+        self.cameras.append(camera)
+        colour = embedding if self.follows else embedding.detach()
+        return colour.expand(camera.height, camera.width, 3)
+
+
+def halves(left, right):
+    picture = torch.full((HEIGHT, WIDTH, 3), float(right))
+    picture[:, :13] = left
+    return picture
+
+
+def view(**changes):
+    return dataclasses.replace(View("a.png", halves(0.4, 0.6), CAMERA), **changes)
+
+
+def test_half_embeds_the_left_and_measures_the_right():
+    subject = Flat()
+    result, pictures = measure(subject, view(), "half", refine=False)
+    assert subject.shown == [(3, HEIGHT, 13)]
+    # The left is reproduced; the right is 0.2 off, both on steps of 1/255: 102 and 153.
+    assert result.scores["photo"]["zero_shot"].psnr == pytest.approx(-20 * math.log10(51 / 255), abs=1e-4)
+    assert "refined" not in result.scores["photo"]
+    assert (pictures.render == 102).all() and pictures.photo[0, -1].tolist() == [153] * 3
+
+
+def test_full_embeds_and_measures_the_whole():
+    subject = Flat()
+    result, _ = measure(subject, view(), "full", refine=False)
+    assert subject.shown == [(3, HEIGHT, WIDTH)]
+    mean = round((13 * 102 + 12 * 153) / 25)  # 8-bit level of the mean colour
+    squares = (13 * (mean - 102) ** 2 + 12 * (mean - 153) ** 2) / 25
+    assert result.scores["photo"]["zero_shot"].psnr == pytest.approx(-10 * math.log10(squares / 255**2), abs=1e-4)
+
+
+def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
+    subject = Flat(error=0.3)
+    result, _ = measure(subject, view(picture=halves(0.4, 0.4)), "half")
+    refined = [camera.width for camera in subject.cameras]
+    assert refined == [13] * (REFINE_STEPS + 1) + [WIDTH] * 2
+    photo = result.scores["photo"]
+    assert photo["zero_shot"].psnr < 12
+    # L1 on a flat colour leaves Adam swinging around it by less than its rate; the best step of 128 is within 0.02.
+    assert photo["refined"].psnr > -20 * math.log10(0.02)
+
+
+def test_refinement_never_makes_what_it_sees_worse():
+    exact = torch.full((3,), 102 / 255)
+    refined = refine_embedding(Flat(), exact, CAMERA, quantised(halves(0.4, 0.4)))
+    assert torch.equal(refined, exact)
+
+
+def test_a_look_that_follows_nothing_is_not_refined():
+    result, _ = measure(Flat(follows=False), view(), "half")
+    assert set(result.scores["photo"]) == {"zero_shot"}
+
+
+def test_refinement_ignores_invalid_pixels():
+    valid = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+    valid[:, 3:13] = False
+    picture = halves(0.9, 0.4)
+    picture[:, :3] = 0.4
+    result, _ = measure(Flat(), view(picture=picture, valid=valid), "half")
+    assert result.scores["photo"]["refined"].psnr > -20 * math.log10(0.02)
+
+
+def test_renders_are_clamped_and_quantised_before_they_are_compared():
+    result, _ = measure(Flat(error=5.0), view(picture=halves(0.0, 1.0)), "half", refine=False)
+    assert result.scores["photo"]["zero_shot"].psnr == math.inf  # 5 is shown as 1
+    result, _ = measure(Flat(error=0.4 / 255), view(picture=halves(0.4, 0.4)), "half", refine=False)
+    assert result.scores["photo"]["zero_shot"].psnr == math.inf
+
+
+def test_clean_truth_is_kept_apart_and_masks_enter_no_metric():
+    static = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+    static[:, :10] = False
+    truth = Truth(halves(0.4, 0.4), static)
+    result, _ = measure(Flat(), view(truth=truth), "half", refine=False)
+    without, _ = measure(Flat(), view(), "half", refine=False)
+    assert result.scores["photo"] == without.scores["photo"]
+    assert set(result.scores) == {"photo", "clean", "clean_right"} and set(without.scores) == {"photo"}
+    assert result.scores["clean"]["zero_shot"].psnr == math.inf == result.scores["clean_right"]["zero_shot"].psnr
+    assert result.mask_iou == 1.0 and without.mask_iou is None
+    assert set(measure(Flat(), view(truth=truth), "full", refine=False)[0].scores) == {"photo", "clean"}
+
+
+def test_lpips_is_asked_for_the_region_and_sees_no_error_where_the_photo_is_not_valid():
+    asked = []
+
+    def distance(image, photo):
+        asked.append(image)
+        return float((image - photo).abs().mean())
+
+    result, _ = measure(Flat(), view(), "half", refine=False, lpips=distance)
+    assert asked[0].shape == (HEIGHT, 12, 3)
+    assert result.scores["photo"]["zero_shot"].lpips == pytest.approx(0.2, abs=1e-6)
+    nowhere = torch.zeros(HEIGHT, WIDTH, dtype=torch.bool)
+    assert compare(halves(0, 0), halves(1, 1), nowhere, distance).lpips == 0.0
+
+
+def test_bad_requests_are_refused():
+    with pytest.raises(BadSetting, match="quarter"):
+        measure(Flat(), view(), "quarter")
+    narrow = View("narrow.png", torch.zeros(4, 1, 3), dataclasses.replace(CAMERA, width=1, height=4))
+    with pytest.raises(BadInput, match=r"narrow\.png"):
+        measure(Flat(), narrow, "half")
+
+
+# --- a real subject
+
+
+def test_a_trained_scene_renders_what_its_bake_renders_and_its_embedding_can_be_refined():
+    generator = torch.Generator().manual_seed(1)
+    splats = Splats(
+        means=0.3 * torch.randn(40, 3, generator=generator),
+        quaternions=torch.randn(40, 4, generator=generator),
+        log_scales=torch.full((40, 3), -2.0),
+        logit_opacities=torch.ones(40),
+        sh=0.3 * torch.randn(40, 4, 3, generator=generator),
+    )
+    model = AppearanceModel(small_settings(), ["a", "b"])
+    # At the start the transfer adds nothing; a look needs one that does.
+    with torch.no_grad():
+        for parameter in model.sh_transfer.parameters():
+            parameter += 0.1 * torch.randn(parameter.shape, generator=generator)
+    rasterizer = core.rasterizer.create("reference")
+    subject = TrainedScene(splats, None, model, rasterizer)
+    picture = torch.rand(3, HEIGHT, WIDTH, generator=generator)
+    embedding = subject.embed(picture)
+    baked = rasterizer.render(model.bake(splats, embedding), CAMERA).image
+    # float32, and a sum over fewer Gaussians where those out of view are left out
+    torch.testing.assert_close(subject.render(embedding, CAMERA), baked, rtol=0, atol=1e-5)
+
+    embedding = embedding.clone().requires_grad_()
+    subject.render(embedding, CAMERA).sum().backward()
+    assert embedding.grad.abs().max() > 0
+    assert all(parameter.grad is None or not parameter.grad.any() for parameter in [splats.means, splats.sh])
+    assert subject.mask(picture).ndim == 2
+
+
+# --- truth and results as files
+
+
+def test_truth_is_read_at_the_size_wanted(tmp_path):
+    for kind in ("clean", "masks"):
+        (tmp_path / "truth" / kind / "sub").mkdir(parents=True)
+    red = np.zeros((8, 10, 3), np.uint8)
+    red[..., 2] = 255
+    static = np.zeros((8, 10), np.uint8)
+    static[:, 5:] = 255
+    cv2.imwrite(str(tmp_path / "truth/clean/sub/a.png"), red)
+    cv2.imwrite(str(tmp_path / "truth/masks/sub/a.png"), static)
+    truth = load_truth(tmp_path, "sub/a.jpg", 20, 16)
+    assert truth.clean.shape == (16, 20, 3) and truth.clean[3, 3].tolist() == [1, 0, 0]
+    assert not truth.static[:, :10].any() and truth.static[:, 10:].all()
+    assert load_truth(tmp_path, "b.jpg", 20, 16) == Truth(None, None)
+    (tmp_path / "truth/clean/c.png").write_bytes(b"no picture")
+    with pytest.raises(BadInput, match=r"c\.png"):
+        load_truth(tmp_path, "c.jpg", 20, 16)
+
+
+def results(*views, **changes):
+    made = Results("half", views, 50, len(views), 0.5, None, 7, 1500, 90.0, 4.0)
+    return dataclasses.replace(made, **changes)
+
+
+def test_results_state_what_decides_whether_they_can_be_compared(tmp_path):
+    views = [measure(Flat(error), view(), "half")[0] for error in (0.0, 0.05)]
+    made = results(*views)
+    made.save(tmp_path)
+    written = json.loads((tmp_path / "results.json").read_text())
+    assert written["protocol"] == "half" and written["scale"] == 0.5 and written["seed"] == 7
+    assert written["steps"] == 1500 and written["training_seconds"] == 90.0
+    assert written["photos"] == {"train": 50, "test": 2, "measured": 2}
+    assert "11 x 11 Gaussian" in written["ssim"] and "absent" in written["lpips"] and "128" in written["refinement"]
+    mean = sum(one.scores["photo"]["zero_shot"].psnr for one in views) / 2
+    assert written["means"]["photo"]["zero_shot"]["psnr"] == pytest.approx(mean)
+    assert written["means"]["photo"]["zero_shot"]["lpips"] is None
+    assert [one["name"] for one in json.loads((tmp_path / "per_view.json").read_text())] == ["a.png", "a.png"]
+
+
+def test_results_without_refinement_with_lpips_and_with_an_endless_psnr(tmp_path):
+    one, _ = measure(Flat(), view(picture=halves(0.4, 0.4)), "half", refine=False, lpips=lambda image, photo: 0.25)
+    made = results(one, lpips_backbone="alex")
+    made.save(tmp_path)
+    written = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)  # strict JSON
+    assert written["means"]["photo"]["zero_shot"]["psnr"] == "inf"
+    assert written["means"]["photo"]["zero_shot"]["lpips"] == 0.25
+    assert written["lpips"] == "alex" and written["refinement"] is None and written["mask_iou"] is None

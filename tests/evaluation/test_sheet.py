@@ -1,0 +1,52 @@
+"""The picture sheet: where things stand and what the colours mean."""
+
+import numpy as np
+import pytest
+
+from core.evaluation.protocols import ViewPictures
+from core.evaluation.sheet import BLANK, GAP_PX, LABEL_PX, TILE_PX, error_picture, picture_sheet
+
+
+def row(height, width, mask=None, name="photo.jpg"):
+    photo = np.full((height, width, 3), (200, 100, 50), np.uint8)
+    return ViewPictures(name, photo, photo // 2, mask)
+
+
+def test_columns_are_photo_render_mask_error():
+    mask = np.zeros((5, 8), np.float32)
+    mask[:, 4:] = 1
+    sheet = picture_sheet([row(40, 64, mask)], [""])
+    step = 64 + GAP_PX
+    assert sheet.shape == (LABEL_PX + 40 + GAP_PX + LABEL_PX, 4 * step, 3)
+    middle = sheet[LABEL_PX + 20]
+    assert middle[5].tolist() == [200, 100, 50] and middle[step + 5].tolist() == [100, 50, 25]
+    assert middle[2 * step + 5].tolist() == [0, 0, 0] and middle[2 * step + 60].tolist() == [255] * 3
+    photo = row(40, 64).photo
+    assert middle[3 * step + 5].tolist() == error_picture(photo, photo // 2)[0, 0].tolist()
+
+
+def test_photos_of_all_sizes_fit_and_keep_their_shape():
+    sheet = picture_sheet([row(600, 1000), row(50, 20), row(1, 1)], ["21.30 dB", "", ""])
+    assert sheet.shape[1] == 4 * (TILE_PX + GAP_PX)
+    assert sheet.shape[0] == 4 * LABEL_PX + 3 * GAP_PX + round(600 * TILE_PX / 1000) + 50 + 1
+
+
+def test_labels_are_written_and_a_missing_mask_is_grey():
+    with_name = picture_sheet([row(30, 90)], ["20.1 dB"])
+    without = picture_sheet([row(30, 90, name="")], [""])
+    assert (with_name[-LABEL_PX:] != without[-LABEL_PX:]).any() and not without[-LABEL_PX:].any()
+    assert with_name[:LABEL_PX].any()
+    assert with_name[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == [BLANK] * 3
+
+
+def test_errors_brighten_from_black_and_saturate():
+    black = np.zeros((1, 5, 3), np.uint8)
+    render = np.broadcast_to(np.array([0, 30, 90, 128, 255], np.uint8)[None, :, None], (1, 5, 3))
+    brightness = error_picture(black, render)[0].astype(int).sum(axis=1)
+    assert brightness[0] < 10
+    assert (np.diff(brightness[:4]) > 0).all() and brightness[4] == brightness[3]
+
+
+def test_every_row_has_its_note():
+    with pytest.raises(ValueError, match="zip"):
+        picture_sheet([row(4, 4), row(4, 4)], ["only one"])

@@ -73,6 +73,7 @@ class Settings:
     densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
     opacity_resets: int = setting(0, "Opacity resets during growth.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
+    prune_contribution: float = setting(0.02, "After growth: Gaussians below this share of every pixel are removed.", low=0, high=1)
 
     # --- schedule
     coarse_until: float = setting(0.15, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
@@ -126,7 +127,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "sh_regularisation": 0.1,
         "gauge": 0.0,
     },
-    "vanilla": {"appearance": "off", "transients": "off"},
+    "vanilla": {"appearance": "off", "transients": "off", "prune_contribution": 0.0},
 }
 
 

@@ -1,5 +1,7 @@
 """The story end to end on six tiny photos: train, stop, go on, bake, interpolate; and what is refused on the way."""
 
+import json
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +13,7 @@ import torch
 
 import core.rasterizer
 from core import pipeline
+from core.data import found_cameras
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.report import Report
@@ -233,3 +236,51 @@ def test_a_view_that_is_none_is_refused(trained, tmp_path):
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
     assert list(tmp_path.iterdir()) == []
+
+
+# --- measuring
+
+
+def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
+    heard = Heard()
+    results = pipeline.evaluate(trained[0], "half", heard, refine=False)
+    assert (results.train_photos, results.test_photos, results.steps, results.scale) == (4, 2, STEPS, 1.0)
+    assert [view.name for view in results.views] == ["photo_2.png", "photo_5.png"]
+    written = json.loads((trained[0] / "results.json").read_text())
+    assert written["protocol"] == "half" and written["training_seconds"] > 0
+    assert written["means"]["photo"]["zero_shot"]["psnr"] == results.means()["photo"]["zero_shot"]["psnr"]
+    assert len(json.loads((trained[0] / "per_view.json").read_text())) == 2
+    assert cv2.imread(str(trained[0] / "sheet.png")).shape[1] > 4 * 48  # photo | render | mask | error
+    assert heard.steps[-1] == (2, 2) and any("photo, zero_shot: PSNR" in line for line in heard.lines)
+
+
+def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, monkeypatch):
+    collection = pipeline.load_collection(small_scene)
+    only = replace(collection, photos=collection.split("train"))
+    monkeypatch.setattr(pipeline, "load_collection", lambda path: only)
+    folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run")
+    with pytest.raises(BadInput, match="no held-out photos"):
+        pipeline.evaluate(folder)
+
+
+# --- plain photos
+
+
+def test_cameras_of_plain_photos_are_found_once(small_scene, tmp_path, monkeypatch):
+    calls = []
+
+    def reconstruct(photos, output, report):
+        calls.append(output.name)
+        output.mkdir(parents=True)
+
+    monkeypatch.setattr(found_cameras.sfm, "reconstruct", reconstruct)
+    photos = tmp_path / "photos"
+    shutil.copytree(small_scene, photos)
+    wanted = tmp_path / "runs" / "photos-scene"
+    assert found_cameras.scene_of_photos(photos, wanted, Report()) == wanted
+    assert found_cameras.scene_of_photos(photos, wanted, Report()) == wanted
+    assert calls == ["photos-scene"]
+    (photos / "photo_0.png").unlink()  # other photos: the scene that is there is not theirs
+    assert found_cameras.scene_of_photos(photos, wanted, Report()).name == "photos-scene-2"
+    assert found_cameras.scene_of_photos(photos, wanted, Report()).name == "photos-scene-2"
+    assert calls == ["photos-scene", "photos-scene-2"]

@@ -11,7 +11,7 @@ MARK = "photos.json"  # in a scene: the photos it was made of
 
 
 def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
-    """The COLMAP scene of the photos in the folder `photos`, made now unless it is there already; returns where it lies.
+    """Where the COLMAP scene of the photos in the folder `photos` lies; it is made now unless it is there already.
 
     wanted: where it should lie; if another scene does, a number is added. A scene that is there is used again only for
     the very same files (path, size and time of change of each). Errors: as sfm.reconstruct.

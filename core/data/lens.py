@@ -10,8 +10,8 @@ NEGLIGIBLE_PX = 0.01  # a lens that moves no pixel of the photo farther than thi
 ROUND_TRIP_PX = 1.0  # a pixel whose ray does not lead back to it lies where the lens formula folds over
 BLOCK_PIXELS = 1 << 20  # rays are followed in blocks of rows, to bound memory
 
-# EXIF orientation -> rotation from the camera of the stored pixels to that of the displayed ones. The others are mirrors,
-# which no camera can be.
+# EXIF orientation -> rotation from the camera of the stored pixels to that of the displayed ones. The others are
+# mirrors, which no camera can be.
 TURNS = {
     1: np.eye(3),
     3: np.diag([-1.0, -1.0, 1.0]),
@@ -48,8 +48,8 @@ def is_pinhole(camera: pycolmap.Camera) -> bool:
 def pinhole(camera: pycolmap.Camera, width: int, height: int) -> tuple[float, float, float, float]:
     """fx, fy, cx, cy (px) of the undistorted picture of a photo of `width` x `height` px.
 
-    Focal lengths and principal point stay the lens's own, so the middle of the picture keeps its sharpness. What a barrel
-    lens saw beyond the pinhole's edge is cut off; what a cushion lens did not see is marked invalid.
+    Focal lengths and principal point stay the lens's own, so the middle of the picture keeps its sharpness. What a
+    barrel lens saw beyond the pinhole's edge is cut off; what a cushion lens did not see is marked invalid.
     """
     fx, fy, cx, cy = _intrinsics(camera)
     x, y = width / camera.width, height / camera.height

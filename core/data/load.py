@@ -19,8 +19,8 @@ NOT_READ_YET = {
 def load_collection(path: Path) -> Collection:
     """The posed photos in the folder `path`, a COLMAP or PhotoTourism scene.
 
-    Raises BadInput where there is no such folder, no photos, no model, or nothing usable in them; photos that cannot be used
-    while others can are left out and named in the collection's notes.
+    Raises BadInput where there is no such folder, no photos, no model, or nothing usable in them; photos that cannot be
+    used while others can are left out and named in the collection's notes.
     """
     path = Path(path)
     kind = find_kind(path)

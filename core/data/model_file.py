@@ -1,6 +1,7 @@
 """Reading a COLMAP model with pycolmap, after a look at whether its binary files are whole.
 
-pycolmap 4.2 never returns from some truncated files and reads others as zeros, so each file is walked first, record by record.
+pycolmap 4.2 never returns from some truncated files and reads others as zeros, so each file is walked first, record by
+record.
 """
 
 import struct

@@ -56,8 +56,8 @@ def bad_photo(path: Path, why: str) -> BadInput:
 def probe(path: Path) -> Header:
     """The header of a photo. JPEG and PNG are not decoded; the few other formats are.
 
-    Raises BadInput for a file that is missing, empty, truncated or no photo. OpenCV shows a truncated JPEG with its lower
-    part grey and says nothing, so the end of the file is looked at here.
+    Raises BadInput for a file that is missing, empty, truncated or no photo. OpenCV shows a truncated JPEG with its
+    lower part grey and says nothing, so the end of the file is looked at here.
     """
     try:
         with open(path, "rb") as file:
@@ -95,8 +95,8 @@ def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
 def _read_jpeg(path: Path, data: bytes | mmap.mmap) -> Header:
     """Walk the segments to the first scan, then look for the end marker.
 
-    Inside a scan FF is always followed by 00 or a restart marker, and thumbnails lie in segments before it, so FF D9 after it
-    is the end of the picture. More may follow: phones append depth maps and films.
+    Inside a scan FF is always followed by 00 or a restart marker, and thumbnails lie in segments before it, so FF D9
+    after it is the end of the picture. More may follow: phones append depth maps and films.
     """
     position, size, exif, orientation = 2, None, b"", 1
     while True:

@@ -38,8 +38,8 @@ def read(path: Path) -> np.ndarray:
 def load(photo: Photo, width: int, height: int) -> Picture:
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
-    A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that the
-    lens did not see and those with any transparency. Raises BadInput like `read`.
+    A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that
+    the lens did not see and those with any transparency. Raises BadInput like `read`.
     """
     header, pixels, alpha = _read_file(Path(photo.path), (width, height))
     pixels = _on_white(pixels, alpha)
@@ -117,7 +117,7 @@ def _on_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
 def _undistort(
     pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stored pixels -> the pinhole picture as displayed, at OVERSAMPLING times the wanted size or less; where it is valid."""
+    """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
     if valid is not None:
         pixels = np.dstack([pixels, valid * np.uint8(255)])
     most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if header.orientation >= 5 else wanted))

@@ -1,4 +1,4 @@
-"""The PhotoTourism layout: SCENE/dense/{images,sparse} and SCENE/NAME.tsv, which says what is for training and what for test."""
+"""The PhotoTourism layout: SCENE/dense/{images,sparse}, and SCENE/NAME.tsv, which splits the photos."""
 
 import csv
 from dataclasses import dataclass
@@ -13,7 +13,10 @@ SPLITS = ("train", "test")
 
 @dataclass(frozen=True)
 class SplitTable:
-    """The rows of a split .tsv. splits: photo name -> "train" or "test". without_id, unknown_split: names of rows not used."""
+    """The rows of a split .tsv.
+
+    splits: photo name -> "train" or "test". without_id, unknown_split: names of rows not used.
+    """
 
     path: Path
     splits: dict[str, str]
@@ -27,9 +30,10 @@ def find_split_tables(root: Path) -> list[Path]:
 
 
 def read_split_table(path: Path) -> SplitTable:
-    """Read filename, id and split; other columns are ignored. Ids are floats in the official files and serve one purpose:
-    a row without one is not used (NeRF-W's reader drops it).
+    """Read filename, id and split; other columns are ignored.
 
+    Ids are floats in the official files and serve one purpose: a row without one is not used (NeRF-W's reader drops
+    it).
     Raises BadInput for a file without these columns.
     """
     fix = "It needs the tab-separated columns filename, id and split."

@@ -29,10 +29,12 @@ SEED = 0
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
 
-    The scene holds images/ (undistorted, upright) and sparse/0 (pinhole cameras, points). It appears whole or not at all.
+    The scene holds images/ (undistorted, upright) and sparse/0 (pinhole cameras, points). It appears whole or not at
+    all. Two runs differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a place are left out and named.
-    Raises BadInput for a folder with fewer than two readable photos, an output that exists, and where no model is found.
+    Raises BadInput for a folder with fewer than two readable photos, an output that exists, and where no model is
+    found.
     """
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
@@ -46,7 +48,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
             raise BadInput(
-                f"{photos} holds {counted(len(names), 'photo')} that can be read; cameras need at least {LEAST_PHOTOS}.",
+                f"{photos} holds {counted(len(names), 'photo')} that can be read; at least {LEAST_PHOTOS} are needed.",
                 "Add photos of the same place.",
             )
         pycolmap.set_random_seed(SEED)
@@ -95,8 +97,8 @@ def _full(output: Path) -> WegsError:
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
     """Put the readable photos into `folder` as COLMAP needs them; returns the copies' names and those to give back.
 
-    COLMAP ignores EXIF rotation, so turned photos are written upright; what is not a JPEG is converted to one. The copies
-    are numbered, because COLMAP's list of pairs is split at spaces.
+    COLMAP ignores EXIF rotation, so turned photos are written upright; what is not a JPEG is converted to one. The
+    copies are numbered, because COLMAP's list of pairs is split at spaces.
     """
     folder.mkdir()
     copies, turned = {}, 0

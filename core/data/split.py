@@ -13,8 +13,8 @@ TEST_LIST = "test.txt"
 def split_photos(root: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
     """The split of each usable photo ("train" or "test"; photos that are in none are left out), and notes.
 
-    names: the usable photos, sorted. in_model: all photos that the model knows, usable or not, so that a list naming a photo
-    that is merely missing is not called wrong. Raises BadInput where nothing is left to train on.
+    names: the usable photos, sorted. in_model: all photos that the model knows, usable or not, so that a list naming a
+    photo that is merely missing is not called wrong. Raises BadInput where nothing is left to train on.
     """
     tables = find_split_tables(root)
     if tables:

@@ -4,6 +4,7 @@ from core.config import Settings
 
 MEAN_RATE_DECAY = 0.01
 NETWORK_RATE_DECAY = 0.1
+CONTRIBUTION_FRACTIONS = (0.65, 0.85)
 COARSEST = 4  # coarse-to-fine starts at a quarter of the size
 
 
@@ -31,6 +32,13 @@ def densification_steps(settings: Settings) -> list[int]:
     first, last = settings.densify_from * settings.steps, settings.densify_until * settings.steps
     rounds = settings.densify_rounds
     return sorted({max(1, round(first + (last - first) * i / max(rounds - 1, 1))) for i in range(rounds)})
+
+
+def contribution_steps(settings: Settings) -> set[int]:
+    """The steps after which Gaussians that no photo needs are removed: when growth has ended, and once more when settled."""
+    if not settings.prune_contribution:
+        return set()
+    return {max(1, round(settings.steps * fraction)) for fraction in CONTRIBUTION_FRACTIONS}
 
 
 def evenly(count: int, steps: int) -> set[int]:

@@ -77,7 +77,7 @@ def bake(trained: Run, appearance: Appearance) -> Splats:
 
 
 def blend(first: Appearance, last: Appearance, share: float) -> Appearance:
-    """The look `share` of the way from one to the other; at 0 and 1 the very ones, so that their bakes are equal too."""
+    """The look `share` of the way from one to the other; at 0 and 1 the ends themselves, so that bakes are equal."""
     if share in (0.0, 1.0):
         return last if share else first
     name = f"{share:.3f} of the way from {first.name} to {last.name}"

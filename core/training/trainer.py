@@ -77,6 +77,7 @@ class Trainer:
         """Run to the last step, yielding a report after each; checkpoints and history.csv are written on the way."""
         settings = self.settings
         densify_at = set(schedule.densification_steps(settings))
+        drop_at = schedule.contribution_steps(settings)
         checks = schedule.evenly(settings.held_out_checks, settings.steps) if settings.held_out_checks else set()
         saves = schedule.evenly(settings.checkpoints, settings.steps)
         with (self.folder / "history.csv").open("a", newline="") as file:
@@ -88,6 +89,8 @@ class Trainer:
                 report = self.step()
                 if self.done in densify_at:
                     self.control_density()
+                if self.done in drop_at:
+                    self.drop_unneeded()
                 self.seconds += time.perf_counter() - start
                 if self.done in checks:
                     report = dataclasses.replace(report, held_out_psnr=self.held_out_psnr())
@@ -238,6 +241,15 @@ class Trainer:
         now = sum(step <= self.done for step in rounds) / len(rounds)
         allowed = round(settings.max_gaussians * (0.25 + 0.75 * now))
         densify.grow(self.gaussians, settings, allowed - self.gaussians.solid, self.generator)
+
+    def drop_unneeded(self) -> None:
+        """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo (RadSplat, section 4.2)."""
+        splats = self.gaussians.splats
+        largest = torch.zeros(len(splats))
+        for index in range(len(self.pictures)):
+            camera, _ = self.pictures.target(index, 1)
+            torch.maximum(largest, self.rasterizer.contributions(splats, camera), out=largest)
+        self.gaussians.keep(largest >= self.settings.prune_contribution)
 
     def held_out_psnr(self) -> float | None:
         """Mean PSNR (dB) of a few test photos, each in the look its whole photo gives, without masks."""

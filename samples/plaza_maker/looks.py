@@ -10,9 +10,9 @@ class Look:
     """Everything that decides how a photo looks apart from where it was taken.
 
     Colours are RGB radiance, in units in which a white wall square to the midday sun is about 1. sun_direction: world
-    (z up), towards the sun; sun_width: the radius of its disc, radians. gradient: exponent of the sky's fade from horizon
-    to zenith. clouds: cover in [0, 1]. haze: extinction, 1 / metre. lamps: 0 by day, 1 by night. exposure multiplies
-    radiance; balance is the white balance's gain a channel; gamma, contrast, saturation and lift make the tone curve;
+    (z up), towards the sun; sun_width: the radius of its disc, radians. gradient: exponent of the sky's fade from
+    horizon to zenith. clouds: cover in [0, 1]. haze: extinction, 1 / metre. lamps: 0 by day, 1 by night. exposure
+    multiplies radiance; balance is the white balance's gain a channel; gamma, contrast, saturation and lift make the tone curve;
     vignette is the loss in the corners; grain the noise (8-bit steps); quality the JPEG's.
     """
 
@@ -58,8 +58,8 @@ def _toward(azimuth: float, elevation: float) -> tuple:
 
 KINDS = ("noon", "morning", "afternoon", "cloudy", "overcast", "sunset", "dusk", "night")
 
-# For each kind: ranges of the sun's azimuth and elevation (degrees); colours of sun, zenith and horizon; strength of the
-# glow round the sun; range of cloud cover; lamps; exposure.
+# For each kind: ranges of the sun's azimuth and elevation (degrees); colours of sun, zenith and horizon; strength of
+# the glow round the sun; range of cloud cover; lamps; exposure.
 _WEATHER = {
     "noon": (
         (-75, 75),

@@ -45,7 +45,7 @@ def _worth_taking(view: View, church: int, obstacles: int) -> bool:
 
 
 def _test_names(shots: list[Shot]) -> set[str]:
-    """One photo of each kind of light: the one with the nearest neighbours, so that its view is well inside the range."""
+    """One photo of each kind of light: the one with the nearest neighbours, well inside the range of views."""
     centres = np.array([shot.view.centre for shot in shots])
     forward = np.array([shot.view.world_to_camera[2] for shot in shots])
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) + 25 * (1 - forward @ forward.T)

@@ -243,7 +243,7 @@ def static_groups() -> tuple[Group, ...]:
 
 
 def lamps() -> tuple[Lamp, ...]:
-    """The lights of the night: posts, floodlights at the foot of the walls, and lamps under portico, dome and belfry."""
+    """The lights of the night: posts, floodlights at the foot of the walls, lamps in portico, drum and belfry."""
     posts = [Lamp(np.array([x, y, 4.7]), np.array([1.0, 0.66, 0.32]) * 3.6, 15.0) for x, y in LAMPS]
     floods = [Lamp(np.array([x, y, 0.5]), np.array([1.0, 0.74, 0.42]) * 9.0, 24.0) for x, y in FLOODLIGHTS]
     inner = [Lamp(np.array([x, -3.0, 7.6]), np.array([1.0, 0.6, 0.25]) * 4.0, 12.0) for x in (-5.0, 0.0, 5.0)]

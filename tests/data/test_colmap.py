@@ -15,7 +15,7 @@ def notes_with(collection, text):
 
 
 def check_geometry(collection, scene, scale=1.0):
-    """Every photo's camera projects the points where the model saw them (pinhole models). float64 throughout: 1e-6 px."""
+    """Every photo's camera projects the points where the model saw them (pinhole models); float64: 1e-6 px."""
     assert [photo.name for photo in collection.photos] == sorted(scene.names)
     for photo in collection.photos:
         pixels, depth = photo.camera.project(collection.points)

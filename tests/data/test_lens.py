@@ -18,12 +18,12 @@ ALIGNED_PX = 0.1
 def check_dots(collection, index, least):
     """All points well inside the photo have their dot where the collection's camera projects them; at both sizes."""
     photo = collection.photos[index]
-    for divisor in (1, 2):
+    for divisor in (1, 3):  # 3: shrunk before it is undistorted, and once more after
         camera = photo.camera.resized(photo.camera.width // divisor, photo.camera.height // divisor)
         picture = load(photo, camera.width, camera.height)
         assert picture.pixels.shape == (camera.height, camera.width, 3)
         pixels, _ = camera.project(collection.points)
-        reach = 7 / divisor * photo.camera.width / WIDTH if photo.camera.width > photo.camera.height else 7 / divisor
+        reach = 7 / divisor * max(photo.camera.width, photo.camera.height) / WIDTH
         inside = ((pixels > reach) & (pixels < (camera.width - reach, camera.height - reach))).all(axis=1)
         assert inside.sum() >= least
         for dot in pixels[inside]:

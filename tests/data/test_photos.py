@@ -16,11 +16,11 @@ from tests.data.small_scene import add_exif, centroid, draw_dots, exif_block
 # A 16x16 CMYK JPEG of the colour (200, 40, 60), as OpenCV cannot write one.
 CMYK_JPEG = zlib.decompress(
     base64.b64decode(
-        "eNr7f+P/OwY+x5T8pFSGFAYQ+H+bwZmBg42NnY2Vg52dnZOTg4tHhJeHm5tHUkiYX0RWSl5OVkpGRkFFT11BSUdZRkbDXFPHwNDExERe3dLWwshG"
-        "z9jE6P8BBhEOBgEGARZnQQZfQYZIQQZvQYb/RxjkGRgYWRnBgAEKGJmYWVjZ2Dk4ubiBCrYKMDAxMjMzsTCzsrKwAGVrgfIMLIKsQoqGjmzCgYns"
-        "SoUiRo0TF3IoO208KBp08YOKcVJREyeXmLiEpJSqmrqGppaJqZm5haWVs4urm7uHp1dwSGhYeERkVHJKalp6RmZWcUlpWXlFZVVzS2tbe0dn16TJ"
-        "U6ZOmz5j5qxFi5csXbZ8xcpVmzZv2bpt+46duw4dPnL02PETJ09dunzl6rXrN27eevjo8ZOnz56/ePnq46fPX75++/7j56//txj4WJwZfBkiGbwZ"
-        "GOwZvnR9qvq86/svjUVdEPT/JgB1THdc"
+        "eNr7f+P/OwY+x5T8pFSGFAYQ+H+bwZmBg42NnY2Vg52dnZOTg4tHhJeHm5tHUkiYX0RWSl5OVkpGRkFFT11BSUdZRkbDXFPHwNDE"
+        "xERe3dLWwshGz9jE6P8BBhEOBgEGARZnQQZfQYZIQQZvQYb/RxjkGRgYWRnBgAEKGJmYWVjZ2Dk4ubiBCrYKMDAxMjMzsTCzsrKw"
+        "AGVrgfIMLIKsQoqGjmzCgYnsSoUiRo0TF3IoO208KBp08YOKcVJREyeXmLiEpJSqmrqGppaJqZm5haWVs4urm7uHp1dwSGhYeERk"
+        "VHJKalp6RmZWcUlpWXlFZVVzS2tbe0dn16TJU6ZOmz5j5qxFi5csXbZ8xcpVmzZv2bpt+46duw4dPnL02PETJ09dunzl6rXrN27e"
+        "evjo8ZOnz56/ePnq46fPX75++/7j56//txj4WJwZfBkiGbwZGOwZvnR9qvq86/svjUVdEPT/JgB1THdc"
     )
 )
 

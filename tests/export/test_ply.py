@@ -163,12 +163,18 @@ def test_a_missing_folder_is_named(tmp_path):
         write_ply(tmp_path / "none" / "a.ply", some_splats(5))
 
 
-def test_many_gaussians_are_written_as_one_table(tmp_path):
-    splats = some_splats(200_000, coefficients=4)
+def test_gaussians_are_written_as_one_table_not_row_by_row(tmp_path):
+    splats = some_splats(20_000)
+    seconds = []
+    for _ in range(3):
+        start = time.process_time()
+        write_ply(tmp_path / "a.ply", splats)
+        seconds.append(time.process_time() - start)
+    rows = np.zeros((len(splats), len(PROPERTIES)), np.float32)
     start = time.process_time()
-    write_ply(tmp_path / "a.ply", splats)
-    # Seen: 0.1 s of processor time. Rows built one by one as tuples take 5 s, which is what this must catch.
-    assert time.process_time() - start < 2
+    np.array([tuple(row) for row in rows], dtype=[(name, "<f4") for name in PROPERTIES])
+    # The mere building of tuples, on this machine under its load; one table was seen to need a tenth, file included.
+    assert min(seconds) < 0.5 * (time.process_time() - start)
 
 
 def test_points_are_written_with_8_bit_colours(tmp_path):

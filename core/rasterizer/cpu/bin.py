@@ -9,13 +9,13 @@ import numpy as np
 from numba import njit
 
 from core.rasterizer.cpu import footprint
-from core.rasterizer.cpu.footprint import extent_of, touched_columns, touched_rows
+from core.rasterizer.cpu.footprint import touched_columns, touched_rows
 from core.rasterizer.cpu.simd import prefetch
 
 DIGIT_BITS = 11  # three passes for 32 bits; the histograms stay in the first-level cache
 DIGITS = 1 << DIGIT_BITS
 SPLAT, SLOT = 0, 1  # the columns of the entries
-AHEAD = 12  # Gaussians; 4 hide half of the waiting, more change nothing
+AHEAD = 32  # Gaussians; 4 hide half of the waiting, more change nothing
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -65,11 +65,10 @@ def running_starts(counts):
 @njit(error_model="numpy")
 def add_to_loads(footprints, i, size, columns, tile_loads):
     """Count Gaussian `i` in each tile that it touches; how many those are."""
-    extent = extent_of(footprints, i)
     touched = 0
-    first_row, last_row = touched_rows(extent, size[1])
+    first_row, last_row = touched_rows(footprints, i, size[1])
     for tile_row in range(first_row, last_row):
-        first, last = touched_columns(extent, tile_row, size[0])
+        first, last = touched_columns(footprints, i, tile_row, size[0])
         for tile in range(tile_row * columns + first, tile_row * columns + last):
             tile_loads[tile] += 1
         touched += last - first
@@ -89,10 +88,9 @@ def fill_lists(order, footprints, slot_starts, tile_starts, size, entries):
         i = order[position]
         slot = slot_starts[i]
         # What `add_to_loads` counted, by the same functions: the slots are filled exactly.
-        extent = extent_of(footprints, i)
-        first_row, last_row = touched_rows(extent, size[1])
+        first_row, last_row = touched_rows(footprints, i, size[1])
         for tile_row in range(first_row, last_row):
-            first, last = touched_columns(extent, tile_row, size[0])
+            first, last = touched_columns(footprints, i, tile_row, size[0])
             for tile in range(tile_row * columns + first, tile_row * columns + last):
                 entry = cursors[tile]
                 cursors[tile] = entry + 1

@@ -14,8 +14,6 @@ import math
 import numpy as np
 from numba import njit
 
-from core.rasterizer.contract import ALPHA_MIN
-
 TILE = 16  # pixels a side; two chunks of eight across
 
 # A row of the footprints. With d = pixel - centre,
@@ -26,49 +24,36 @@ SHARPNESS = 3  # sqrt(log2(e) / 2 * c / det), 1 / px
 FALL = 4  # log2(e) / 2 / c, 1 / px^2
 STRENGTH = 5  # log2(opacity)
 RED, GREEN, BLUE = 6, 7, 8
-WIDTH = 12  # floats a row: three 16-byte words
+# The ellipse alpha >= ALPHA_MIN: half its height; half its width on the row through its centre; how far below its centre it
+# reaches furthest to the right, which is how far above it reaches furthest to the left. All px.
+HALF_HEIGHT, HALF_WIDTH, LEAN = 9, 10, 11
+WIDTH = 12
 
-LOG2_ALPHA_MIN = math.log2(ALPHA_MIN)
 # Rounding of centres far outside the picture. Generous bounds cost a test, narrow ones a pixel.
 SLACK_PX = 0.01
 
 
 @njit(error_model="numpy")
-def extent_of(footprints, i):
-    """What the two functions below need of footprint `i`'s ellipse alpha >= ALPHA_MIN, in float64.
-
-    Its centre x, y; slope; half its width on the row through the centre; half its height; and how far below its centre
-    it reaches furthest to the right, which is how far above it reaches furthest to the left.
-    """
-    slope, fall = footprints[i, SLOPE] * 1.0, footprints[i, FALL] * 1.0
-    # How far log2(alpha) may fall below its peak; above zero, as it is divided by.
-    level = max(footprints[i, STRENGTH] - LOG2_ALPHA_MIN, 1e-6)
-    half_width = math.sqrt(level) / footprints[i, SHARPNESS]
-    variance = level / fall
-    lean = slope * variance / math.sqrt(slope * slope * variance + half_width * half_width)
-    return footprints[i, X] * 1.0, footprints[i, Y] * 1.0, slope, half_width, math.sqrt(variance), lean
-
-
-@njit(error_model="numpy")
-def touched_rows(extent, height):
-    """The tile rows [first, last) that hold pixel centres within the ellipse."""
-    _, y, _, _, half_height, _ = extent
+def touched_rows(footprints, i, height):
+    """The tile rows [first, last) that hold pixel centres within the ellipse of footprint `i`."""
+    y, half_height = footprints[i, Y] * 1.0, footprints[i, HALF_HEIGHT] * 1.0
     return tiles_between(y - half_height, y + half_height, height)
 
 
 @njit(error_model="numpy")
-def touched_columns(extent, tile_row, width):
+def touched_columns(footprints, i, tile_row, width):
     """The tiles [first, last) of a tile row that the ellipse touches: all of them, as an ellipse has no holes.
 
-    Where the ellipse reaches furthest to the right it is `lean` below its centre. From there its right border recedes on
-    either side, so that within a band of rows it reaches furthest in the row nearest to that. The left is the mirror image.
+    From where it reaches furthest to the right its right border recedes on either side, so that within a band of rows it
+    reaches furthest in the row nearest to that. The left is the mirror image.
     """
-    x, y, slope, half_width, half_height, lean = extent
-    top = tile_row * TILE + 0.5 - y
+    x, slope, lean = footprints[i, X] * 1.0, footprints[i, SLOPE] * 1.0, footprints[i, LEAN] * 1.0
+    half_width, inverse_height = footprints[i, HALF_WIDTH] * 1.0, 1.0 / footprints[i, HALF_HEIGHT]
+    top = tile_row * TILE + 0.5 - footprints[i, Y]
     bottom = top + (TILE - 1.0)
     right_row, left_row = min(max(lean, top), bottom), min(max(-lean, top), bottom)
-    right = slope * right_row + half_width * half_chord(right_row / half_height)
-    left = slope * left_row - half_width * half_chord(left_row / half_height)
+    right = slope * right_row + half_width * half_chord(right_row * inverse_height)
+    left = slope * left_row - half_width * half_chord(left_row * inverse_height)
     return tiles_between(x + left, x + right, width)
 
 

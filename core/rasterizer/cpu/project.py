@@ -17,13 +17,13 @@ from core.rasterizer.contract import (
 )
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import add_to_loads
-from core.rasterizer.cpu.footprint import LOG2_ALPHA_MIN
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
 from core.rasterizer.cpu.simd import fetch_add
 from core.rasterizer.cpu.tuples import SCALAR, cross, dot, row, scaled, subtract
 
 BLOCK = 512  # Gaussians a thread takes at a time
 HALF_LOG2_E = 0.5 * math.log2(math.e)
+LOG2_ALPHA_MIN = math.log2(ALPHA_MIN)
 LEAST_LOGIT = math.log(ALPHA_MIN / (1.0 - ALPHA_MIN))
 MOST_LOG_SCALE, LEAST_LOG_SCALE = LOG_SCALE_RANGE[1], LOG_SCALE_RANGE[0]
 
@@ -118,10 +118,14 @@ def ellipse(i, offset, quaternions, log_scales, rotation, lens, limits):
 
 
 @njit(**SCALAR)
-def meets_picture(x, y, a, c, strength, size):
-    """Whether the box around the ellipse alpha >= ALPHA_MIN meets the picture. strength: log2(opacity)."""
-    level = max((strength - LOG2_ALPHA_MIN) / HALF_LOG2_E, 0.0)
-    reach_x, reach_y = math.sqrt(level * a), math.sqrt(level * c)
+def level_of(opacity):
+    """The squared Mahalanobis distance at which opacity * exp(-d' S^-1 d / 2) falls to ALPHA_MIN; above 0, as it is divided by."""
+    return max(2.0 * math.log(opacity / ALPHA_MIN), 1e-6)
+
+
+@njit(**SCALAR)
+def meets_picture(x, y, reach_x, reach_y, size):
+    """Whether the box around an ellipse with centre x, y meets the picture."""
     return x + reach_x >= 0 and x - reach_x <= size[0] and y + reach_y >= 0 and y - reach_y <= size[1]
 
 
@@ -142,8 +146,9 @@ def find_visible(
             if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
                 continue
             x, y, a, b, c, determinant = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
-            strength = math.log2(opacity_of(logit_opacities[i]))
-            visible[i] = meets_picture(x, y, a, c, strength, size) and is_finite(sh, i)
+            level = level_of(opacity_of(logit_opacities[i]))
+            inside = meets_picture(x, y, math.sqrt(level * a), math.sqrt(level * c), size)
+            visible[i] = inside and is_finite(sh, i)
 
 
 @njit(cache=True, nogil=True, **SCALAR)
@@ -173,8 +178,9 @@ def project(
             if len(probe) > 0:
                 x += probe[i, 0]
                 y += probe[i, 1]
-            strength = math.log2(opacity_of(logit_opacities[i]))
-            if not meets_picture(x, y, a, c, strength, size):
+            level = level_of(opacity_of(logit_opacities[i]))
+            reach_x, reach_y = math.sqrt(level * a), math.sqrt(level * c)
+            if not meets_picture(x, y, reach_x, reach_y, size):
                 continue
             fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
             red, green, blue = colour(sh, i, basis)
@@ -183,12 +189,16 @@ def project(
                 continue
 
             inverse_c = 1.0 / c
+            slope, conditional_variance = b * inverse_c, determinant * inverse_c
             footprints[i, footprint.X] = x
             footprints[i, footprint.Y] = y
-            footprints[i, footprint.SLOPE] = b * inverse_c
-            footprints[i, footprint.SHARPNESS] = math.sqrt(HALF_LOG2_E * c / determinant)
+            footprints[i, footprint.SLOPE] = slope
+            footprints[i, footprint.SHARPNESS] = math.sqrt(HALF_LOG2_E / conditional_variance)
             footprints[i, footprint.FALL] = HALF_LOG2_E * inverse_c
-            footprints[i, footprint.STRENGTH] = strength
+            footprints[i, footprint.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
+            footprints[i, footprint.HALF_HEIGHT] = reach_y
+            footprints[i, footprint.HALF_WIDTH] = math.sqrt(level * conditional_variance)
+            footprints[i, footprint.LEAN] = b * level / reach_x
             footprints[i, footprint.RED] = max(red, 0.0)
             footprints[i, footprint.GREEN] = max(green, 0.0)
             footprints[i, footprint.BLUE] = max(blue, 0.0)

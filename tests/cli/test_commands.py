@@ -1,0 +1,84 @@
+"""What each command asks of the pipeline."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from core import pipeline
+from core.config import PRESETS, Settings
+from core.errors import BadInput
+from core.report import Report
+from wegs_cli.main import wegs
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The calls that reach the pipeline, which does nothing; reports are left out."""
+    calls = []
+
+    def recorder(name):
+        def record(*arguments, **named):
+            assert any(isinstance(value, Report) for value in arguments), name
+            kept = [value for value in arguments if not isinstance(value, Report)]
+            calls.append((name, *kept, *named.values()))
+
+        return record
+
+    for name in ("train", "resume", "export", "interpolate", "evaluate", "find_cameras"):
+        monkeypatch.setattr(pipeline, name, recorder(name))
+    return calls
+
+
+def invoke(*arguments: str):
+    return CliRunner().invoke(wegs, list(arguments))
+
+
+@pytest.mark.parametrize(
+    "line, call",
+    [
+        ("train", ("train", Path("."), Settings(), None, False)),
+        (
+            "train plaza -o out --preset quick --steps 9 -r 2 --force",
+            ("train", Path("plaza"), Settings(**PRESETS["quick"]).changed(steps=9, resolution=2), Path("out"), True),
+        ),
+        ("train --set sky=none --sh-degree 0", ("train", Path("."), Settings(sky="none", sh_degree=0), None, False)),
+        ("train --resume", ("resume", None)),
+        ("train --resume -o runs/a", ("resume", Path("runs/a"))),
+        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None)),
+        (
+            "bake --appearance neutral -o a.ply --run r --force --save-appearance x",
+            ("export", Path("r"), "neutral", Path("a.ply"), True, "x"),
+        ),
+        ("interpolate a b", ("interpolate", None, "a", "b", 10, None, None, False, False)),
+        (
+            "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",
+            ("interpolate", Path("r"), "a", "b", 3, Path("d"), "v.jpg", True, True),
+        ),
+        ("eval", ("evaluate", None, "half", True)),
+        ("eval --run r --protocol full --no-refine", ("evaluate", Path("r"), "full", False)),
+        ("sfm photos -o scene", ("find_cameras", Path("photos"), Path("scene"))),
+    ],
+)
+def test_a_command_line_reaches_the_pipeline(asked, line, call):
+    result = invoke(*line.split())
+    assert result.exit_code == 0, result.output
+    assert asked == [call]
+
+
+@pytest.mark.parametrize(
+    "extra", ["plaza", "--steps 3", "--preset quick", "--set sky=none", "--config x.toml", "--force"]
+)
+def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
+    result = invoke("train", "--resume", *extra.split())
+    assert result.exit_code == 1 and "resumed run keeps" in result.stderr
+    assert asked == []
+
+
+def test_an_error_of_the_pipeline_is_one_line(monkeypatch):
+    def fail(*_):
+        raise BadInput("There is no folder plaza.", "Give another.")
+
+    monkeypatch.setattr(pipeline, "train", fail)
+    result = invoke("train", "plaza")
+    assert (result.exit_code, result.stderr) == (1, "wegs: There is no folder plaza. Give another.\n")

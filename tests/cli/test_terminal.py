@@ -1,0 +1,44 @@
+"""Reports: plain lines in a log file, a bar and a table where someone watches."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from wegs_cli import terminal
+from wegs_cli.terminal import Terminal
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_log_file_gets_a_line_now_and_then_and_the_last_one(clock, capsys):
+    with Terminal() as plain:
+        for step in range(1, 101):
+            clock[0] += 1.0
+            plain.progress("Training", step, 100, f"loss {step}")
+        plain.say("[bold] is no markup here")
+        plain.table("Done", [("run", "runs/a")])
+    lines = capsys.readouterr().out.splitlines()
+    steps = [int(line.split()[1].split("/")[0]) for line in lines if line.startswith("Training")]
+    assert steps == [1, 16, 31, 46, 61, 76, 91, 100]
+    assert lines[-2:] == ["[bold] is no markup here", "run: runs/a"]
+    assert not any("\x1b" in line for line in lines)
+
+
+def test_a_terminal_gets_a_bar_with_an_estimate_and_a_table():
+    screen = io.StringIO()
+    with Terminal() as watched:
+        watched.console = Console(file=screen, force_terminal=True, width=120)
+        for done in (1, 2):
+            watched.progress("Training", done, 2, "loss 0.5")
+        watched.progress("Frames", 1, 3)  # another kind of work: a bar of its own
+        watched.table("Done", [("run", "runs/a")])
+        assert watched.bar is None
+    drawn = screen.getvalue()
+    for words in ("Training", "2/2", "left", "loss 0.5", "Frames", "1/3", "Done", "runs/a"):
+        assert words in drawn

@@ -36,7 +36,7 @@ ROW_TERMS = 2 * TILE  # floats a splat: see `touched_chunks`
 
 
 @njit(error_model="numpy")
-def write_row_terms(footprints, i, centre_x, centre_y, offsets, terms, at):
+def write_row_terms(footprints, i, centre_x, centre_y, terms, at):
     """Write for each row of the tile what log2(alpha) = strength - (sharpness x + shift)^2 needs, x from the tile's centre.
 
     terms[at : at + 16] become the shifts, the next sixteen the strengths. centre_x, centre_y: the tile's centre, px.
@@ -47,7 +47,7 @@ def write_row_terms(footprints, i, centre_x, centre_y, offsets, terms, at):
     shift = broadcast(sharpness * (to_x - slope * to_y))
     lean = broadcast(-sharpness * slope)
     for half in range(2):
-        rows = load(offsets, half * LANES)
+        rows = load(OFFSETS, half * LANES)
         dy = rows + broadcast(to_y)
         store(terms, at + half * LANES, multiply_add(lean, rows, shift))
         store(terms, at + TILE + half * LANES, multiply_add(broadcast(-fall) * dy, dy, broadcast(strength)))
@@ -71,10 +71,10 @@ def touched_chunks(sharpness, terms, at):
 
 
 @njit(error_model="numpy")
-def alpha_in_chunk(chunk, sharpness, offsets, terms, at):
+def alpha_in_chunk(chunk, sharpness, terms, at):
     """Alpha of a splat in the eight pixels of a chunk, before the clamp at ALPHA_MAX; 0 where it is below ALPHA_MIN."""
     row = at + (chunk & (TILE - 1))
-    x = load(offsets, (chunk >> 4) * LANES)
+    x = load(OFFSETS, (chunk >> 4) * LANES)
     shifted = multiply_add(sharpness, x, broadcast(terms[row]))
     exponent = broadcast(terms[row + TILE]) - shifted * shifted
     # The polynomial is nonsense for exponents below its range, which the selection throws away.

@@ -60,7 +60,6 @@ def blend_backward(
     Takes tiles off `counter` until none are left.
     """
     columns = (image.shape[1] + TILE - 1) // TILE
-    offsets = OFFSETS.copy()  # a constant array is indexed more slowly than a local one
     state = np.empty(CHUNKS * STATE, np.float32)
     terms = np.empty(BATCH * ROW_TERMS, np.float32)
     moments = np.empty(LANES, np.float32)
@@ -75,13 +74,13 @@ def blend_backward(
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
                 at = (entry - begin) * ROW_TERMS
-                write_row_terms(footprints, entries[entry, SPLAT], centre_x, centre_y, offsets, terms, at)
+                write_row_terms(footprints, entries[entry, SPLAT], centre_x, centre_y, terms, at)
             for entry in range(begin, end):
                 i, slot = entries[entry, SPLAT], entries[entry, SLOT]
                 if drawn_chunks[slot] != 0:
                     at = (entry - begin) * ROW_TERMS
                     slot_gradients[slot, G_BLUE] = gather_moments(
-                        drawn_chunks[slot], footprints, i, offsets, terms, at, state, moments
+                        drawn_chunks[slot], footprints, i, terms, at, state, moments
                     )
                     move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot)
 
@@ -105,7 +104,7 @@ def read_tile(state, left, top, image, image_gradient):
 
 
 @njit(error_model="numpy")
-def gather_moments(chunks, footprints, i, offsets, terms, at, state, moments):
+def gather_moments(chunks, footprints, i, terms, at, state, moments):
     """Splat `i`'s sums over the tile of g x^m y^n, x and y from the tile's centre, and of w v.
 
     moments becomes g, g x, g x^2, g y, g x y, g y^2, w v_red, w v_green; the last, w v_blue, is returned.
@@ -122,7 +121,7 @@ def gather_moments(chunks, footprints, i, offsets, terms, at, state, moments):
         chunks &= chunks - np.uint32(1)
         here = chunk * STATE
         light = load(state, here)
-        unclamped = alpha_in_chunk(chunk, sharpness, offsets, terms, at)
+        unclamped = alpha_in_chunk(chunk, sharpness, terms, at)
         alpha = clamped(unclamped)
         passed = one - alpha
         left_over = light * passed
@@ -141,7 +140,7 @@ def gather_moments(chunks, footprints, i, offsets, terms, at, state, moments):
         # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. 1 - alpha >= 0.01.
         g = weight * pull - behind * alpha / passed
         g = select(goes_on & (broadcast(ALPHA_LIMIT) >= unclamped), g, zero)
-        x, y = load(offsets, (chunk >> 4) * LANES), broadcast(offsets[chunk & (TILE - 1)])
+        x, y = load(OFFSETS, (chunk >> 4) * LANES), broadcast(OFFSETS[chunk & (TILE - 1)])
         g_x, g_y = g * x, g * y
         sum_g, sum_x, sum_y = sum_g + g, sum_x + g_x, sum_y + g_y
         sum_xx = multiply_add(g_x, x, sum_xx)

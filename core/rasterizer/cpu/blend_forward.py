@@ -9,7 +9,6 @@ from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
     BATCH,
     CHUNKS,
-    OFFSETS,
     ONE,
     ROW_TERMS,
     ZERO,
@@ -54,7 +53,6 @@ def blend_forward(
     """
     height, width = transmittance.shape
     columns = (width + TILE - 1) // TILE
-    offsets = OFFSETS.copy()  # a constant array is indexed more slowly than a local one
     state = np.empty(CHUNKS * STATE, np.float32)
     terms = np.empty(BATCH * ROW_TERMS, np.float32)
     while True:
@@ -71,12 +69,12 @@ def blend_forward(
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
                 i, at = entries[entry, SPLAT], (entry - begin) * ROW_TERMS
-                write_row_terms(footprints, i, centre_x, centre_y, offsets, terms, at)
+                write_row_terms(footprints, i, centre_x, centre_y, terms, at)
                 chunks = touched_chunks(footprints[i, footprint.SHARPNESS], terms, at) & unfinished
                 drawn_chunks[entries[entry, SLOT]] = chunks
             for entry in range(begin, end):
                 slot, at = entries[entry, SLOT], (entry - begin) * ROW_TERMS
-                largest = blend_splat(drawn_chunks[slot], footprints, entries[entry, SPLAT], offsets, terms, at, state)
+                largest = blend_splat(drawn_chunks[slot], footprints, entries[entry, SPLAT], terms, at, state)
                 if len(strongest) > 0:
                     strongest[slot] = lane_maximum(largest)
         write_tile(state, background, left, top, image, transmittance)
@@ -102,7 +100,7 @@ def unfinished_chunks(state):
 
 
 @njit(error_model="numpy")
-def blend_splat(chunks, footprints, i, offsets, terms, at, state):
+def blend_splat(chunks, footprints, i, terms, at, state):
     """Blend splat `i` into the given chunks; lane by lane the largest weight that it got."""
     sharpness = broadcast(footprints[i, footprint.SHARPNESS])
     red = broadcast(footprints[i, footprint.RED])
@@ -114,7 +112,7 @@ def blend_splat(chunks, footprints, i, offsets, terms, at, state):
         chunks &= chunks - np.uint32(1)
         here = chunk * STATE
         light = load(state, here)
-        alpha = clamped(alpha_in_chunk(chunk, sharpness, offsets, terms, at))
+        alpha = clamped(alpha_in_chunk(chunk, sharpness, terms, at))
         # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.
         left_over = light * (broadcast(ONE) - alpha)
         goes_on = left_over >= broadcast(STOP)

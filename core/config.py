@@ -64,7 +64,8 @@ class Settings:
     scale_rate: float = setting(8e-3, "Of log scales.", low=0)
     opacity_rate: float = setting(4e-2, "Of logit opacities.", low=0)
     sh_rate: float = setting(5e-3, "Of DC coefficients; the other bands get a twentieth.", low=0)
-    network_rate: float = setting(2e-3, "Of encoder and SH transfer, decaying to a tenth.", low=0)
+    network_rate: float = setting(2e-3, "Of the SH transfer, decaying to a tenth.", low=0)
+    encoder_rate: float = setting(5e-4, "Of encoder and mask, decaying to a tenth.", low=0)
     embedding_rate: float = setting(1e-2, "Of GLO embeddings and latents, decaying to a tenth.", low=0)
 
     # --- density control

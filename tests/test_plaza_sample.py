@@ -77,7 +77,7 @@ def test_clean_truth_is_the_photo_without_the_passers_by(name):
     """Outside the mask only grain, JPEG and the passers-by's own shadows differ; inside it other things are seen."""
     photo, clean = picture(f"dense/images/{name}.jpg"), picture(f"truth/clean/{name}.png")
     static = cv2.erode(mask(name).astype(np.uint8), np.ones((5, 5))) > 0  # JPEG smears edges by a few pixels
-    assert psnr(photo[static], clean[static]) > 24  # shadows on the ground cost the most
+    assert psnr(photo[static], clean[static]) > 26  # 27.6 to 36.6; shadows on the ground cost the most
     assert psnr(photo[~mask(name)], clean[~mask(name)]) < 20
 
 
@@ -91,13 +91,13 @@ def test_passers_by_cover_what_is_promised():
 
 
 def test_light_changes_in_ways_no_colour_map_explains():
-    """Between the two styles' lights the same view stays far apart even after the best affine 3x4 map of its colours."""
+    """The same view in the two styles' lights stays far apart even after the best affine 3x4 map of colours."""
     for path in (PLAZA / "truth" / "styles" / "dusk").iterdir():
         dusk, noon = (picture(f"truth/styles/{style}/{path.name}").reshape(-1, 3) for style in STYLES)
         source = np.column_stack([noon, np.ones(len(noon))])
         mapped = source @ np.linalg.lstsq(source, dusk, rcond=None)[0]
         assert psnr(noon, dusk) < 14
-        assert psnr(mapped, dusk) < 24
+        assert psnr(mapped, dusk) < 18  # 15.0 to 16.3 where this was written
 
 
 def test_points_project_to_where_they_were_seen(model):

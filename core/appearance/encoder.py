@@ -1,5 +1,8 @@
 """The encoder: one pass over a photo gives its embedding and its mask."""
 
+from collections.abc import Iterable
+
+import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -9,6 +12,7 @@ from core.config import Settings
 from core.errors import BadInput
 
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms a photo on one core
+WEAK_COMPONENT = 0.1  # of the strongest: what varies less between photos is amplified less
 
 
 def shrink(photo: Float[Tensor, "3 h w"], side_px: int) -> Float[Tensor, "3 h2 w2"]:
@@ -56,10 +60,30 @@ class Enc2(nn.Module):
         )
         self.embedding = nn.Linear(channels, embedding_size)
 
-    def forward(self, features: Float[Tensor, "1 c h w"]) -> Float[Tensor, " e"]:
+    def pooled(self, features: Float[Tensor, "1 c h w"]) -> Float[Tensor, " c"]:
+        """The features whose linear map is the embedding."""
         for convolution in self.convolutions:
             features = F.relu(convolution(features))
-        return self.embedding(features.mean((2, 3))[0])
+        return features.mean((2, 3))[0]
+
+    def forward(self, features: Float[Tensor, "1 c h w"]) -> Float[Tensor, " e"]:
+        return self.embedding(self.pooled(features))
+
+    @torch.no_grad()
+    def spread(self, pooled: Float[Tensor, "photos c"]) -> None:
+        """Start the last layer so that the embeddings of these photos have mean zero, about unit variance, no correlation.
+
+        Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run. Data-dependent
+        initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less.
+        """
+        centre = pooled.mean(dim=0)
+        _, strengths, directions = torch.linalg.svd(pooled - centre, full_matrices=False)
+        kept = min(len(strengths), len(self.embedding.bias))
+        deviations = strengths[:kept] / len(pooled) ** 0.5
+        weight = torch.zeros_like(self.embedding.weight)
+        weight[:kept] = directions[:kept] / (deviations + WEAK_COMPONENT * deviations[0] + 1e-6)[:, None]
+        self.embedding.weight.copy_(weight)
+        self.embedding.bias.copy_(-weight @ centre)
 
 
 class PhotoEncoder(nn.Module):
@@ -90,15 +114,26 @@ class PhotoEncoder(nn.Module):
 
         photo: shrunk, [0, 1]. masked: whether the mask steers the embedding; if not, it is encoded with M := 1.
         """
-        features = self.enc1(photo)
-        attended = features
-        mask = None
-        if self.attends:
-            refined = self.channel_attention(features) if self.channel_attention else features
-            mask = self.unet(refined) if self.unet else None
-            attended = features + (mask * refined if masked and mask is not None else refined)
+        attended, mask = self.attend(photo, masked)
         embedding = self.enc2(attended) if self.enc2 else None
         return embedding, None if mask is None else mask[0]
+
+    def attend(
+        self, photo: Float[Tensor, "3 h w"], masked: bool
+    ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, "1 1 h4 w4"] | None]:
+        """What Enc2 sees, F'' + F, and the mask."""
+        features = self.enc1(photo)
+        if not self.attends:
+            return features, None
+        refined = self.channel_attention(features) if self.channel_attention else features
+        mask = self.unet(refined) if self.unet else None
+        return features + (mask * refined if masked and mask is not None else refined), mask
+
+    @torch.no_grad()
+    def spread(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
+        """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.spread."""
+        if self.enc2 is not None:
+            self.enc2.spread(torch.stack([self.enc2.pooled(self.attend(photo, True)[0]) for photo in photos]))
 
 
 class PlainMask(nn.Module):

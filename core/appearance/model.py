@@ -16,7 +16,7 @@ from core.errors import BadInput
 from core.scene.splats import Splats
 from core.threads import one_torch_thread
 
-TABLE_SPREAD = 0.1  # of GLO embeddings at the start, about that of an untrained encoder's
+TABLE_SPREAD = 1.0  # of GLO embeddings at the start, that of an encoder's
 MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos
 
 

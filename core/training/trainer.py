@@ -60,8 +60,9 @@ class Trainer:
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
         names = [picture.photo.name for picture in self.pictures.pictures]
         self.model = AppearanceModel(settings, names)
-        weights = list(self.model.parameters())
-        self.optimizer = torch.optim.Adam(weights, lr=settings.network_rate, fused=True) if weights else None
+        if self.model.encoder is not None:
+            self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
+        self.optimizer = self._optimizer()
         self.gaussians = initial_gaussians(collection, settings, self.generator)
         self.done = 0
         self.seconds = 0.0
@@ -70,6 +71,15 @@ class Trainer:
         self.skipped = 0
         self.skipped_in_a_row = 0
         self.collapse_told = False
+
+    def _optimizer(self) -> torch.optim.Adam | None:
+        rates = {"encoder": self.settings.encoder_rate, "embedding_table": self.settings.embedding_rate}
+        groups: dict[float, list[Tensor]] = {}
+        for name, weight in self.model.named_parameters():
+            groups.setdefault(rates.get(name.split(".")[0], self.settings.network_rate), []).append(weight)
+        if not groups:
+            return None
+        return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True)
 
     # --- the loop
 
@@ -195,7 +205,7 @@ class Trainer:
         self.gaussians.step(rows, leaves, learning_rates(settings, mean_rate, latent_rate))
         if self.optimizer is not None:
             for group in self.optimizer.param_groups:
-                group["lr"] = schedule.decayed(settings.network_rate, progress, schedule.NETWORK_RATE_DECAY)
+                group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)
             self.optimizer.step()
             self.optimizer.zero_grad(set_to_none=True)
 

@@ -18,7 +18,7 @@ SKY_RAYS = 6  # a sub-sample's share of the sky: with 2 x 2 of them a pixel sees
 @dataclass(frozen=True)
 class Picture:
     """What a camera records, each (H, W): linear radiance (with RGB as third axis), the share of the
-    pixel that passers-by cover, and the depth of one sub-sample near its middle (metres along the axis, inf in the sky).
+    pixel that passers-by cover, and the depth of one sub-sample near its middle (metres along the axis; inf: sky).
     """
 
     radiance: np.ndarray

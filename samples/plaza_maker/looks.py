@@ -12,7 +12,7 @@ class Look:
     Colours are RGB radiance, in units in which a white wall square to the midday sun is about 1. sun_direction: world
     (z up), towards the sun; sun_width: the radius of its disc, radians. gradient: exponent of the sky's fade from
     horizon to zenith. clouds: cover in [0, 1]. haze: extinction, 1 / metre. lamps: 0 by day, 1 by night. exposure
-    multiplies radiance; balance is the white balance's gain a channel; gamma, contrast, saturation and lift make the tone curve;
+    multiplies radiance; balance is the white balance's gains; gamma, contrast, saturation and lift make the tone curve;
     vignette is the loss in the corners; grain the noise (8-bit steps); quality the JPEG's.
     """
 

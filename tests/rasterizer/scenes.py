@@ -234,11 +234,11 @@ def quaternions_of_any_norm() -> Scene:
 
 @scene
 def scales_outside_their_range() -> Scene:
-    """Log scales that are clamped (e^-30 and below, e^12 and above) beside ordinary ones."""
+    """Log scales that are clamped beside ordinary ones; so far away that the largest scale, e^10, is a few pixels."""
     view = camera()
-    splats = cloud(view, 24, seed=24)
-    splats.log_scales[::4] = torch.tensor([-30.0, -2.0, -100.0])
-    splats.log_scales[1] = torch.tensor([12.0, -3.0, -3.0])
+    splats = cloud(view, 24, seed=24, depths=(1e5, 4e5), sizes_px=(0.5, 2.0))
+    splats.log_scales[::4] = torch.tensor([12.0, 9.0, -30.0])
+    splats.log_scales[1::4] = torch.tensor([-100.0, 9.0, 11.0])
     return Scene(splats, view)
 
 

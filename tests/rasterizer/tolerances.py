@@ -21,7 +21,7 @@ PICTURE = 1e-5
 # in float32 is within 2e-5.
 GRADIENT = 5e-5
 # Of a Gaussian's own gradient plus FAINT of the largest in the tensor, so that mistakes in faint or far ones show too.
-# A backward pass that runs front to back subtracts from a running sum: deep in a stack, where 1e-4 of the light remains,
+# A backward pass that runs front to back subtracts from a running sum: deep in a stack, where 1e-4 of light remains,
 # the rounding of what stands in front (1e-7) is 1e-3 of a gradient.
 GRADIENT_OF_ONE = 1e-2
 FAINT = 1e-3

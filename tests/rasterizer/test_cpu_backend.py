@@ -1,0 +1,105 @@
+"""The CPU backend as a citizen of torch: threads, autograd, memory layouts, refusals."""
+
+import pytest
+import torch
+
+from core.errors import BadInput
+from core.rasterizer import create
+from core.rasterizer.cpu.backend import CpuRasterizer, check
+from core.scene.splats import Splats
+from tests.rasterizer.scenes import camera, cloud
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Enough for several blocks of Gaussians and dozens of tiles, so that threads really share."""
+    view = camera(150, 110, focal=120.0)
+    return cloud(view, 3000, seed=50, degree=2, sizes_px=(0.5, 12.0)), view
+
+
+def results(splats, view, probe=None):
+    splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
+    rendering = create("cpu").render(splats, view, (0.2, 0.5, 0.1), probe)
+    inputs = list(splats.tensors().values()) + ([] if probe is None else [probe])
+    gradients = torch.autograd.grad((rendering.image**3).sum(), inputs)
+    return [rendering.image.detach(), rendering.transmittance, *gradients]
+
+
+def test_any_number_of_threads_gives_the_same_bits(scene):
+    splats, view = scene
+    outcomes = []
+    for threads in (1, 2, 5, 2):  # twice two: what a thread takes first is chance
+        torch.set_num_threads(threads)
+        probe = torch.zeros(len(splats), 2, requires_grad=True)
+        outcome = results(splats, view, probe)
+        outcomes.append(outcome + [create("cpu").contributions(splats, view), create("cpu").visible(splats, view)])
+    for other in outcomes[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(outcomes[0], other, strict=True))
+
+
+def test_memory_layout_does_not_matter(scene):
+    splats, view = scene
+    strided = splats.map(lambda tensor: torch.stack([tensor, tensor + 1], dim=-1)[..., 0])
+    assert not strided.sh.is_contiguous()
+    assert all(torch.equal(a, b) for a, b in zip(results(splats, view), results(strided, view), strict=True))
+
+
+def test_inputs_are_left_alone(scene):
+    splats, view = scene
+    before = splats.map(torch.clone)
+    results(splats, view)
+    assert all(torch.equal(a, b) for a, b in zip(before.tensors().values(), splats.tensors().values(), strict=True))
+
+
+def test_one_gradient_may_be_asked_for_alone_and_twice(scene):
+    splats, view = scene
+    all_gradients = results(splats, view)
+    coefficients = splats.sh.clone().requires_grad_()
+    loss = (create("cpu").render(splats.with_sh(coefficients), view, (0.2, 0.5, 0.1)).image ** 3).sum()
+    first, second = (torch.autograd.grad(loss, coefficients, retain_graph=True)[0] for _ in range(2))
+    assert torch.equal(first, second)
+    assert torch.equal(first, all_gradients[-1])
+
+
+def test_probe_moves_the_centres(scene):
+    """A probe of (3, -2) px shows what a camera with its principal point moved by as much shows, but for the Jacobian's clamp."""
+    splats, view = scene
+    probe = torch.tensor([3.0, -2.0]).expand(len(splats), 2)
+    shifted = create("cpu").render(splats, view, probe=probe).image
+    inside = create("cpu").render(splats, view.cropped(-3, 2, view.width, view.height)).image
+    # Splats at the border meet other limits of the Jacobian: leave out what a wide one reaches.
+    window = slice(45, -45)
+    assert (shifted[window, window] - inside[window, window]).abs().max() < 1e-4
+
+
+def test_transmittance_is_what_the_background_gets(scene):
+    splats, view = scene
+    black = CpuRasterizer().render(splats, view, (0.0, 0.0, 0.0))
+    white = CpuRasterizer().render(splats, view, (1.0, 1.0, 1.0))
+    shows = (white.image - black.image).amax(dim=2)
+    assert (shows - black.transmittance).abs().max() < 1e-6  # a sum of order 1 and its difference, rounded
+    assert not black.transmittance.requires_grad
+
+
+@pytest.mark.parametrize("name", ["means", "quaternions", "log_scales", "logit_opacities", "sh", "probe"])
+def test_other_dtypes_and_devices_are_refused_by_name(name):
+    view = camera()
+    inputs = cloud(view, 5, seed=51).tensors() | {"probe": torch.zeros(5, 2)}
+    for wrong in (inputs[name].double(), inputs[name].to("meta")):
+        changed = inputs | {name: wrong}
+        probe = changed.pop("probe")
+        splats = Splats(**changed)
+        with pytest.raises(BadInput, match=f"got {name} as .* Give it float32 on the CPU"):
+            CpuRasterizer().render(splats, view, probe=probe)
+        if name != "probe":
+            for method in (CpuRasterizer().visible, CpuRasterizer().contributions):
+                with pytest.raises(BadInput, match=f"got {name} as"):
+                    method(splats, view)
+
+
+def test_shapes_that_do_not_fit_are_refused():
+    """Kernels do not look where they read. (jaxtyping would say so too, but runs under pytest only.)"""
+    splats = cloud(camera(), 5, seed=52)
+    splats.quaternions = splats.quaternions[:4]
+    with pytest.raises(BadInput, match=r"quaternions has the shape \(4, 4\). 5 means ask for \(5, 4\)"):
+        check(splats)

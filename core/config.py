@@ -54,30 +54,36 @@ class Settings:
     mask_regularisation: float = setting(0.15, "Weight of mean((1 - M)^2) (L_regM).", low=0)
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
+    opacity_regularisation: float = setting(0.0, "Weight of the mean opacity (3DGS-MCMC); haze that nothing needs fades.", low=0)
+    scale_regularisation: float = setting(0.0, "Weight of the mean scale (3DGS-MCMC).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
     mask_start: float = setting(0.15, "Fraction at which the mask begins to learn.", low=0, high=1)
     mask_apply: float = setting(0.25, "Fraction from which the mask weights the picture loss.", low=0, high=1)
 
     # --- learning rates (Adam)
-    mean_rate: float = setting(1.6e-3, "Of centres, decaying to a hundredth; scene units a step.", low=0)
+    mean_rate: float = setting(8e-4, "Of centres, decaying to a hundredth; scene units a step.", low=0)
     quaternion_rate: float = setting(2e-3, "Of quaternions.", low=0)
     scale_rate: float = setting(8e-3, "Of log scales.", low=0)
     opacity_rate: float = setting(4e-2, "Of logit opacities.", low=0)
     sh_rate: float = setting(5e-3, "Of DC coefficients; the other bands get a twentieth.", low=0)
-    network_rate: float = setting(2e-3, "Of the SH transfer, decaying to a tenth.", low=0)
+    network_rate: float = setting(4e-3, "Of the SH transfer, decaying to a tenth.", low=0)
     encoder_rate: float = setting(5e-4, "Of encoder and mask, decaying to a tenth.", low=0)
     embedding_rate: float = setting(1e-2, "Of GLO embeddings and latents, decaying to a tenth.", low=0)
 
+    geometry_from: float = setting(0.1, "Fraction at which the geometry begins to move; until then only looks are learnt.", low=0, high=1)
+
     # --- density control
-    densify_from: float = setting(0.02, "Fraction at which growth starts.", low=0, high=1)
+    densify_from: float = setting(0.12, "Fraction at which growth starts.", low=0, high=1)
     densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
     densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
     opacity_resets: int = setting(0, "Opacity resets during growth.", low=0)
+    largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
+    reach: float = setting(4.0, "Gaussians farther from SfM points than these lie apart, times this, are removed; 0 keeps all.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
     prune_contribution: float = setting(0.02, "After growth: Gaussians below this share of every pixel are removed.", low=0, high=1)
 
     # --- schedule
-    coarse_until: float = setting(0.15, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
+    coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
     held_out_checks: int = setting(4, "Times held-out quality is measured on the way.", low=0)
     checkpoints: int = setting(4, "Checkpoints written on the way.", low=1)
 

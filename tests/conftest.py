@@ -1,7 +1,12 @@
 """What holds for every test: two threads, as on the smallest machine that is supported, and the same random numbers."""
 
+import os
+
 import pytest
-import torch
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+
+import torch  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

@@ -2,6 +2,7 @@
 
 import errno
 import importlib.util
+import os
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -110,4 +111,6 @@ def run() -> None:
     if origin is not None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
+    # Read once, when torch loads: OpenMP threads that spin while they wait keep the kernels' own threads from running.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     wegs()

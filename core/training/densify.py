@@ -1,6 +1,8 @@
 """Density control under a hard cap (3DGS section 5.2, with a budget in place of a free threshold)."""
 
+import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from core.config import Settings
@@ -9,7 +11,6 @@ from core.training.gaussians import Gaussians
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
 SPLIT_SHRINK = 1.6  # 3DGS
 GRADIENT_FLOOR = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
-LARGEST_SCALE = 1.0  # scene units; what is larger is haze, not surface
 RESET_OPACITY = 0.01  # 3DGS
 
 
@@ -23,11 +24,32 @@ def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: in
     gaussians.seen[rows] += 1
 
 
-def prune(gaussians: Gaussians, settings: Settings) -> int:
-    """Remove what is too faint, too large or not finite; returns how many went."""
+class Surroundings:
+    """Where Gaussians may be: near the SfM points, as near as these lie to each other.
+
+    What floats elsewhere explains one photo and spoils the view of the others. Each point allows a ball of `reach` times
+    its distance to its fourth neighbour around it.
+    """
+
+    def __init__(self, points: np.ndarray, reach: float):
+        self.tree = cKDTree(points)
+        distances = self.tree.query(points, k=min(5, len(points)))[0].reshape(len(points), -1)[:, -1]
+        self.radii = reach * np.clip(distances, np.median(distances), None)
+
+    def outside(self, means: Tensor) -> Tensor:
+        """Which of the centres (N, 3) lie in no ball around one of their eight nearest points."""
+        distances, nearest = self.tree.query(means.numpy(), k=min(8, len(self.radii)))
+        nearest = nearest.reshape(len(means), -1)
+        return torch.from_numpy((distances.reshape(len(means), -1) > self.radii[nearest]).all(axis=1))
+
+
+def prune(gaussians: Gaussians, settings: Settings, surroundings: "Surroundings | None" = None) -> int:
+    """Remove what is too faint, too large, too far from all SfM points or not finite; returns how many went."""
     splats = gaussians.splats
     bad = torch.sigmoid(splats.logit_opacities) < settings.prune_opacity
-    bad |= splats.log_scales.amax(dim=1) > torch.tensor(LARGEST_SCALE).log()
+    bad |= splats.log_scales.amax(dim=1) > torch.tensor(settings.largest_scale).log()
+    if surroundings is not None:
+        bad |= surroundings.outside(splats.means)
     for tensor in splats.tensors().values():
         bad |= ~torch.isfinite(tensor.reshape(len(tensor), -1)).all(dim=1)
     bad[gaussians.solid :] = False

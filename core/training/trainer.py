@@ -64,6 +64,8 @@ class Trainer:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
         self.optimizer = self._optimizer()
         self.gaussians = initial_gaussians(collection, settings, self.generator)
+        reach = settings.reach
+        self.surroundings = densify.Surroundings(collection.points, reach) if reach else None
         self.done = 0
         self.seconds = 0.0
         self.order: list[int] = []
@@ -176,6 +178,10 @@ class Trainer:
             rows = losses.transient_rows(seen.means, front, look.mask, camera)
             opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
             total = total + settings.transient_regularisation * TRANSIENT_EVERY * opacity
+        if settings.opacity_regularisation:
+            total = total + settings.opacity_regularisation * torch.sigmoid(seen.logit_opacities).mean()
+        if settings.scale_regularisation:
+            total = total + settings.scale_regularisation * torch.exp(seen.log_scales[: -self.gaussians.sky or None]).mean()
         if residual is not None:
             total = total + settings.sh_regularisation * losses.residual_norm(residual)
             if settings.gauge:
@@ -202,7 +208,10 @@ class Trainer:
         settings = self.settings
         mean_rate = schedule.decayed(settings.mean_rate, progress, schedule.MEAN_RATE_DECAY)
         latent_rate = schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)
-        self.gaussians.step(rows, leaves, learning_rates(settings, mean_rate, latent_rate))
+        rates = learning_rates(settings, mean_rate, latent_rate)
+        if progress < settings.geometry_from:
+            rates = {name: rates[name] for name in ("sh", "latents")}
+        self.gaussians.step(rows, leaves, rates)
         if self.optimizer is not None:
             for group in self.optimizer.param_groups:
                 group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)
@@ -246,7 +255,7 @@ class Trainer:
     def control_density(self) -> None:
         """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
         settings = self.settings
-        densify.prune(self.gaussians, settings)
+        densify.prune(self.gaussians, settings, self.surroundings)
         rounds = schedule.densification_steps(settings)
         now = sum(step <= self.done for step in rounds) / len(rounds)
         allowed = round(settings.max_gaussians * (0.25 + 0.75 * now))

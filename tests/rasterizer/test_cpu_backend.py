@@ -62,7 +62,7 @@ def test_one_gradient_may_be_asked_for_alone_and_twice(scene):
 
 
 def test_probe_moves_the_centres(scene):
-    """A probe of (3, -2) px shows what a camera with its principal point moved by as much shows, but for the Jacobian's clamp."""
+    """A probe of (3, -2) px does what moving the principal point by as much does, but for the Jacobian's clamp."""
     splats, view = scene
     probe = torch.tensor([3.0, -2.0]).expand(len(splats), 2)
     shifted = create("cpu").render(splats, view, probe=probe).image

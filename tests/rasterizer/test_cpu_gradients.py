@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core.rasterizer.cpu import backend, harmonics
-from core.rasterizer.cpu.blend_backward import G, GE, GEE, GEY, GY, GYY, SLOT_WIDTH
+from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, SUM_G, SUM_GE, SUM_GEE, SUM_GEY, SUM_GY, SUM_GYY
 from core.rasterizer.cpu.project import ellipse
 from core.rasterizer.cpu.project_backward import ellipse_backward
 from core.scene.harmonics import basis as torch_basis
@@ -47,7 +47,7 @@ def test_ellipse(beside):
 
     e, dy, _, _ = moments(offset, quaternion, log_scales)
     sums = np.zeros(SLOT_WIDTH)
-    for column, terms in ((G, 1), (GE, e), (GEE, e**2), (GY, dy), (GEY, e * dy), (GYY, dy**2)):
+    for column, terms in ((SUM_G, 1), (SUM_GE, e), (SUM_GEE, e**2), (SUM_GY, dy), (SUM_GEY, e * dy), (SUM_GYY, dy**2)):
         sums[column] = np.sum(weights * terms)
     to_quaternion, to_log_scales, to_probe = np.zeros((1, 4)), np.zeros((1, 3)), np.zeros((1, 2))
     to_offset = ellipse_backward(
@@ -76,7 +76,9 @@ def test_harmonics(coefficients):
         return basis[:coefficients].copy()
 
     degree = int(np.sqrt(coefficients)) - 1
-    np.testing.assert_allclose(evaluated(direction), torch_basis(torch.from_numpy(direction)[None], degree)[0], rtol=1e-14)
+    np.testing.assert_allclose(
+        evaluated(direction), torch_basis(torch.from_numpy(direction)[None], degree)[0], rtol=1e-14
+    )
     assert np.isnan(basis[coefficients:]).all(), "work beyond the degree"
     expected = differences(lambda moved: evaluated(moved) @ to_basis[:coefficients], direction)
     gradient = harmonics.direction_gradient(to_basis, tuple(direction), coefficients)
@@ -88,7 +90,9 @@ def test_blending():
     view = camera(20, 20)
     # Two splats that cover the picture with alphas away from both thresholds, so that the picture is smooth.
     local, log_scales = np.array([[0.05, 0.0, 2.0], [-0.1, 0.05, 3.0]]), np.log([[0.5, 0.7, 0.6], [0.9, 0.6, 0.5]])
-    splats = in_world(view, local, [[1, 0.2, 0, 0.1], [0.9, 0, 0.3, 0]], log_scales, [0.0, 1.0], np.full((2, 1, 3), 0.7))
+    splats = in_world(
+        view, local, [[1, 0.2, 0, 0.1], [0.9, 0, 0.3, 0]], log_scales, [0.0, 1.0], np.full((2, 1, 3), 0.7)
+    )
     cotangent = torch.randn(20, 20, 3, generator=torch.Generator().manual_seed(5))
     rasterizer = backend.CpuRasterizer()
 
@@ -110,4 +114,6 @@ def test_blending():
                 shifted = moved.pop("probe")
                 sides.append(loss(type(splats)(**moved), shifted).item())
             expected = (sides[0] - sides[1]) / (2 * step)
-            assert gradients[name][index].item() == pytest.approx(expected, abs=2e-3 * gradients[name].abs().max().item())
+            assert gradients[name][index].item() == pytest.approx(
+                expected, abs=2e-3 * gradients[name].abs().max().item()
+            )

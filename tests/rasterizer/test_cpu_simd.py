@@ -108,7 +108,7 @@ def test_fetch_add():
 
 @pytest.mark.parametrize("kernel", [blend_forward, blend_backward], ids=["forward", "backward"])
 def test_kernels_use_wide_registers(kernel):
-    """In the machine code there are 256-bit fused multiply-adds: no compiler or Numba release may lose them in silence."""
+    """The machine code has 256-bit fused multiply-adds: no Numba release may lose them in silence."""
     features = llvmlite.binding.get_host_cpu_features()
     if not (features.get("fma") and features.get("avx2")):
         pytest.skip("this processor has no 256-bit fused multiply-add")
@@ -135,7 +135,7 @@ np.savez(sys.argv[1], image=image.detach(), means=splats.means.grad)
 
 
 def test_processor_without_wide_registers(tmp_path):
-    """The same kernels compiled for the oldest x86-64 (or plain ARM): other instructions, the same picture and gradient."""
+    """Compiled for the oldest x86-64 (or plain ARM): other instructions, the same picture and gradient."""
     pictures = []
     for name, changes in (("own", {}), ("generic", {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})):
         path = tmp_path / f"{name}.npz"

@@ -72,6 +72,9 @@ class _Render(torch.autograd.Function):
         image, transmittance = torch.from_numpy(image), torch.from_numpy(transmittance)
         ctx.save_for_backward(image, *parameters)
         ctx.mark_non_differentiable(transmittance)
+        # Else torch makes zeros for the transmittance's gradient, with OpenMP threads that go on spinning beside the
+        # kernels.
+        ctx.set_materialize_grads(False)
         return image, transmittance
 
     @staticmethod
@@ -101,8 +104,9 @@ class _Render(torch.autograd.Function):
 class TileLists:
     """What lies between projection and blending, kept for the backward pass.
 
-    footprints: (N, footprint.WIDTH) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64. tile_starts:
-    (tiles + 1,) int64. entries: (pairs, 2) int32, Gaussian and slot. drawn_chunks: (pairs,) uint32, by slot.
+    footprints: (N, footprint.WIDTH) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64.
+    tile_starts: (tiles + 1,) int64. entries: (pairs, 2) int32, Gaussian and slot. drawn_chunks: (pairs,) uint32, of
+    each slot.
     """
 
     footprints: np.ndarray
@@ -117,7 +121,7 @@ class TileLists:
 
 
 def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> TileLists:
-    """Project the Gaussians (the arrays of Splats, in the order of its fields) and sort them into tiles, front to back."""
+    """Project the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
     count = len(arrays[0])
     tiles = -(-camera.width // footprint.TILE) * -(-camera.height // footprint.TILE)
     footprints = np.empty((count, footprint.WIDTH), dtype=np.float32)
@@ -177,8 +181,8 @@ def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
 def arguments_of(camera: Camera) -> tuple:
     """What the kernels take of a camera.
 
-    Rotation, centre, (fx, fy, cx, cy), the limits of x / z and y / z in the Jacobian, which are those of the picture widened by
-    JACOBIAN_MARGIN, and (width, height).
+    Rotation, centre, (fx, fy, cx, cy), the limits of x / z and y / z in the Jacobian, which are those of the picture
+    widened by JACOBIAN_MARGIN, and (width, height).
     """
     rotation = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
     centre = tuple(float(x) for x in camera.centre)

@@ -1,8 +1,8 @@
 """Tile lists: which Gaussians touch which tile, front to back, ties by index.
 
-Depths are sorted once and the lists filled in that order, by counting; (tile, depth) pairs are never sorted. An entry of a
-list is a pair of a Gaussian and its slot. Slots are numbered Gaussian by Gaussian: what a tile writes to its slots is later
-summed a Gaussian at a time, without atomics and in the same order for any number of threads.
+Depths are sorted once and the lists filled in that order, by counting; (tile, depth) pairs are never sorted. An entry
+of a list is a pair of a Gaussian and its slot. Slots are numbered Gaussian by Gaussian: what a tile writes to its slots
+is later summed a Gaussian at a time, without atomics and in the same order for any number of threads.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.footprint import touched_columns, touched_rows
 from core.rasterizer.cpu.simd import prefetch
 
-DIGIT_BITS = 11  # three passes for 32 bits; the histograms stay in the first-level cache
+DIGIT_BITS = 11  # three passes for 32 bits; a pass's cursors stay in the first-level cache
 DIGITS = 1 << DIGIT_BITS
 SPLAT, SLOT = 0, 1  # the columns of the entries
 AHEAD = 8  # Gaussians; the filling takes 5 ms with it and 15 ms without for 77,000 Gaussians that touch 370,000 tiles

@@ -28,16 +28,17 @@ BATCH = 16  # splats whose chunk sets are found ahead, so that the branches on t
 LOG2_ALPHA_MIN = np.float32(np.log2(ALPHA_MIN))
 ALPHA_LIMIT = np.float32(ALPHA_MAX)
 ZERO, ONE = np.float32(0), np.float32(1)
-# Rows of a tile from its centre; its left half's pixels and, eight further on, its right half's: the same sixteen numbers.
+# Rows of a tile from its centre; its left half's pixels and, eight further on, its right half's: the same sixteen
+# numbers.
 OFFSETS = np.arange(TILE, dtype=np.float32) - np.float32((TILE - 1) / 2)
 HALF_TILE = np.float32(TILE / 2)
 SPAN = np.float32(LANES - 1)  # px from the first pixel of a chunk to its last
-ROW_TERMS = 2 * TILE  # floats a splat: see `touched_chunks`
+ROW_TERMS = 2 * TILE  # floats a splat: see `write_row_terms`
 
 
 @njit(error_model="numpy")
 def write_row_terms(footprints, i, centre_x, centre_y, terms, at):
-    """Write for each row of the tile what log2(alpha) = strength - (sharpness x + shift)^2 needs, x from the tile's centre.
+    """Write what log2(alpha) = strength - (sharpness x + shift)^2 needs for each row, x from the tile's centre.
 
     terms[at : at + 16] become the shifts, the next sixteen the strengths. centre_x, centre_y: the tile's centre, px.
     """
@@ -62,8 +63,8 @@ def touched_chunks(sharpness, terms, at):
         for half in range(2):
             # sharpness x + shift grows with x, so over a chunk it is nearest to zero at an end, or is zero in between.
             at_first = load(terms, at + half * LANES) + first
-            before_last = broadcast(-sharpness * SPAN) - at_first
-            nearest = maximum(maximum(at_first, before_last), broadcast(ZERO))
+            minus_at_last = broadcast(-sharpness * SPAN) - at_first
+            nearest = maximum(maximum(at_first, minus_at_last), broadcast(ZERO))
             highest = load(terms, at + TILE + half * LANES) - nearest * nearest
             rows = bits(highest >= broadcast(LOG2_ALPHA_MIN))
             chunks |= rows << np.uint32(side * TILE + half * LANES)

@@ -1,7 +1,7 @@
 """Gradients of the picture by the footprints: the forward pass once more, with one number of state a pixel.
 
-With C(p) the picture including its background, v = dL/dC and c_i the colours, let S_i = v . (what splats i + 1, ... and the
-background add to the pixel). Going front to back, S starts as v . C and loses w_i (v . c_i) at each splat, and
+With C(p) the picture including its background, v = dL/dC and c_i the colours, let S_i = v . (what splats i + 1, ... and
+the background add to the pixel). Going front to back, S starts as v . C and loses w_i (v . c_i) at each splat, and
 
     dL/d alpha_i = T_i (v . c_i) - S_i / (1 - alpha_i),      w_i = alpha_i T_i
 
@@ -46,8 +46,8 @@ BEHIND, RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES, 4 * LANES
 STATE = 5 * LANES
 
 # A row of the slots' gradients. With g = alpha dL/d alpha and e = dx - slope dy, sums over the pixels of a tile of:
-G, GE, GEE, GY, GEY, GYY = 0, 1, 2, 3, 4, 5  # g, g e, g e^2, g dy, g e dy, g dy^2
-G_RED, G_GREEN, G_BLUE = 6, 7, 8  # w v
+SUM_G, SUM_GE, SUM_GEE, SUM_GY, SUM_GEY, SUM_GYY = 0, 1, 2, 3, 4, 5  # g, g e, g e^2, g dy, g e dy, g dy^2
+SUM_RED, SUM_GREEN, SUM_BLUE = 6, 7, 8  # w v
 SLOT_WIDTH = 9
 
 
@@ -79,7 +79,7 @@ def blend_backward(
                 i, slot = entries[entry, SPLAT], entries[entry, SLOT]
                 if drawn_chunks[slot] != 0:
                     at = (entry - begin) * ROW_TERMS
-                    slot_gradients[slot, G_BLUE] = gather_moments(
+                    slot_gradients[slot, SUM_BLUE] = gather_moments(
                         drawn_chunks[slot], footprints, i, terms, at, state, moments
                     )
                     move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot)
@@ -152,23 +152,23 @@ def gather_moments(chunks, footprints, i, terms, at, state, moments):
 
 @njit(error_model="numpy")
 def move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot):
-    """Moments about the tile's centre, which are small numbers, to moments in (e, dy) about the splat's line and centre.
+    """Moments about the tile's centre, which are small, to moments in (e, dy) about the splat's line and centre.
 
     In float64: far from the splat's centre the terms are larger than their sum.
     """
-    slope = footprints[i, footprint.SLOPE] * 1.0
-    to_y = centre_y * 1.0 - footprints[i, footprint.Y]
-    to_e = centre_x * 1.0 - footprints[i, footprint.X] - slope * to_y
-    g, g_x, g_xx = moments[0] * 1.0, moments[1] * 1.0, moments[2] * 1.0
-    g_y, g_xy, g_yy = moments[3] * 1.0, moments[4] * 1.0, moments[5] * 1.0
+    slope = np.float64(footprints[i, footprint.SLOPE])
+    to_y = np.float64(centre_y) - footprints[i, footprint.Y]
+    to_e = np.float64(centre_x) - footprints[i, footprint.X] - slope * to_y
+    g, g_x, g_xx = np.float64(moments[0]), np.float64(moments[1]), np.float64(moments[2])
+    g_y, g_xy, g_yy = np.float64(moments[3]), np.float64(moments[4]), np.float64(moments[5])
     # First shear x to x - slope y, then shift by (to_e, to_y).
     sheared, sheared_y = g_x - slope * g_y, g_xy - slope * g_yy
     sheared_2 = g_xx - 2 * slope * g_xy + slope * slope * g_yy
-    slot_gradients[slot, G] = g
-    slot_gradients[slot, GE] = sheared + to_e * g
-    slot_gradients[slot, GEE] = sheared_2 + to_e * (2 * sheared + to_e * g)
-    slot_gradients[slot, GY] = g_y + to_y * g
-    slot_gradients[slot, GEY] = sheared_y + to_e * g_y + to_y * (sheared + to_e * g)
-    slot_gradients[slot, GYY] = g_yy + to_y * (2 * g_y + to_y * g)
-    slot_gradients[slot, G_RED] = moments[6]
-    slot_gradients[slot, G_GREEN] = moments[7]
+    slot_gradients[slot, SUM_G] = g
+    slot_gradients[slot, SUM_GE] = sheared + to_e * g
+    slot_gradients[slot, SUM_GEE] = sheared_2 + to_e * (2 * sheared + to_e * g)
+    slot_gradients[slot, SUM_GY] = g_y + to_y * g
+    slot_gradients[slot, SUM_GEY] = sheared_y + to_e * g_y + to_y * (sheared + to_e * g)
+    slot_gradients[slot, SUM_GYY] = g_yy + to_y * (2 * g_y + to_y * g)
+    slot_gradients[slot, SUM_RED] = moments[6]
+    slot_gradients[slot, SUM_GREEN] = moments[7]

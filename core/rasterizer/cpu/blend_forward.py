@@ -35,8 +35,8 @@ from core.rasterizer.cpu.simd import (
 
 STOP = np.float32(STOP_TRANSMITTANCE)
 
-# What a chunk keeps, side by side: its eight transmittances, then red, green and blue. A transmittance is negative once its
-# pixel is finished (or lies outside the picture), so that it then fails the test against STOP for good.
+# What a chunk keeps, side by side: its eight transmittances, then red, green and blue. A transmittance is negative once
+# its pixel is finished (or lies outside the picture), so that it then fails the test against STOP for good.
 RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES
 STATE = 4 * LANES
 
@@ -48,7 +48,7 @@ def blend_forward(
 ):  # fmt: skip
     """Write the picture (height, width, 3) and its transmittance. Takes tiles off `counter` until none are left.
 
-    drawn_chunks: (slots,) uint32, zeros; becomes the chunks in which each splat was blended, which the backward pass repeats.
+    drawn_chunks: (slots,) uint32, zeros; becomes the chunks in which each splat was blended, for the backward pass.
     strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty if nobody asks.
     """
     height, width = transmittance.shape

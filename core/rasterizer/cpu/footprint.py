@@ -1,7 +1,7 @@
 """A Gaussian in the picture, as the blending reads it, and which tiles it touches.
 
-The quadratic form is kept factored, as the distribution of x given y times that of y. With the 2D covariance [[a, b], [b, c]]
-and det = a c - b^2
+The quadratic form is kept factored, as the distribution of x given y times that of y. With the 2D covariance [[a, b],
+[b, c]] and det = a c - b^2
 
     d' S^-1 d = (c / det) (dx - (b / c) dy)^2 + dy^2 / c
 
@@ -24,8 +24,8 @@ SHARPNESS = 3  # sqrt(log2(e) / 2 * c / det), 1 / px
 FALL = 4  # log2(e) / 2 / c, 1 / px^2
 STRENGTH = 5  # log2(opacity)
 RED, GREEN, BLUE = 6, 7, 8
-# The ellipse alpha >= ALPHA_MIN: half its height; half its width on the row through its centre; how far below its centre it
-# reaches furthest to the right, which is how far above it reaches furthest to the left. All px.
+# The ellipse alpha >= ALPHA_MIN: half its height; half its width on the row through its centre; how far below its
+# centre it reaches furthest to the right, which is how far above it reaches furthest to the left. All px.
 HALF_HEIGHT, HALF_WIDTH, LEAN = 9, 10, 11
 WIDTH = 12
 
@@ -36,7 +36,7 @@ SLACK_PX = 0.01
 @njit(error_model="numpy")
 def touched_rows(footprints, i, height):
     """The tile rows [first, last) that hold pixel centres within the ellipse of footprint `i`."""
-    y, half_height = footprints[i, Y] * 1.0, footprints[i, HALF_HEIGHT] * 1.0
+    y, half_height = np.float64(footprints[i, Y]), np.float64(footprints[i, HALF_HEIGHT])
     return tiles_between(y - half_height, y + half_height, height)
 
 
@@ -44,12 +44,13 @@ def touched_rows(footprints, i, height):
 def touched_columns(footprints, i, tile_row, width):
     """The tiles [first, last) of a tile row that the ellipse touches: all of them, as an ellipse has no holes.
 
-    From where it reaches furthest to the right its right border recedes on either side, so that within a band of rows it
-    reaches furthest in the row nearest to that. The left is the mirror image.
+    From where it reaches furthest to the right its right border recedes on either side, so that within a band of rows
+    it reaches furthest in the row nearest to that. The left is the mirror image.
     """
-    x, slope, lean = footprints[i, X] * 1.0, footprints[i, SLOPE] * 1.0, footprints[i, LEAN] * 1.0
-    half_width, inverse_height = footprints[i, HALF_WIDTH] * 1.0, 1.0 / footprints[i, HALF_HEIGHT]
-    top = tile_row * TILE + 0.5 - footprints[i, Y]
+    x, y, slope = np.float64(footprints[i, X]), np.float64(footprints[i, Y]), np.float64(footprints[i, SLOPE])
+    half_width, lean = np.float64(footprints[i, HALF_WIDTH]), np.float64(footprints[i, LEAN])
+    inverse_height = 1.0 / np.float64(footprints[i, HALF_HEIGHT])
+    top = tile_row * TILE + 0.5 - y
     bottom = top + (TILE - 1.0)
     right_row, left_row = min(max(lean, top), bottom), min(max(-lean, top), bottom)
     right = slope * right_row + half_width * half_chord(right_row * inverse_height)

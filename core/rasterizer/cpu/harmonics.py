@@ -1,4 +1,4 @@
-"""core.scene.harmonics for one Gaussian at a time, with the gradient. Plain numbers; float64, which costs the same here."""
+"""core.scene.harmonics for one Gaussian at a time, with the gradient. In float64, which costs the same here."""
 
 import numpy as np
 from numba import njit

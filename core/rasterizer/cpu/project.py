@@ -25,7 +25,7 @@ BLOCK = 512  # Gaussians a thread takes at a time
 HALF_LOG2_E = 0.5 * math.log2(math.e)
 LOG2_ALPHA_MIN = math.log2(ALPHA_MIN)
 LEAST_LOGIT = math.log(ALPHA_MIN / (1.0 - ALPHA_MIN))
-MOST_LOG_SCALE, LEAST_LOG_SCALE = LOG_SCALE_RANGE[1], LOG_SCALE_RANGE[0]
+LEAST_LOG_SCALE, MOST_LOG_SCALE = LOG_SCALE_RANGE
 
 
 @njit(**SCALAR)
@@ -34,10 +34,10 @@ def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
 
     Every test is written so that NaN fails it.
     """
-    w, x, y, z = quaternions[i, 0] * 1.0, quaternions[i, 1] * 1.0, quaternions[i, 2] * 1.0, quaternions[i, 3] * 1.0
+    w, x, y, z = quaternion_of(quaternions, i)
     total = w + x + y + z + logit_opacities[i]
     for k in range(3):
-        total += means[i, k] * 1.0 + log_scales[i, k]
+        total += np.float64(means[i, k]) + log_scales[i, k]
     return (
         depth > NEAR
         and total - total == 0
@@ -47,9 +47,16 @@ def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
 
 
 @njit(**SCALAR)
+def quaternion_of(quaternions, i):
+    """Quaternion `i` as it stands, w x y z."""
+    w, x, y, z = quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3]
+    return np.float64(w), np.float64(x), np.float64(y), np.float64(z)
+
+
+@njit(**SCALAR)
 def axes_of(quaternions, i):
-    """The unit quaternion of Gaussian `i`, the inverse of its norm, and the columns of its rotation: the ellipsoid's axes."""
-    w, x, y, z = quaternions[i, 0] * 1.0, quaternions[i, 1] * 1.0, quaternions[i, 2] * 1.0, quaternions[i, 3] * 1.0
+    """Gaussian `i`'s unit quaternion, the inverse of its norm, and its rotation's columns: the ellipsoid's axes."""
+    w, x, y, z = quaternion_of(quaternions, i)
     inverse_norm = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w * inverse_norm, x * inverse_norm, y * inverse_norm, z * inverse_norm
     first = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
@@ -61,15 +68,17 @@ def axes_of(quaternions, i):
 @njit(**SCALAR)
 def scales_of(log_scales, i):
     """The standard deviations along the axes."""
+    first, second, third = row(log_scales, i)
     return (
-        math.exp(min(max(log_scales[i, 0] * 1.0, LEAST_LOG_SCALE), MOST_LOG_SCALE)),
-        math.exp(min(max(log_scales[i, 1] * 1.0, LEAST_LOG_SCALE), MOST_LOG_SCALE)),
-        math.exp(min(max(log_scales[i, 2] * 1.0, LEAST_LOG_SCALE), MOST_LOG_SCALE)),
+        math.exp(min(max(first, LEAST_LOG_SCALE), MOST_LOG_SCALE)),
+        math.exp(min(max(second, LEAST_LOG_SCALE), MOST_LOG_SCALE)),
+        math.exp(min(max(third, LEAST_LOG_SCALE), MOST_LOG_SCALE)),
     )
 
 
 @njit(**SCALAR)
 def opacity_of(logit):
+    """In [0, 1]."""
     return 1.0 / (1.0 + math.exp(-np.float64(logit)))
 
 
@@ -90,7 +99,7 @@ def pixel_gradient(rotation, line, zoom, slope):
 
 @njit(**SCALAR)
 def projected_axes(gradient, axes, scales):
-    """The Gaussian's axes as seen along a picture axis, px: a row of the factor V = J W R S of the 2D covariance V V'."""
+    """The Gaussian's axes along a picture axis, px: a row of the factor V = J W R S of the 2D covariance V V'."""
     return scales[0] * dot(gradient, axes[0]), scales[1] * dot(gradient, axes[1]), scales[2] * dot(gradient, axes[2])
 
 
@@ -119,7 +128,7 @@ def ellipse(i, offset, quaternions, log_scales, rotation, lens, limits):
 
 @njit(**SCALAR)
 def level_of(opacity):
-    """The squared Mahalanobis distance at which opacity * exp(-d' S^-1 d / 2) falls to ALPHA_MIN; above 0, as it is divided by."""
+    """d' S^-1 d where opacity * exp(-d' S^-1 d / 2) has fallen to ALPHA_MIN; never 0, as its root is divided by."""
     return max(2.0 * math.log(opacity / ALPHA_MIN), 1e-6)
 
 
@@ -145,7 +154,7 @@ def find_visible(
             depth = dot(row(rotation, 2), offset)
             if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
                 continue
-            x, y, a, b, c, determinant = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
+            x, y, a, _, c, _ = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
             level = level_of(opacity_of(logit_opacities[i]))
             inside = meets_picture(x, y, math.sqrt(level * a), math.sqrt(level * c), size)
             visible[i] = inside and is_finite(sh, i)
@@ -158,8 +167,9 @@ def project(
 ):  # fmt: skip
     """Write the footprints (N, WIDTH) of the Gaussians and their depths (N,) float32.
 
-    tile_counts: (N,) int32, the number of tiles that each touches; 0 where culled, and nothing else of it is written then.
-    tile_loads: (tiles,) int32, this thread's own: for each tile the Gaussians of this thread that touch it are added.
+    tile_counts: (N,) int32, the number of tiles that each touches. Of the culled only this is written, a zero.
+    tile_loads: (tiles,) int32, this thread's own, to which it adds how many of its Gaussians touch each tile.
+    probe: (N, 2) float32, added to the centres (px), or empty.
     """
     count = len(means)
     columns = (size[0] + footprint.TILE - 1) // footprint.TILE
@@ -185,19 +195,19 @@ def project(
             fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
             red, green, blue = colour(sh, i, basis)
             total = red + green + blue
-            if not total - total == 0:
+            if total - total != 0:  # NaN or infinite, as a coefficient must be
                 continue
 
             inverse_c = 1.0 / c
-            slope, conditional_variance = b * inverse_c, determinant * inverse_c
+            variance_in_row = determinant * inverse_c
             footprints[i, footprint.X] = x
             footprints[i, footprint.Y] = y
-            footprints[i, footprint.SLOPE] = slope
-            footprints[i, footprint.SHARPNESS] = math.sqrt(HALF_LOG2_E / conditional_variance)
+            footprints[i, footprint.SLOPE] = b * inverse_c
+            footprints[i, footprint.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
             footprints[i, footprint.FALL] = HALF_LOG2_E * inverse_c
             footprints[i, footprint.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
             footprints[i, footprint.HALF_HEIGHT] = reach_y
-            footprints[i, footprint.HALF_WIDTH] = math.sqrt(level * conditional_variance)
+            footprints[i, footprint.HALF_WIDTH] = math.sqrt(level * variance_in_row)
             footprints[i, footprint.LEAN] = b * level / reach_x
             footprints[i, footprint.RED] = max(red, 0.0)
             footprints[i, footprint.GREEN] = max(green, 0.0)

@@ -1,4 +1,4 @@
-"""Gradients of the footprints back to the Gaussians' parameters: project.py read in reverse, line by line, in float64."""
+"""Gradients of the footprints back to the Gaussians' parameters: project.py read in reverse, in float64."""
 
 import math
 
@@ -7,16 +7,16 @@ from numba import njit
 
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.blend_backward import (
-    G,
-    G_BLUE,
-    G_GREEN,
-    G_RED,
-    GE,
-    GEE,
-    GEY,
-    GY,
-    GYY,
     SLOT_WIDTH,
+    SUM_BLUE,
+    SUM_G,
+    SUM_GE,
+    SUM_GEE,
+    SUM_GEY,
+    SUM_GREEN,
+    SUM_GY,
+    SUM_GYY,
+    SUM_RED,
 )
 from core.rasterizer.cpu.harmonics import direction_gradient, fill_basis
 from core.rasterizer.cpu.project import (
@@ -65,7 +65,7 @@ def project_backward(
             to_offset = add(to_offset, through_colour)
             to_means[i, 0], to_means[i, 1], to_means[i, 2] = to_offset
             # alpha = opacity * ...: the derivative of log(opacity) by its logit is 1 - opacity.
-            to_logit_opacities[i] = sums[G] * (1.0 - opacity_of(logit_opacities[i]))
+            to_logit_opacities[i] = sums[SUM_G] * (1.0 - opacity_of(logit_opacities[i]))
 
 
 @njit(**SCALAR)
@@ -92,46 +92,46 @@ def write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, 
 def ellipse_backward(
     i, offset, quaternions, log_scales, rotation, lens, limits, sums, to_quaternions, to_log_scales, to_probe
 ):
-    """From the sums over the pixels to quaternion, log scales and probe, which are written, and dL/d(offset), returned."""
+    """From the sums over the pixels to quaternion, log scales and probe, written, and dL/d(offset), returned."""
     fx, fy, _, _ = lens
-    right, down, forward = row(rotation, 0), row(rotation, 1), row(rotation, 2)
+    axis_x, axis_y, axis_z = row(rotation, 0), row(rotation, 1), row(rotation, 2)
     inverse_depth, slope_x, slope_y, clamped_x, clamped_y = slopes_of(offset, rotation, limits)
     zoom_x, zoom_y = fx * inverse_depth, fy * inverse_depth
     unit, inverse_norm, axes = axes_of(quaternions, i)
     scales = scales_of(log_scales, i)
     x_gradient = pixel_gradient(rotation, 0, zoom_x, clamped_x)
     y_gradient = pixel_gradient(rotation, 1, zoom_y, clamped_y)
-    across, along = projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
-    a, b, c, determinant = covariance(across, along)
+    across, down = projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
+    _, b, c, determinant = covariance(across, down)
 
     # log(alpha) = ... - A e^2 / 2 - dy^2 / (2 c), with e = dx - m dy, A = c / det and m = b / c.
     inverse_c = 1.0 / c
     precision, lean = c / determinant, b * inverse_c
-    to_x = precision * sums[GE]
-    to_y = inverse_c * sums[GY] - lean * to_x
-    to_precision = -0.5 * sums[GEE]
-    to_lean = precision * sums[GEY]
-    to_inverse_c = -0.5 * sums[GYY]
+    to_x = precision * sums[SUM_GE]
+    to_y = inverse_c * sums[SUM_GY] - lean * to_x
+    to_precision = -0.5 * sums[SUM_GEE]
+    to_lean = precision * sums[SUM_GEY]
+    to_inverse_c = -0.5 * sums[SUM_GYY]
     # dA = -A^2 (da - 2 m db + m^2 dc): in this form the determinant appears in A alone.
     spread = precision * precision * to_precision
     to_a = -spread
     to_b = 2.0 * lean * spread + inverse_c * to_lean
     to_c = -lean * lean * spread - inverse_c * (lean * to_lean + inverse_c * to_inverse_c)
 
-    # The covariance is V V' + blur with rows `across` and `along` of V.
-    to_across = add(scaled(2.0 * to_a, across), scaled(to_b, along))
-    to_along = add(scaled(2.0 * to_c, along), scaled(to_b, across))
+    # The covariance is V V' + blur with rows `across` and `down` of V.
+    to_across = add(scaled(2.0 * to_a, across), scaled(to_b, down))
+    to_down = add(scaled(2.0 * to_c, down), scaled(to_b, across))
     to_x_gradient = to_y_gradient = (0.0, 0.0, 0.0)
     for k in range(3):
         log_scale = log_scales[i, k]
-        inside = LEAST_LOG_SCALE <= log_scale and log_scale <= MOST_LOG_SCALE
-        to_log_scales[i, k] = to_across[k] * across[k] + to_along[k] * along[k] if inside else 0.0
+        inside = LEAST_LOG_SCALE <= log_scale <= MOST_LOG_SCALE
+        to_log_scales[i, k] = to_across[k] * across[k] + to_down[k] * down[k] if inside else 0.0
         to_x_gradient = add(to_x_gradient, scaled(scales[k] * to_across[k], axes[k]))
-        to_y_gradient = add(to_y_gradient, scaled(scales[k] * to_along[k], axes[k]))
+        to_y_gradient = add(to_y_gradient, scaled(scales[k] * to_down[k], axes[k]))
     to_axes = (
-        scaled(scales[0], add(scaled(to_across[0], x_gradient), scaled(to_along[0], y_gradient))),
-        scaled(scales[1], add(scaled(to_across[1], x_gradient), scaled(to_along[1], y_gradient))),
-        scaled(scales[2], add(scaled(to_across[2], x_gradient), scaled(to_along[2], y_gradient))),
+        scaled(scales[0], add(scaled(to_across[0], x_gradient), scaled(to_down[0], y_gradient))),
+        scaled(scales[1], add(scaled(to_across[1], x_gradient), scaled(to_down[1], y_gradient))),
+        scaled(scales[2], add(scaled(to_across[2], x_gradient), scaled(to_down[2], y_gradient))),
     )
     write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions)
     if len(to_probe) > 0:
@@ -140,13 +140,13 @@ def ellipse_backward(
     # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth.
     to_slope_x, to_slope_y = fx * to_x, fy * to_y
     if clamped_x == slope_x:
-        to_slope_x -= zoom_x * dot(to_x_gradient, forward)
+        to_slope_x -= zoom_x * dot(to_x_gradient, axis_z)
     if clamped_y == slope_y:
-        to_slope_y -= zoom_y * dot(to_y_gradient, forward)
+        to_slope_y -= zoom_y * dot(to_y_gradient, axis_z)
     to_depth = dot(to_x_gradient, x_gradient) + dot(to_y_gradient, y_gradient)
     to_depth += to_slope_x * slope_x + to_slope_y * slope_y
-    in_picture = add(scaled(to_slope_x, right), scaled(to_slope_y, down))
-    return scaled(inverse_depth, subtract(in_picture, scaled(to_depth, forward)))
+    in_picture = add(scaled(to_slope_x, axis_x), scaled(to_slope_y, axis_y))
+    return scaled(inverse_depth, subtract(in_picture, scaled(to_depth, axis_z)))
 
 
 @njit(**SCALAR)
@@ -170,14 +170,14 @@ def write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions):
 
 @njit(**SCALAR)
 def colour_backward(i, offset, sh, basis, footprints, sums, to_sh):
-    """Write dL/d(sh); dL/d(offset) by way of the direction. basis: room for 16 numbers; becomes dL/d(basis functions)."""
+    """Write dL/d(sh); dL/d(offset) by way of the direction. basis: room for 16 numbers; ends as dL/d(basis)."""
     distance = math.sqrt(dot(offset, offset))
     direction = scaled(1.0 / distance, offset)
     fill_basis(basis, direction, sh.shape[1])
-    # A colour that the forward pass clamped at zero has no gradient.
-    red = sums[G_RED] if footprints[i, footprint.RED] > 0 else 0.0
-    green = sums[G_GREEN] if footprints[i, footprint.GREEN] > 0 else 0.0
-    blue = sums[G_BLUE] if footprints[i, footprint.BLUE] > 0 else 0.0
+    # A colour that the axis_z pass clamped at zero has no gradient.
+    red = sums[SUM_RED] if footprints[i, footprint.RED] > 0 else 0.0
+    green = sums[SUM_GREEN] if footprints[i, footprint.GREEN] > 0 else 0.0
+    blue = sums[SUM_BLUE] if footprints[i, footprint.BLUE] > 0 else 0.0
     for k in range(sh.shape[1]):
         to_sh[i, k, 0] = basis[k] * red
         to_sh[i, k, 1] = basis[k] * green

@@ -1,8 +1,8 @@
 """Eight float32 lanes as a Numba type, and the few atoms that Numba lacks.
 
-LLVM does not vectorise the blending loops by itself (tried: eight times slower), so the vectors are spelled out. They are LLVM's
-own vector type and generic instructions only, nothing of one processor: the compiler maps them to one 256-bit register where
-there are such, to two of 128 bits on SSE or NEON.
+LLVM does not vectorise the blending loops by itself (plain ones are eight times slower): the vectors are spelled out.
+They are LLVM's own vector type and generic instructions only, nothing of one processor: the compiler maps them to one
+256-bit register where there are such, to two of 128 bits on SSE or NEON.
 """
 
 import operator
@@ -57,13 +57,14 @@ def define_operator(function, result, emit) -> None:
     """Let `function(Float8, Float8)`, an operator, stand for the instruction that `emit(builder, a, b)` appends."""
 
     class Template(ConcreteTemplate):
-        cases = [signature(result, float8, float8)]
+        cases = (signature(result, float8, float8),)
 
     infer_global(function)(Template)
     lower_builtin(function, float8, float8)(lambda context, builder, sig, args: emit(builder, *args))
 
 
-# No fast-math flag on any of them: `power_of_two` counts on its roundings, and the backward pass on repeating the forward's.
+# No fast-math flag on any of them: `power_of_two` counts on its roundings, and the backward pass on repeating the
+# forward's.
 define_operator(operator.add, float8, lambda builder, a, b: builder.fadd(a, b))
 define_operator(operator.sub, float8, lambda builder, a, b: builder.fsub(a, b))
 define_operator(operator.mul, float8, lambda builder, a, b: builder.fmul(a, b))
@@ -73,7 +74,7 @@ define_operator(operator.le, mask8, lambda builder, a, b: builder.fcmp_ordered("
 
 
 class MaskAnd(ConcreteTemplate):
-    cases = [signature(mask8, mask8, mask8)]
+    cases = (signature(mask8, mask8, mask8),)
 
 
 infer_global(operator.and_)(MaskAnd)
@@ -227,7 +228,8 @@ def times_power_of_two(typing_context, numbers, shifted):
     return float8(float8, float8), generate
 
 
-# Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa, which rounds to the nearest integer.
+# Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa, which rounds to the nearest
+# integer.
 ROUNDING = np.float32(1.5 * 2**23)
 # 2^f on [-1/2, 1/2] with the least relative error (9e-8) of all quintics that are exact at 0.
 EXP2 = tuple(np.float32(c) for c in (1.0, 0.693147, 0.24022242, 0.055507336, 0.009671513, 0.0013264728))
@@ -247,7 +249,8 @@ def exp2(exponents):
     return times_power_of_two(power, shifted)
 
 
-# ------------------------------------------------------------------------------------------------------ across the lanes
+# ------------------------------------------------------------------------------------------------------ across the
+# lanes
 
 
 def shuffled(builder, a, b, lanes):

@@ -1,8 +1,10 @@
 """Vectors of three as tuples, which the compiler keeps in registers."""
 
+import numpy as np
 from numba import njit
 
-# How the scalar code is compiled. contract allows fused multiply-adds; anything more would let LLVM assume that no NaN comes by.
+# How the scalar code is compiled. contract allows fused multiply-adds; anything more would let LLVM assume that no NaN
+# comes by.
 SCALAR = {"error_model": "numpy", "fastmath": {"contract"}}
 
 
@@ -33,5 +35,5 @@ def cross(a, b):
 
 @njit(**SCALAR)
 def row(matrix, i):
-    """Row `i` of an (N, 3) array, in float64 if the array is float32: scalar code gains nothing from less."""
-    return matrix[i, 0] * 1.0, matrix[i, 1] * 1.0, matrix[i, 2] * 1.0
+    """Row `i` of an (N, 3) array, in float64."""
+    return np.float64(matrix[i, 0]), np.float64(matrix[i, 1]), np.float64(matrix[i, 2])

@@ -35,6 +35,7 @@ class Settings:
     mask: str = setting("attention", "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).", choices=("attention", "cnn", "mlp"))
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
+    tone: bool = setting(True, "An affine colour map a look behind the SH transfer: exposure, white balance, contrast.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
 
     # --- sizes
@@ -59,6 +60,9 @@ class Settings:
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
     mask_start: float = setting(0.15, "Fraction at which the mask begins to learn.", low=0, high=1)
     mask_apply: float = setting(0.25, "Fraction from which the mask weights the picture loss.", low=0, high=1)
+
+    exposure_jitter: float = setting(0.2, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
+    embedding_noise: float = setting(0.0, "Spread of the noise on embeddings in training.", low=0)
 
     # --- learning rates (Adam)
     mean_rate: float = setting(8e-4, "Of centres, decaying to a hundredth; scene units a step.", low=0)
@@ -128,6 +132,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "max_gaussians": 3_000_000,
         "sh_degree": 3,
         "sky": "none",
+        "tone": False,
         "transfer_width": 128,
         "encoder_side_px": 256,
         "mask_loss": "paper",

@@ -10,6 +10,8 @@ zero on both sides. Paper: section IV-C (lambda_1 = 0.2 is `ssim_weight`). This 
 on any device; float32 on a CPU goes through core.training.photometric_kernel, which equals it.
 """
 
+from copy import copy
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
@@ -58,6 +60,15 @@ class Target:
         self.valid_pixels = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
+
+    def brightened(self, gain: Float[Tensor, "3"]) -> "Target":
+        """The photo with each channel times `gain` (not clamped at 1); its statistics follow without another blur."""
+        other = copy(self)
+        gain = gain.to(self.planes)[:, None, None]
+        other.padded = self.padded * gain
+        other.planes = other.padded[:, RADIUS:-RADIUS]
+        other.mean, other.mean_square = self.mean * gain, self.mean_square * gain**2
+        return other
 
 
 def photometric(

@@ -27,6 +27,7 @@ TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_re
 GAUGE_ROWS = 1024  # Gaussians drawn each step to hold the neutral look
 SKIPS_ALLOWED = 10  # non-finite steps in a row before training stops
 HELD_OUT_PHOTOS = 4
+LARGEST_GAIN = 1.4  # of the exposure jitter; a photo has nothing above 1 to be brightened
 HISTORY = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr")
 
 
@@ -122,8 +123,12 @@ class Trainer:
         picture = self.pictures[index]
         rows = self.rasterizer.visible(self.gaussians.splats, camera)
         leaves = self.gaussians.leaves(rows)
-        look = self.model.look(picture.encoder_input, index)
-        embedding = look.embedding.detach().requires_grad_()
+        shown, target = self._jittered(picture.encoder_input, target)
+        look = self.model.look(shown, index)
+        embedding = look.embedding.detach().clone()
+        if settings.embedding_noise:
+            embedding += settings.embedding_noise * torch.randn(embedding.shape, generator=self.generator)
+        embedding.requires_grad_()
         latents = leaves.get("latents")
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
@@ -155,6 +160,18 @@ class Trainer:
             residual=0.0 if residual is None else float(residual.detach().abs().mean()),
             messages=tuple(messages),
         )
+
+    def _jittered(self, shown: Tensor, target: Target) -> tuple[Tensor, Target]:
+        """The photo in another exposure and white balance, for the encoder and as the target alike.
+
+        A collection holds few photos; with this the encoder meets each in many tones and learns to tell tone from light.
+        """
+        settings = self.settings
+        if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
+            return shown, target
+        draw = torch.randn(4, generator=self.generator)
+        gain = torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
+        return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)
 
     def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
         settings = self.settings

@@ -3,6 +3,7 @@
 Imports no torch, so that `wegs --help` answers at once.
 """
 
+import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -19,13 +20,13 @@ class Settings:
     """All that decides how a run turns out. Fractions are of `steps`; lengths are scene units (scene radius 1)."""
 
     # --- the run
-    steps: int = setting(4000, "Optimisation steps; every schedule is a fraction of them.", low=1)
+    steps: int = setting(3000, "Optimisation steps; every schedule is a fraction of them.", low=1)
     seed: int = setting(0, "Seed of everything random.", low=0)
     device: str = setting("auto", "Where to compute.", choices=("auto", "cpu", "cuda"))
     backend: str = setting("auto", "Rasterizer.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(-1, "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 decides.", low=-1)
-    max_gaussians: int = setting(40_000, "Never more Gaussians than this (without the sky's).", low=1)
-    sh_degree: int = setting(2, "Degree of the spherical harmonics.", low=0, high=3)
+    max_gaussians: int = setting(30_000, "Never more Gaussians than this (without the sky's).", low=1)
+    sh_degree: int = setting(1, "Degree of the spherical harmonics.", low=0, high=3)
 
     # --- the parts of the method, each a switch of the paper's ablation
     appearance: str = setting("full", "How looks differ: not at all, by an affine colour map, by SH transfer.", choices=("off", "exposure", "full"))
@@ -35,7 +36,6 @@ class Settings:
     mask: str = setting("attention", "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).", choices=("attention", "cnn", "mlp"))
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
-    tone: bool = setting(True, "An affine colour map a look behind the SH transfer: exposure, white balance, contrast.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
 
     # --- sizes
@@ -52,17 +52,14 @@ class Settings:
     # --- losses
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1)
     mask_loss: str = setting("weighted", "How masks enter the picture loss: weighting the maps, or multiplying the pictures (paper).", choices=("weighted", "paper"))
-    mask_regularisation: float = setting(0.15, "Weight of mean((1 - M)^2) (L_regM).", low=0)
+    mask_regularisation: float = setting(0.05, "Weight of mean((1 - M)^2) (L_regM).", low=0)
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
-    opacity_regularisation: float = setting(0.0, "Weight of the mean opacity (3DGS-MCMC); haze that nothing needs fades.", low=0)
-    scale_regularisation: float = setting(0.0, "Weight of the mean scale (3DGS-MCMC).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
-    mask_start: float = setting(0.15, "Fraction at which the mask begins to learn.", low=0, high=1)
-    mask_apply: float = setting(0.25, "Fraction from which the mask weights the picture loss.", low=0, high=1)
+    mask_start: float = setting(0.2, "Fraction at which the mask begins to learn.", low=0, high=1)
+    mask_apply: float = setting(0.3, "Fraction from which the mask weights the picture loss.", low=0, high=1)
 
-    exposure_jitter: float = setting(0.2, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
-    embedding_noise: float = setting(0.0, "Spread of the noise on embeddings in training.", low=0)
+    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
     # --- learning rates (Adam)
     mean_rate: float = setting(8e-4, "Of centres, decaying to a hundredth; scene units a step.", low=0)
@@ -84,7 +81,7 @@ class Settings:
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(4.0, "Gaussians farther from SfM points than these lie apart, times this, are removed; 0 keeps all.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
-    prune_contribution: float = setting(0.02, "After growth: Gaussians below this share of every pixel are removed.", low=0, high=1)
+    prune_contribution: float = setting(0.1, "After growth: Gaussians below this share of every pixel are removed.", low=0, high=1)
 
     # --- schedule
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
@@ -112,7 +109,7 @@ def check(item, value: Any) -> None:
     rules = item.metadata
     good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))
     if item.type is float:
-        good = isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
+        good = isinstance(value, (int, float)) and not isinstance(value, bool) and not math.isnan(value)
     if not good:
         raise BadSetting(f"{item.name}={value!r} is not of type {item.type.__name__}.", item.metadata["help"])
     if rules["choices"] and value not in rules["choices"]:
@@ -126,20 +123,30 @@ def check(item, value: Any) -> None:
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
-    "quick": {"steps": 1500, "max_gaussians": 20_000},
+    "quick": {"steps": 1200, "max_gaussians": 20_000},
     "paper": {
         "steps": 150_000,
         "max_gaussians": 3_000_000,
         "sh_degree": 3,
         "sky": "none",
-        "tone": False,
         "transfer_width": 128,
         "encoder_side_px": 256,
         "mask_loss": "paper",
         "sh_regularisation": 0.1,
+        "mask_regularisation": 0.12,
+        "exposure_jitter": 0.0,
+        "reach": 0.0,
+        "largest_scale": 1.0,
+        "prune_contribution": 0.0,
         "gauge": 0.0,
     },
-    "vanilla": {"appearance": "off", "transients": "off", "prune_contribution": 0.0},
+    "vanilla": {
+        "appearance": "off",
+        "transients": "off",
+        "geometry_from": 0.0,
+        "densify_from": 0.02,
+        "prune_contribution": 0.0,
+    },
 }
 
 

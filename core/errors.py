@@ -1,5 +1,8 @@
 """The mistakes a user can make, as exceptions that say what, where and what to do."""
 
+import shlex
+from pathlib import Path
+
 
 class WegsError(Exception):
     """A user's mistake: shown as one line, exit code 1, never as a traceback.
@@ -23,3 +26,8 @@ class BadSetting(WegsError):
 
 class TrainingStopped(WegsError):
     """Training could not go on; a checkpoint was written and `fix` says how to continue."""
+
+
+def command(*words: str | Path) -> str:
+    """A command line to type; a word with spaces is quoted, so that it can be pasted."""
+    return shlex.join(map(str, words))

@@ -12,14 +12,16 @@ from core.config import Settings
 from core.data import find_kind, find_photos, load_collection, sfm
 from core.data.collection import Collection, Photo
 from core.data.found_cameras import scene_of_photos
-from core.errors import BadInput, BadSetting
+from core.data.photo_file import named_with_fault
+from core.data.split import counted, name_them
+from core.errors import BadInput, BadSetting, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
 from core.evaluation.results import Results
 from core.evaluation.sheet import picture_sheet
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
-from core.export.atomic import filling
+from core.export.atomic import check_file, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
 from core.scene.splats import Splats
@@ -50,7 +52,7 @@ FADE = ("frame_*.png", "step_*.ply", "sheet.png", "video.mp4")  # what an interp
 def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
     """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
     sfm.reconstruct(photos, output, report)
-    report.say(f"Next: wegs train {output}")
+    report.say(f"Next: {command('wegs', 'train', output)}")
     return output
 
 
@@ -66,10 +68,13 @@ def train(
     """
     if settings.device == "cuda":
         raise BadSetting("device=cuda: this version computes on the CPU only.", "Leave --device out.")
+    if settings.resolution == 0:
+        raise BadSetting("resolution=0 is no size.", "Type -r 1, 2, 4 or 8 to divide the photos' size, or a width in px.")
+    core.rasterizer.create(settings.backend)  # refuses an unknown one before the minutes that cameras may take
     name = scene.resolve().name or "scene"
     folder = run.choose_folder(output, name, force)
     if find_kind(scene) == "photos":
-        scene = scene_of_photos(find_photos(scene), folder.with_name(f"{name}-scene"), report)
+        scene = scene_of_photos(find_photos(scene), folder.parent / f"{name}-scene", report)
     collection = load_collection(scene)
     _tell_collection(collection, report)
     trainer = Trainer(collection, settings, folder)
@@ -84,19 +89,24 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
     path = checkpoint.newest(folder)
     if path is None:
         raise BadInput(
-            f"{folder} has no checkpoint to go on from.", f"Type: wegs train {before.root} -o {folder} --force"
+            f"{folder} has no checkpoint to go on from.",
+            f"Type: {command('wegs', 'train', before.root, '-o', folder, '--force')}",
         )
     saved = checkpoint.load(path)
     if saved.facts["step"] >= settings.steps:
         raise BadInput(
             f"{folder} is finished: {settings.steps} steps.",
-            f"Type: wegs bake --run {folder} --appearance PHOTO -o look.ply",
+            f"Type: {command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
         )
+    if not before.root.is_dir():
+        raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
     collection = load_collection(before.root)
-    if _essence(collection) != _essence(before):
+    trainer = Trainer(collection, settings, folder)
+    names = [picture.photo.name for picture in trainer.pictures.pictures]
+    if _essence(collection) != _essence(before) or names != saved.facts["photos"]:
         raise BadInput(f"The photos in {before.root} are not those that {folder} began with.", "Train a new run.")
     report.say(f"Going on with {folder} from step {saved.facts['step']}")
-    trainer = Trainer(collection, settings, folder)
+    run.rewind_history(folder, saved.facts["step"])
     trainer.resume(saved)
     return _train(trainer, report)
 
@@ -114,7 +124,8 @@ def _train(trainer: Trainer, report: Report) -> Path:
             report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
             if stop.asked and step.step < settings.steps:
                 trainer.save()
-                raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: wegs train --resume -o {folder}")
+                advice = command("wegs", "train", "--resume", "-o", folder)
+                raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")
     trained = load_run(folder)
     neutral = run.point_cloud_path(folder, trained.step)
     _write_look(trained, find_appearance(trained, "neutral"), neutral, report)
@@ -128,7 +139,9 @@ def _train(trainer: Trainer, report: Report) -> Path:
     if masks:
         rows.append(("masks", str(folder / "masks")))
     report.table("Done", rows)
-    report.say("Next: wegs bake --appearance PHOTO -o look.ply   (any photo; then open look.ply in a 3DGS viewer)")
+    which = [] if run.is_default(folder) else ["--run", folder]
+    advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
+    report.say(f"Next: {advice}   (any photo; then open look.ply in a 3DGS viewer)")
     return folder
 
 
@@ -140,12 +153,14 @@ def _essence(collection: Collection) -> list[tuple]:
 def _tell_collection(collection: Collection, report: Report) -> None:
     splits = ", ".join(f"{len(collection.split(name))} {name}" for name in ("train", "test"))
     photos, points = len(collection.photos), len(collection.points)
-    report.say(f"{collection.name} ({collection.kind}): {photos} photos ({splits}), {points} points")
+    report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {points} points")
     for note in collection.notes:
         report.warn(note)
 
 
 def _tell_sizes(trainer: Trainer, report: Report) -> None:
+    for note in trainer.pictures.notes + trainer.held_out.notes:
+        report.warn(note)
     sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures.pictures})
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     report.say(
@@ -166,11 +181,12 @@ def export(
 ) -> Path:
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well."""
     core.export.check_format(output)
+    check_file(output)
     if output.exists() and not force:
         raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
     trained = load_run(run.find_run(folder))
-    if save_as is not None:
-        saved_look.path_of(trained.folder, save_as)  # a bad name is refused before the work
+    if save_as is not None and (kept := saved_look.path_of(trained.folder, save_as)).exists() and not force:
+        raise BadInput(f"{kept} exists.", "Add --force to replace it, or choose another name.")
     appearance = find_appearance(trained, word)
     report.say(f"{trained.folder}, step {trained.step}: look of {appearance.source}")
     if trained.settings.appearance == "off":
@@ -178,8 +194,8 @@ def export(
     start = time.perf_counter()
     _write_look(trained, appearance, output, report)
     if save_as is not None:
-        kept = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity)
-        report.say(f"Look kept as {saved_look.save(trained.folder, kept)}")
+        look = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity)
+        report.say(f"Look kept as {saved_look.save(trained.folder, look)}")
     seconds = time.perf_counter() - start
     report.say(f"{output}: {len(trained.splats)} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
     return output
@@ -216,7 +232,7 @@ def interpolate(
     ends = [find_appearance(trained, word) for word in (first, last)]
     photo = _view(trained.collection, view)
     output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
-    camera = trained.picture(photo).camera
+    camera = trained.camera(photo)
     rasterizer = core.rasterizer.create(trained.settings.backend)
     report.say(f"{trained.folder}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
     with filling(output, FADE, force) as work:
@@ -262,14 +278,22 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     if distance is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
     start = time.perf_counter()
-    views, pictures, scales = [], [], []
+    views, pictures, scales, unreadable = [], [], [], []
     for number, photo in enumerate(photos):
-        view = _held_out_view(trained, photo)
+        try:
+            view = _held_out_view(trained, photo)
+        except BadInput as problem:
+            if photo is photos[-1] and not views:
+                raise
+            unreadable.append(named_with_fault(photo.name, photo.path, problem))
+            continue
         measured, picture = measure(subject, view, protocol, refine, distance)
         views.append(measured)
         pictures.append(picture)
         scales.append(view.camera.width / photo.camera.width)
         report.progress("Photos", number + 1, len(photos), photo.name)
+    for note in name_them("that cannot be read, not measured", unreadable):
+        report.warn(note)
     results = Results(
         protocol=protocol,
         views=tuple(views),

@@ -14,7 +14,7 @@ import click
 )
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The .ply to write.")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
-@click.option("--force", is_flag=True, help="Replace OUTPUT if it exists.")
+@click.option("--force", is_flag=True, help="Replace OUTPUT, and the look that is kept, if they exist.")
 @click.option("--save-appearance", metavar="NAME", help="Keep the look in the run as appearance/NAME.json.")
 def bake(appearance, output, run_folder, force, save_appearance) -> None:
     """Write the scene in the light of a photo, as a .ply that every 3DGS viewer opens.

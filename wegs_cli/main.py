@@ -17,6 +17,7 @@ COMMANDS = {
     "eval": "wegs_cli.evaluate:evaluate",
     "sfm": "wegs_cli.sfm:sfm",
 }
+UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
 INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
@@ -64,6 +65,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
     if isinstance(problem, OSError) and problem.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"The disk is full ({problem.filename or 'while writing'}). Free some space and run it again.", 1
+    if isinstance(problem, OSError) and problem.errno in UNUSABLE and problem.filename:
+        return f"{problem.filename}: {problem.strerror}. Choose another path, or change who may use this one.", 1
     # torch has no exception of its own for a CPU that ran out: the words are all there is.
     if isinstance(problem, MemoryError) or (
         isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
@@ -113,4 +116,4 @@ def run() -> None:
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
     # Read once, when torch loads: OpenMP threads that spin while they wait keep the kernels' own threads from running.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    wegs()
+    wegs(prog_name="wegs")

@@ -60,7 +60,10 @@ def settings_from(
     """Settings: command line beats file beats preset beats default. typed: options, None where not typed."""
     settings = preset(preset_name or "default")
     if config is not None:
-        settings = settings.changed(**_read_toml(config))
+        try:
+            settings = settings.changed(**_read_toml(config))
+        except BadSetting as problem:
+            raise BadSetting(f"{config}: {problem.what}", problem.fix) from None
     values = {name: value for name, value in typed.items() if value is not None}
     for assignment in assignments:
         name, value = _parse(assignment)

@@ -44,7 +44,6 @@ class AppearanceModel(nn.Module):
         self.embedding_table = None
         self.mask_network = None
         self.sh_transfer = None
-        self.tone = None
         if (with_appearance and settings.embedding == "encoder") or (with_masks and settings.mask == "attention"):
             self.encoder = PhotoEncoder(settings)
         if with_appearance and settings.embedding == "glo":
@@ -56,8 +55,6 @@ class AppearanceModel(nn.Module):
             self.mask_network = MaskTable(len(self.photo_names))
         if with_appearance:
             self.sh_transfer = (SHTransfer if settings.appearance == "full" else ExposureTransfer)(settings)
-        if settings.appearance == "full" and settings.tone:
-            self.tone = ExposureTransfer(settings)
         self.register_buffer("mean_embedding", torch.zeros(settings.embedding_size))
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
@@ -103,12 +100,8 @@ class AppearanceModel(nn.Module):
             return sh, None
         output = self.sh_transfer(sh, means, embedding, latents)
         if self.settings.appearance == "full" and not self.settings.residual:
-            transferred, residual = output, None
-        else:
-            transferred, residual = sh + output, output
-        if self.tone is not None:
-            transferred = transferred + self.tone(transferred, means, embedding)
-        return transferred, residual
+            return output, None
+        return sh + output, output
 
     @torch.no_grad()
     def bake(

@@ -9,7 +9,7 @@ import pycolmap
 from core.data import lens as lenses
 from core.data.collection import Collection, Photo
 from core.data.model_file import holds_model, read_model
-from core.data.photo_file import Header, list_photos, probe
+from core.data.photo_file import Header, list_photos, named_with_fault, probe
 from core.data.split import counted, name_them, split_photos
 from core.errors import BadInput
 from core.scene.camera import Camera
@@ -137,7 +137,7 @@ class _Reading:
         try:
             header = probe(path)
         except BadInput as problem:
-            self.unreadable.append(f"{image.name} ({problem.what.removeprefix(str(path)).strip(' .')})")
+            self.unreadable.append(named_with_fault(image.name, path, problem))
             return None
         pose = image.cam_from_world().matrix()
         if not lenses.usable(image.camera) or not np.isfinite(pose).all():

@@ -6,7 +6,7 @@ from core.data.collection import Collection
 from core.data.colmap import find_model, load_colmap
 from core.data.photo_file import UNREADABLE_SUFFIXES, list_photos
 from core.data.phototourism import find_split_tables
-from core.errors import BadInput
+from core.errors import BadInput, command
 
 PHOTO_FOLDERS = (".", "images", "photos")
 NOT_READ_YET = {
@@ -26,7 +26,9 @@ def load_collection(path: Path) -> Collection:
     kind = find_kind(path)
     if kind == "photos":
         scene = path.resolve().name + "-scene"
-        raise BadInput(f"{path} holds photos but no COLMAP model.", f"Type: wegs sfm {path} -o {scene}")
+        raise BadInput(
+            f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}"
+        )
     return load_colmap(path, find_model(path), kind)
 
 

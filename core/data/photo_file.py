@@ -10,6 +10,8 @@ import numpy as np
 
 from core.errors import BadInput
 
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what is wrong with a photo is said here, once
+
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2")
 UNREADABLE_SUFFIXES = (".heic", ".heif", ".dng", ".cr2", ".nef", ".arw")  # of cameras and phones; OpenCV reads none
 
@@ -51,6 +53,11 @@ def list_photos(folder: Path) -> list[Path]:
 def bad_photo(path: Path, why: str) -> BadInput:
     """The error for a photo that cannot be used."""
     return BadInput(f"{path} {why}.", "Copy it again, or convert it to JPEG or PNG.")
+
+
+def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
+    """A photo for a list of those that cannot be used: its name, and in brackets what `problem` says of `path`."""
+    return f"{name} ({problem.what.removeprefix(str(path)).strip(' .')})"
 
 
 def probe(path: Path) -> Header:

@@ -36,7 +36,7 @@ def read_split_table(path: Path) -> SplitTable:
     it).
     Raises BadInput for a file without these columns.
     """
-    fix = "It needs the tab-separated columns filename, id and split."
+    fix = "Remove it, or give it the tab-separated columns filename, id and split."
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file, delimiter="\t"))

@@ -36,6 +36,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     Raises BadInput for a folder with fewer than two readable photos, an output that exists, and where no model is
     found.
     """
+    if output.resolve() == Path.cwd():
+        raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
     if not photos.is_dir():
@@ -105,11 +107,11 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     for done, path in enumerate(paths, 1):
         copy = f"{done:06d}.jpg"
         try:
-            header = probe(path)
+            header, pixels = probe(path), read(path)  # decoded in any case: some damage shows only then
             if header.kind == "jpeg" and header.orientation == 1:
                 shutil.copyfile(path, folder / copy)
             else:
-                (folder / copy).write_bytes(_encode(read(path), header))
+                (folder / copy).write_bytes(_encode(pixels, header))
             turned += header.orientation != 1
             name = path.name if header.kind == "jpeg" else f"{path.name}.jpg"
             copies[copy] = f"{done}-{name}" if name in copies.values() else name

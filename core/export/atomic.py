@@ -5,13 +5,46 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from core.errors import BadInput, WegsError
+from core.errors import BadInput, WegsError, command
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
+_REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
+
+
+def check_folder(folder: Path) -> None:
+    """Raise BadInput unless `folder` can be written in, or be made."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise BadInput(f"{there} is not a folder.", "Write to another folder.")
+    if not os.access(there, os.W_OK):
+        raise BadInput(f"The folder {there} may not be written in.", "Write to another folder.")
+
+
+def check_file(path: Path) -> None:
+    """Raise BadInput unless a file can be written as `path`: asked before the work, not after it."""
+    if path.is_dir():
+        raise BadInput(f"{path} is a folder.", "Give the name of a file.")
+    check_folder(path.parent)
+    if not path.parent.exists():
+        fix = f"Type: {command('mkdir', '-p', path.parent)}"
+        raise BadInput(f"There is no folder {path.parent} to write {path.name} in.", fix)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """What the system refuses while `path` is written, as an error that names it."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.errno in _FULL:
+            raise WegsError(f"The disk is full: {path} was not written.", "Free some space and run it again.") from None
+        if problem.errno in _REFUSED:
+            raise BadInput(f"{path} may not be written: {problem.strerror}.", "Write to another folder.") from None
+        raise
 
 
 @contextmanager
@@ -23,22 +56,15 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises WegsError for a full disk and BadInput for a folder that is missing or may not be written.
     """
     path = Path(path)
-    if not path.parent.is_dir():
-        raise BadInput(f"There is no folder {path.parent} to write {path.name} in.", f"Type: mkdir -p {path.parent}")
-    if path.is_dir():
-        raise BadInput(f"{path} is a folder.", "Give the name of a file.")
+    check_file(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        yield temporary
-        os.replace(temporary, path)
-    except OSError as problem:
-        if problem.errno in _FULL:
-            raise WegsError(f"The disk is full: {path} was not written.", "Free some space and run it again.") from None
-        if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
-            raise BadInput(f"{path} may not be written: {problem.strerror}.", "Write to another folder.") from None
-        raise
+        with _named(path):
+            yield temporary
+            os.replace(temporary, path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # where nothing may be written, nothing is left to remove
+            temporary.unlink()
 
 
 @contextmanager
@@ -48,23 +74,26 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
     patterns: globs of the files that such a block writes. Raises BadInput, before anything is made, if `folder` has
     files; with `force`, those that match are replaced and others still refused.
     """
-    if folder.exists() and not folder.is_dir():
-        raise BadInput(f"{folder} is a file.", "Give the name of a folder.")
+    check_folder(folder)
     old = list(folder.iterdir()) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
     if foreign:
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
-    temporary = folder.with_name(f".{folder.name}.{os.getpid()}")
+    whole = folder.resolve()  # "." has no name that another could stand beside
+    temporary = whole.with_name(f".{whole.name}.{os.getpid()}")
     try:
-        temporary.mkdir(parents=True)
-        yield temporary
-        for path in old:
-            path.unlink()
-        folder.mkdir(exist_ok=True)
-        for path in temporary.iterdir():
-            os.replace(path, folder / path.name)
+        with _named(folder):
+            temporary.mkdir(parents=True)
+            yield temporary
+            for path in old:
+                path.unlink()
+            folder.mkdir(exist_ok=True)
+            for path in temporary.iterdir():
+                os.replace(path, folder / path.name)
+    except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
+        raise type(problem)(problem.what.replace(str(temporary), str(folder)), problem.fix) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -22,11 +22,11 @@ def to_8_bit(image: Float[Tensor, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
     return (image.detach().clamp(0, 1) * 255).round().byte().cpu().numpy()
 
 
-def write_png(path: Path, pixels: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write RGB pixels, whole or not at all."""
+def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
+    """Write RGB or grey pixels, whole or not at all."""
+    data = cv2.imencode(".png", pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1]
     with replacing(path) as temporary:
-        if not cv2.imwrite(str(temporary), cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)):
-            raise WegsError(f"{path} could not be written.", "Look whether the disk is full.")
+        temporary.write_bytes(data)  # OpenCV would not say that the disk is full
 
 
 def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
@@ -56,3 +56,5 @@ def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Non
         for frame in frames:
             writer.write(cv2.cvtColor(frame[:height, :width], cv2.COLOR_RGB2BGR))
         writer.release()
+        if not cv2.VideoCapture(str(temporary)).isOpened():  # the writer says nothing, but its index comes last
+            raise WegsError(f"{path} could not be written whole.", "Look whether the disk is full.")

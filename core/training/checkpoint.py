@@ -10,9 +10,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from core.errors import BadInput
+from core.errors import BadInput, command
 
-PATTERN = "checkpoint_*.safetensors"
+PATTERN = "checkpoint_[0-9]*.safetensors"
 VERSION = 1
 
 
@@ -39,7 +39,8 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
         os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         temporary.unlink(missing_ok=True)
-        raise BadInput(f"{path} could not be written: {error}.", "Free some space, then `wegs train --resume`.") from None
+        again = f"type: {command('wegs', 'train', '--resume', '-o', folder)}" if newest(folder) else "train again."
+        raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then {again}") from None
     for old in folder.glob(PATTERN):
         if old != path:
             old.unlink()
@@ -48,7 +49,8 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
 
 def newest(folder: Path) -> Path | None:
     """The checkpoint with the highest step in a run folder, or None."""
-    return max(folder.glob(PATTERN), key=lambda path: path.name, default=None)
+    # Steps are padded with zeros, but only to six digits: of two names the longer one is the later one.
+    return max(folder.glob(PATTERN), key=lambda path: (len(path.name), path.name), default=None)
 
 
 def load(path: Path) -> Checkpoint:

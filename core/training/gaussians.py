@@ -17,7 +17,6 @@ INITIAL_OPACITY = 0.1  # 3DGS
 REST_BAND_SHARE = 1 / 20  # 3DGS: bands above DC learn twenty times slower
 SKY_OPACITY = 0.99
 SKY_FLATNESS = 0.01  # thickness of a dome Gaussian over its width
-LARGEST_INITIAL_SCALE = 0.2  # scene units; lonely points would otherwise start as haze over everything
 MOMENTS = ("first", "second")
 
 
@@ -150,7 +149,7 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
         points, colours = points[chosen], colours[chosen]
     distances = cKDTree(points).query(points, k=min(4, len(points)))[0].reshape(len(points), -1)[:, 1:]
     spacing = np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), 0.1)
-    scales = np.clip(spacing, 1e-5, LARGEST_INITIAL_SCALE)
+    scales = np.clip(spacing, 1e-5, settings.largest_scale / 2)  # a lonely point must not start as haze over everything
     parts = [
         _isotropic(points, scales, colours, np.full(len(points), INITIAL_OPACITY), settings.sh_degree),
     ]

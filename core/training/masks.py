@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from core.appearance.model import AppearanceModel
+from core.export.pictures import write_png
 from core.training.pictures import Pictures
 
 
@@ -22,6 +23,6 @@ def write_masks(folder: Path, model: AppearanceModel, pictures: Pictures) -> int
         target = folder / "masks" / Path(picture.photo.name).with_suffix(".png")
         target.parent.mkdir(parents=True, exist_ok=True)
         values = (mask[0].numpy() * 255).round().astype(np.uint8)
-        cv2.imwrite(str(target), cv2.resize(values, (picture.camera.width, picture.camera.height)))
+        write_png(target, cv2.resize(values, (picture.camera.width, picture.camera.height)))
         written += 1
     return written

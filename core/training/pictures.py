@@ -12,6 +12,9 @@ from torch import Tensor
 from core.appearance.encoder import shrink
 from core.data import photos as files
 from core.data.collection import Photo
+from core.data.photo_file import named_with_fault
+from core.data.split import name_them
+from core.errors import BadInput
 from core.scene.camera import Camera
 from core.training.photometric import Target
 
@@ -49,18 +52,30 @@ class Picture:
     encoder_input: Tensor
 
 
+def load_picture(photo: Photo, resolution: int, factor: float, encoder_side_px: int) -> Picture:
+    """Decode a photo at the size that `training_size` gives it; BadInput if it is missing or damaged."""
+    width, height = training_size(photo, resolution, factor)
+    loaded = files.load(photo, width, height)
+    full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
+    camera = photo.camera.resized(width, height)
+    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, encoder_side_px))
+
+
 class Pictures:
-    """Photos of one split at training size, and their targets at every coarse-to-fine size."""
+    """Photos of one split at training size, and their targets at every coarse-to-fine size.
+
+    notes: a line that names the photos left out because their damage shows only now that they are decoded.
+    """
 
     def __init__(self, photos: tuple[Photo, ...], resolution: int, factor: float, encoder_side_px: int):
-        self.pictures = []
+        self.pictures: list[Picture] = []
+        damaged = []
         for photo in photos:
-            width, height = training_size(photo, resolution, factor)
-            loaded = files.load(photo, width, height)
-            full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
-            camera = photo.camera.resized(width, height)
-            small = shrink(full, encoder_side_px)
-            self.pictures.append(Picture(photo, loaded.pixels, loaded.valid, camera, small))
+            try:
+                self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px))
+            except BadInput as problem:
+                damaged.append(named_with_fault(photo.name, photo.path, problem))
+        self.notes = name_them("damaged, not used", damaged)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
 

@@ -7,6 +7,7 @@ history.csv, masks/, results.json and per_view.json are ours.
 import hashlib
 import json
 import shutil
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,18 +17,19 @@ import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.errors import BadInput, BadSetting
-from core.export.atomic import write_json, write_text
+from core.export.atomic import check_folder, write_json, write_text
 from core.export.ply import write_points
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import MAX_DEGREE
 
 CONFIG = "config.json"
+HISTORY = "history.csv"
 RUNS = Path("runs")
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance"),
-    *("history.csv", "masks", "results.json", "per_view.json", "sheet.png"),
+    *(HISTORY, "masks", "results.json", "per_view.json", "sheet.png"),
 )
 
 
@@ -58,18 +60,27 @@ def find_run(path: Path | None) -> Path:
     return path
 
 
+def is_default(folder: Path) -> bool:
+    """Whether `folder` is the run that commands take when none is named."""
+    try:
+        return newest_run().resolve() == folder.resolve()
+    except BadInput:
+        return False
+
+
 def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> Path:
     """The folder of a new run, not yet made: `output`, or the first free one of runs/SCENE, runs/SCENE-2, ...
 
-    Raises BadInput for an output that exists, unless it is empty or, with `force`, a run.
+    Raises BadInput for an output that exists, unless it is empty or, with `force`, a run, and where nothing may be
+    written.
     """
     if output is None:
         number = 1
         while (path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")).exists():
             number += 1
+        check_folder(path)
         return path
-    if output.exists() and not output.is_dir():
-        raise BadInput(f"{output} exists and is not a folder.", "Choose another -o.")
+    check_folder(output)
     if output.exists() and any(output.iterdir()):
         if not is_run(output):
             raise BadInput(f"{output} holds files that are no run.", "Choose another -o, or empty it yourself.")
@@ -81,19 +92,46 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
 
 
 def create(folder: Path, collection: Collection, settings: Settings) -> None:
-    """Make the folder of a new run, in place of an older run, and write all that is known before the first step."""
-    for pattern in OURS:
-        for path in folder.glob(pattern):
-            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
+
+    Where that fails, nothing is left.
+    """
+    is_new = not folder.exists()
+    _clear(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.") from None
-    world = collection.frame.to_world(collection.points)
-    write_points(folder / "input.ply", world, collection.point_colours)
-    write_json(folder / "cameras.json", _cameras_json(collection))
-    write_text(folder / "cfg_args", _cfg_args(folder, collection))
-    write_config(folder, collection, settings)
+    try:
+        world = collection.frame.to_world(collection.points)
+        write_points(folder / "input.ply", world, collection.point_colours)
+        write_json(folder / "cameras.json", _cameras_json(collection))
+        write_text(folder / "cfg_args", _cfg_args(folder, collection))
+        write_config(folder, collection, settings)
+    except BaseException:
+        _clear(folder)
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def _clear(folder: Path) -> None:
+    """Delete what a run wrote into `folder`, and nothing else."""
+    for pattern in OURS:
+        for path in folder.glob(pattern):
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+
+
+def rewind_history(folder: Path, step: int) -> None:
+    """Take from history.csv what a killed run did after its last checkpoint, at `step`, and will do again."""
+    path = folder / HISTORY
+    if not path.is_file():
+        return
+    with path.open(encoding="utf-8", newline="") as file:
+        lines = file.readlines()
+    done = [line for line in lines[1:] if line.endswith("\n") and int(line.partition(",")[0]) <= step]
+    write_text(path, "".join([*lines[:1], *done]))
 
 
 # --- config.json
@@ -132,7 +170,9 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
             frame=SceneFrame.from_json(facts["frame"]),
         )
         return str(facts["run"]), settings, collection
-    except (OSError, ValueError, KeyError, TypeError, BadSetting) as problem:
+    except BadSetting as problem:
+        raise BadInput(f"{path} is of another version of wegs: {problem.what}", "Train the run again.") from None
+    except (OSError, ValueError, KeyError, TypeError) as problem:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
 
 

@@ -32,7 +32,9 @@ class SavedLook:
 
 def path_of(folder: Path, name: str) -> Path:
     """Where a run keeps the look `name`; BadSetting unless it is a plain file name other than `neutral`."""
-    if not re.fullmatch(r"\w[\w. -]*", name) or name == NEUTRAL:
+    if name == NEUTRAL:
+        raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
+    if not re.fullmatch(r"\w[\w. -]*", name):
         raise BadSetting(f"{name!r} cannot be the name of a look.", "Use letters, digits, '-', '_' and '.'.")
     return folder / FOLDER / f"{name.removesuffix('.json')}.json"
 

@@ -14,10 +14,11 @@ from core.config import Settings
 from core.data import photos as files
 from core.data.collection import Collection, Photo
 from core.errors import BadInput
+from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training import checkpoint, run, saved_look
 from core.training.gaussians import Gaussians
-from core.training.pictures import Picture, Pictures, auto_factor
+from core.training.pictures import Picture, auto_factor, load_picture, training_size
 from core.training.saved_look import NEUTRAL
 
 SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that could be told from noise
@@ -41,9 +42,22 @@ class Run:
     model: AppearanceModel
 
     def picture(self, photo: Photo) -> Picture:
-        """A photo of the collection at the size it was trained at, with its camera and the encoder's input."""
-        factor = auto_factor(self.collection.photos, "cpu")
-        return Pictures((photo,), self.settings.resolution, factor, self.settings.encoder_side_px)[0]
+        """A photo of the collection at the size it was trained at, with its camera and the encoder's input.
+
+        Raises BadInput where the photo is missing or damaged.
+        """
+        root = self.collection.root
+        if not root.is_dir():
+            raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
+        return load_picture(photo, self.settings.resolution, self._factor, self.settings.encoder_side_px)
+
+    def camera(self, photo: Photo) -> Camera:
+        """The camera of a photo of the collection at the size it was trained at; the photo itself is not needed."""
+        return photo.camera.resized(*training_size(photo, self.settings.resolution, self._factor))
+
+    @property
+    def _factor(self) -> float:
+        return auto_factor(self.collection.photos, "cpu")
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import core.rasterizer
 from core.appearance.model import AppearanceModel, Look
 from core.config import Settings
 from core.data.collection import Collection
-from core.errors import TrainingStopped
+from core.errors import BadInput, TrainingStopped
 from core.scene.splats import Splats
 from core.threads import one_torch_thread
 from core.training import checkpoint, densify, losses, schedule
@@ -58,6 +58,8 @@ class Trainer:
         factor = auto_factor(collection.photos, "cpu")
         size = (settings.resolution, factor, settings.encoder_side_px)
         self.pictures = Pictures(collection.split("train"), *size)
+        if not len(self.pictures):
+            raise BadInput(f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}.", "Copy them again.")
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
         names = [picture.photo.name for picture in self.pictures.pictures]
         self.model = AppearanceModel(settings, names)
@@ -76,10 +78,15 @@ class Trainer:
         self.collapse_told = False
 
     def _optimizer(self) -> torch.optim.Adam | None:
-        rates = {"encoder": self.settings.encoder_rate, "embedding_table": self.settings.embedding_rate}
+        rates = {
+            "encoder.unet": self.settings.network_rate,
+            "encoder": self.settings.encoder_rate,
+            "embedding_table": self.settings.embedding_rate,
+        }
         groups: dict[float, list[Tensor]] = {}
         for name, weight in self.model.named_parameters():
-            groups.setdefault(rates.get(name.split(".")[0], self.settings.network_rate), []).append(weight)
+            rate = next((rate for part, rate in rates.items() if name.startswith(part)), self.settings.network_rate)
+            groups.setdefault(rate, []).append(weight)
         if not groups:
             return None
         return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True)
@@ -125,10 +132,7 @@ class Trainer:
         leaves = self.gaussians.leaves(rows)
         shown, target = self._jittered(picture.encoder_input, target)
         look = self.model.look(shown, index)
-        embedding = look.embedding.detach().clone()
-        if settings.embedding_noise:
-            embedding += settings.embedding_noise * torch.randn(embedding.shape, generator=self.generator)
-        embedding.requires_grad_()
+        embedding = look.embedding.detach().requires_grad_()
         latents = leaves.get("latents")
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
@@ -195,10 +199,6 @@ class Trainer:
             rows = losses.transient_rows(seen.means, front, look.mask, camera)
             opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
             total = total + settings.transient_regularisation * TRANSIENT_EVERY * opacity
-        if settings.opacity_regularisation:
-            total = total + settings.opacity_regularisation * torch.sigmoid(seen.logit_opacities).mean()
-        if settings.scale_regularisation:
-            total = total + settings.scale_regularisation * torch.exp(seen.log_scales[: -self.gaussians.sky or None]).mean()
         if residual is not None:
             total = total + settings.sh_regularisation * losses.residual_norm(residual)
             if settings.gauge:

@@ -80,8 +80,8 @@ def test_only_what_is_needed_is_built(changes, expected):
 
 def test_parameter_counts_of_the_default_transfer():
     model = AppearanceModel(Settings(), PHOTOS)
-    inputs = 27 + 27 + 16  # nine coefficients of three channels, gamma(mu) of 3 * (1 + 2 * 4), the embedding
-    expected = inputs * 64 + 64 + 2 * (64 * 64 + 64) + 64 * 27 + 27
+    inputs = 12 + 27 + 16  # four coefficients of three channels, gamma(mu) of 3 * (1 + 2 * 4), the embedding
+    expected = inputs * 64 + 64 + 2 * (64 * 64 + 64) + 64 * 12 + 12
     assert sum(parameter.numel() for parameter in model.sh_transfer.parameters()) == expected
 
 

@@ -96,6 +96,6 @@ def test_a_folder_with_other_files_is_never_touched(tmp_path):
     thesis.write_text("years")
     with pytest.raises(BadInput, match="thesis.txt"), filling(tmp_path, ("*.png",), True):
         pass
-    with pytest.raises(BadInput, match="is a file"), filling(thesis, ("*.png",), True):
+    with pytest.raises(BadInput, match="not a folder"), filling(thesis, ("*.png",), True):
         pass
     assert list(tmp_path.iterdir()) == [thesis]

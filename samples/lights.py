@@ -1,0 +1,37 @@
+"""The picture at the top of the README: one scene from one camera in six lights, from the newest run of samples/plaza.
+
+    python samples/lights.py [RUN]
+"""
+
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+import core.rasterizer
+from core import pipeline
+from core.export.pictures import contact_sheet, to_8_bit, write_png
+from core.training import run
+
+VIEW = "0053.jpg"  # held out
+LOOKS = ("neutral", "0012.jpg", "0006.jpg", "0058.jpg", str(HERE / "plaza/styles/noon.jpg"), str(HERE / "plaza/styles/dusk.jpg"))
+WIDTH = 480  # px of each picture
+
+
+def main() -> None:
+    trained = pipeline.load_run(run.find_run(Path(sys.argv[1]) if len(sys.argv) > 1 else None))
+    photo = next(photo for photo in trained.collection.photos if photo.name == VIEW)
+    camera = photo.camera.resized(WIDTH, round(WIDTH * photo.camera.height / photo.camera.width))
+    rasterizer = core.rasterizer.create(trained.settings.backend)
+    pictures = []
+    for look in LOOKS:
+        splats = pipeline.bake(trained, pipeline.find_appearance(trained, look))
+        pictures.append(to_8_bit(rasterizer.render(splats, camera).image))
+    write_png(HERE / "lights.png", contact_sheet(pictures))
+
+
+if __name__ == "__main__":
+    main()

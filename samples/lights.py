@@ -11,13 +11,16 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does,
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
+import numpy as np
+
 import core.rasterizer
 from core import pipeline
-from core.export.pictures import contact_sheet, to_8_bit, write_png
+from core.export.pictures import to_8_bit, write_png
 from core.training import run
 
 VIEW = "0053.jpg"  # held out
-LOOKS = ("neutral", "0012.jpg", "0006.jpg", "0058.jpg", str(HERE / "plaza/styles/noon.jpg"), str(HERE / "plaza/styles/dusk.jpg"))
+STYLES = HERE / "plaza/styles"
+LOOKS = ("neutral", "0012.jpg", "0006.jpg", "0058.jpg", str(STYLES / "noon.jpg"), str(STYLES / "dusk.jpg"))
 WIDTH = 480  # px of each picture
 
 
@@ -30,7 +33,8 @@ def main() -> None:
     for look in LOOKS:
         splats = pipeline.bake(trained, pipeline.find_appearance(trained, look))
         pictures.append(to_8_bit(rasterizer.render(splats, camera).image))
-    write_png(HERE / "lights.png", contact_sheet(pictures))
+    rows = [np.concatenate(pictures[start : start + 3], axis=1) for start in (0, 3)]
+    write_png(HERE / "lights.png", np.concatenate(rows))
 
 
 if __name__ == "__main__":

@@ -67,6 +67,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         return f"The disk is full ({problem.filename or 'while writing'}). Free some space and run it again.", 1
     if isinstance(problem, OSError) and problem.errno in UNUSABLE and problem.filename:
         return f"{problem.filename}: {problem.strerror}. Choose another path, or change who may use this one.", 1
+    if isinstance(problem, UnicodeEncodeError):
+        return f"{ascii(problem.object[max(0, problem.start - 60) : problem.end])} cannot be written as {problem.encoding}. Rename the file or folder.", 1
     # torch has no exception of its own for a CPU that ran out: the words are all there is.
     if isinstance(problem, MemoryError) or (
         isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
@@ -114,6 +116,8 @@ def run() -> None:
     if origin is not None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")  # a terminal without a letter shows its code
     # Read once, when torch loads: OpenMP threads that spin while they wait keep the kernels' own threads from running.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     wegs(prog_name="wegs")

@@ -113,7 +113,8 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
             else:
                 (folder / copy).write_bytes(_encode(pixels, header))
             turned += header.orientation != 1
-            name = path.name if header.kind == "jpeg" else f"{path.name}.jpg"
+            name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes no other bytes
+            name = name if header.kind == "jpeg" else f"{name}.jpg"
             copies[copy] = f"{done}-{name}" if name in copies.values() else name
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")

@@ -69,7 +69,9 @@ def train(
     if settings.device == "cuda":
         raise BadSetting("device=cuda: this version computes on the CPU only.", "Leave --device out.")
     if settings.resolution == 0:
-        raise BadSetting("resolution=0 is no size.", "Type -r 1, 2, 4 or 8 to divide the photos' size, or a width in px.")
+        raise BadSetting(
+            "resolution=0 is no size.", "Type -r 1, 2, 4 or 8 to divide the photos' size, or a width in px."
+        )
     core.rasterizer.create(settings.backend)  # refuses an unknown one before the minutes that cameras may take
     name = scene.resolve().name or "scene"
     folder = run.choose_folder(output, name, force)

@@ -1,5 +1,6 @@
 """A collection small enough to train in a test: coloured balls seen by a ring of cameras, each photo in its own light."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -48,3 +49,12 @@ def ring_camera(angle: float, distance: float = 3.0) -> Camera:
     right = np.array([np.cos(angle), 0.0, np.sin(angle)])
     rotation = np.stack([right, np.array([0.0, 1.0, 0.0]), forward])
     return Camera(rotation, centre, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT)
+
+
+def damage(photo: Photo) -> Photo:
+    """The photo as a JPEG whose lower half is lost behind an end marker: seen only once it is decoded."""
+    path = photo.path.with_suffix(".jpg")
+    noise = np.random.default_rng(3).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    data = cv2.imencode(".jpg", noise)[1].tobytes()
+    path.write_bytes(data[: len(data) // 2] + b"\xff\xd9")
+    return replace(photo, path=path)

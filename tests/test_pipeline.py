@@ -18,7 +18,7 @@ from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.report import Report
 from core.training import run
-from tests.small import small_collection, small_settings
+from tests.small import damage, small_collection, small_settings
 
 STEPS = 12
 
@@ -96,9 +96,16 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
         pipeline.train(small_scene, small_settings(steps=STEPS), folder, Impatient())
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert not (folder / "point_cloud").exists()
+    with (folder / "history.csv").open("a") as file:
+        file.write("9,0.1,400,0.3,0.3,1.0,0.0,\n")  # as if it had gone on and then been killed
     heard = Heard()
     pipeline.resume(folder, heard)
     assert heard.steps[0] == (6, STEPS)
+    steps = [
+        [line.split(",")[0] for line in (where / "history.csv").read_text().splitlines()]
+        for where in (trained[0], folder)
+    ]
+    assert steps[0] == steps[1]
     resumed = pipeline.load_run(folder)
     for name, tensor in whole.splats.tensors().items():
         assert torch.equal(getattr(resumed.splats, name), tensor), name
@@ -122,9 +129,9 @@ def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypat
 
 def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path):
     output = tmp_path / "run"
-    for settings in (small_settings(backend="cuda"), small_settings(device="cuda")):
-        with pytest.raises(BadSetting, match="cuda"):
-            pipeline.train(small_scene, settings, output)
+    for changes, word in (({"backend": "cuda"}, "cuda"), ({"device": "cuda"}, "cuda"), ({"resolution": 0}, "-r 1")):
+        with pytest.raises(BadSetting, match=word):
+            pipeline.train(small_scene, small_settings(**changes), output)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -261,6 +268,54 @@ def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, m
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run")
     with pytest.raises(BadInput, match="no held-out photos"):
         pipeline.evaluate(folder)
+
+
+# --- photos that are damaged, or gone
+
+
+def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, monkeypatch):
+    collection = pipeline.load_collection(small_scene)
+    photos = [damage(photo) if photo.name in ("photo_0.png", "photo_2.png") else photo for photo in collection.photos]
+    spoilt = replace(collection, photos=tuple(photos))
+    monkeypatch.setattr(pipeline, "load_collection", lambda path: spoilt)
+    heard = Heard()
+    folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "a run", heard)
+    said = "\n".join(heard.lines)
+    assert "! 1 photo damaged, not used: photo_0.png" in said and "! 1 photo damaged, not used: photo_2.png" in said
+    assert f"Next: wegs bake --run '{folder}'" in said  # not the newest of ./runs, and with a space
+    with pytest.raises(BadInput, match="photo_0.jpg ends before"):
+        pipeline.export(folder, "photo_0.png", tmp_path / "a.ply")
+    heard = Heard()
+    results = pipeline.evaluate(folder, report=heard, refine=False)
+    assert [view.name for view in results.views] == ["photo_5.png"] and results.test_photos == 2
+    assert any(line.startswith("! 1 photo that cannot be read, not measured: photo_2.png (") for line in heard.lines)
+
+
+def test_a_run_outlives_its_photos(trained, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(trained[0], folder)
+    facts = json.loads((folder / "config.json").read_text())
+    facts["scene"]["path"] = str(tmp_path / "gone")
+    (folder / "config.json").write_text(json.dumps(facts))
+    pipeline.export(folder, "neutral", tmp_path / "a.ply")
+    before, after = pipeline.load_run(trained[0]), pipeline.load_run(folder)
+    photo = before.collection.photos[0]
+    assert before.camera(photo) == before.picture(photo).camera  # one class of arrays: the very same numbers
+    pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
+    for need in (lambda: pipeline.evaluate(folder), lambda: after.picture(photo)):
+        with pytest.raises(BadInput, match="gone is gone. Move the photos back"):
+            need()
+
+
+def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
+    pipeline.export(trained[0], "photo_0.png", tmp_path / "a.ply", save_as="kept")
+    path = trained[0] / "appearance" / "kept.json"
+    before = path.read_text()
+    with pytest.raises(BadInput, match="kept.json exists.*--force"):
+        pipeline.export(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept")
+    assert path.read_text() == before and not (tmp_path / "b.ply").exists()
+    pipeline.export(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True)
+    assert path.read_text() != before
 
 
 # --- plain photos

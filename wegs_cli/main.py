@@ -68,7 +68,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, OSError) and problem.errno in UNUSABLE and problem.filename:
         return f"{problem.filename}: {problem.strerror}. Choose another path, or change who may use this one.", 1
     if isinstance(problem, UnicodeEncodeError):
-        return f"{ascii(problem.object[max(0, problem.start - 60) : problem.end])} cannot be written as {problem.encoding}. Rename the file or folder.", 1
+        words = ascii(problem.object[max(0, problem.start - 60) : problem.end])
+        return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
     # torch has no exception of its own for a CPU that ran out: the words are all there is.
     if isinstance(problem, MemoryError) or (
         isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)

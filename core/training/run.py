@@ -171,7 +171,8 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
         )
         return str(facts["run"]), settings, collection
     except BadSetting as problem:
-        raise BadInput(f"{path} is of another version of wegs: {problem.what}", "Train the run again.") from None
+        fix = "It is of another version of wegs, or was changed: train the run again."
+        raise BadInput(f"{path} cannot be used: {problem.what}", fix) from None
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
 

@@ -1,14 +1,16 @@
 """What becomes of exceptions: one line and the right exit code for the user's, a traceback for ours."""
 
 import errno
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 
-from core.errors import BadInput, BadSetting, TrainingStopped
+from core.errors import BadInput, BadSetting, TrainingStopped, command
 from wegs_cli import main
 from wegs_cli.main import Group
 
@@ -37,6 +39,9 @@ def outcome_of(problem: BaseException):
         (KeyboardInterrupt("Step 7 is kept."), "Stopped. Step 7 is kept.", 130),
         (KeyboardInterrupt(), "Stopped.", 130),
         (OSError(errno.ENOSPC, "No space left on device", "a.ply"), "The disk is full (a.ply).", 1),
+        (OSError(errno.EROFS, "Read-only file system", "a.ply"), "a.ply: Read-only file system.", 1),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long.", 1),
+        (UnicodeEncodeError("utf-8", "photos \udcfe", 7, 8, "no"), r"'photos \udcfe' cannot be written as utf-8", 1),
         (MemoryError(), "not enough memory", 1),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes"), "not enough memory", 1),
     ],
@@ -89,3 +94,9 @@ def test_a_foreign_core_is_named(tmp_path):
 
 def test_our_core_is_recognised():
     assert main.foreign_core() is None
+
+
+def test_a_command_to_type_can_be_pasted():
+    line = command("wegs", "train", Path("my photos"), "-o", Path("runs/a"))
+    assert line == "wegs train 'my photos' -o runs/a"
+    assert shlex.split(line)[2] == "my photos"

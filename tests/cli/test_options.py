@@ -84,8 +84,10 @@ def test_the_same_setting_twice_is_refused():
     ],
 )
 def test_a_bad_file_is_refused(tmp_path, text, error, words):
-    with pytest.raises(error, match=words):
-        settings_from(None, write_toml(tmp_path, text), (), {})
+    path = write_toml(tmp_path, text)
+    with pytest.raises(error, match=words) as caught:
+        settings_from(None, path, (), {})
+    assert str(caught.value).startswith(str(path))
 
 
 def test_a_missing_file_is_named(tmp_path):

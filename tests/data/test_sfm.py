@@ -1,6 +1,7 @@
 """Structure from motion: from photos of a room corner, made here, back to the cameras that took them."""
 
 import errno
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -176,3 +177,22 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
     with pytest.raises(WegsError, match="The disk is full"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg"]
+
+
+def test_damage_that_shows_only_when_decoding_leaves_a_photo_out(tmp_path):
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    noise_photo(photos / "a.jpg", 1)
+    whole = (photos / "a.jpg").read_bytes()
+    (photos / "b.jpg").write_bytes(whole[: len(whole) // 2] + b"\xff\xd9")
+    heard = Listener()
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(photos, tmp_path / "scene", heard)
+    assert any("b.jpg ends before" in line for line in heard.lines)
+    assert list(tmp_path.iterdir()) == [photos]
+
+
+def test_the_folder_one_is_in_cannot_become_the_scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadInput, match="folder you are in"):
+        reconstruct(tmp_path, Path("."), Report())

@@ -1,6 +1,8 @@
 """PNG, contact sheet, video, and files and folders that appear whole or not at all."""
 
 import errno
+import os
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 import torch
 
 from core.errors import BadInput, WegsError
-from core.export.atomic import filling, replacing, write_json
+from core.export.atomic import check_file, check_folder, filling, replacing, write_json
 from core.export.pictures import SHEET_COLUMNS, SHEET_TILE_PX, contact_sheet, to_8_bit, write_png, write_video
 
 
@@ -46,6 +48,34 @@ def test_a_video_has_every_frame_even_at_an_odd_size(tmp_path):
         assert frame[1].shape == (48, 64, 3)
         means.append(float(frame[1].mean()))
     np.testing.assert_allclose(means, [25 * number for number in range(10)], atol=4)  # MPEG-4 is lossy
+
+
+def test_a_video_that_was_cut_short_is_noticed(tmp_path, monkeypatch):
+    class FullDisk:
+        """OpenCV's writer where the disk is full: no error, and a file without its end."""
+
+        def __init__(self, path, *_):
+            self.path = path
+
+        def isOpened(self):
+            return True
+
+        def write(self, frame):
+            Path(self.path).write_bytes(b"\0\0\0\x1cftypisom")
+
+        def release(self):
+            pass
+
+    monkeypatch.setattr(cv2, "VideoWriter", FullDisk)
+    with pytest.raises(WegsError, match="a.mp4 could not be written whole"):
+        write_video(tmp_path / "a.mp4", [np.zeros((8, 8, 3), np.uint8)])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_png_may_be_grey(tmp_path):
+    pixels = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    write_png(tmp_path / "a.png", pixels)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), pixels)
 
 
 def test_a_file_keeps_its_old_content_when_writing_fails(tmp_path):
@@ -99,3 +129,41 @@ def test_a_folder_with_other_files_is_never_touched(tmp_path):
     with pytest.raises(BadInput, match="not a folder"), filling(thesis, ("*.png",), True):
         pass
     assert list(tmp_path.iterdir()) == [thesis]
+
+
+def test_the_folder_one_is_in_can_be_filled(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with filling(Path("."), ("*.png",), False) as work:
+        (work / "a.png").write_text("one")
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.png"]
+
+
+def test_an_error_names_the_folder_and_not_where_it_is_being_filled(tmp_path):
+    fade = filling(tmp_path / "fade", ("*.png",), False)
+    with pytest.raises(WegsError, match="fade/a.png") as caught, fade as work, replacing(work / "a.png"):
+        raise OSError(errno.ENOSPC, "full")
+    assert work.name not in str(caught.value)
+
+
+def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="file is not a folder"):
+        check_file(tmp_path / "file" / "a.ply")
+    with pytest.raises(BadInput, match="mkdir -p .*'?no such'?"):
+        check_file(tmp_path / "no such" / "a.ply")
+    check_folder(tmp_path / "none" / "none")  # can be made
+    monkeypatch.setattr(
+        os, "access", lambda path, mode: False
+    )  # who runs the tests may be root, who may write anywhere
+    for check, path in ((check_file, tmp_path / "a.ply"), (check_folder, tmp_path / "none" / "none")):
+        with pytest.raises(BadInput, match=f"{tmp_path} may not be written in"):
+            check(path)
+
+
+def test_a_temporary_file_that_cannot_be_removed_hides_no_error(tmp_path, monkeypatch):
+    def refuse(self, missing_ok=False):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(BadInput, match="may not be written"), replacing(tmp_path / "a.ply"):
+        raise OSError(errno.EROFS, "Read-only file system")

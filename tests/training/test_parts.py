@@ -136,6 +136,27 @@ def test_schedules_are_fractions_of_the_steps():
 # --- checkpoints
 
 
+def test_the_newest_checkpoint_is_the_one_of_the_highest_step(tmp_path):
+    for name in ("000400", "999999", "1000000"):
+        (tmp_path / f"checkpoint_{name}.safetensors").write_text("")
+    (tmp_path / "checkpoint_of_yesterday.safetensors").write_text("")
+    assert checkpoint.newest(tmp_path).name == "checkpoint_1000000.safetensors"
+
+
+def test_a_checkpoint_that_cannot_be_written_says_how_to_go_on(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
+    checkpoint.save(tmp_path, saved)
+    monkeypatch.setattr(checkpoint, "save_file", full)
+    with pytest.raises(BadInput, match="No space left.*wegs train --resume -o"):
+        checkpoint.save(tmp_path, checkpoint.Checkpoint(saved.tensors, {"step": 8}))
+    checkpoint.newest(tmp_path).unlink()
+    with pytest.raises(BadInput, match="then train again"):
+        checkpoint.save(tmp_path, saved)
+
+
 def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
     saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
     path = checkpoint.save(tmp_path, saved)

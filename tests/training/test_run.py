@@ -83,6 +83,36 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
             run.choose_folder(Path(name), "plaza", force=True)
 
 
+def test_a_run_that_cannot_be_begun_leaves_nothing(tmp_path, collection, monkeypatch):
+    def full(*_):
+        raise BadInput("The disk is full.")
+
+    monkeypatch.setattr(run, "write_config", full)
+    thesis = tmp_path / "there" / "thesis.txt"
+    thesis.parent.mkdir()
+    thesis.write_text("years")
+    for folder in (tmp_path / "new", thesis.parent):
+        with pytest.raises(BadInput, match="full"):
+            run.create(folder, collection, small_settings())
+    assert not (tmp_path / "new").exists() and list(thesis.parent.iterdir()) == [thesis]
+
+
+def test_the_run_that_is_taken_when_none_is_named(here):
+    assert not run.is_default(Path("runs/a"))
+    begin(Path("runs/a"), age_s=5)
+    begin(Path("elsewhere"))
+    assert run.is_default(here / "runs" / "a") and not run.is_default(Path("elsewhere"))
+
+
+@pytest.mark.parametrize("end", ["", "40,1", "40,1.0\r\n50,1.2\r\n50"])
+def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
+    kept = "step,seconds\r\n10,0.5\r\n20,0.7\r\n"
+    (tmp_path / "history.csv").write_text(kept + end, newline="")
+    run.rewind_history(tmp_path, 20)
+    assert (tmp_path / "history.csv").read_bytes() == kept.encode()
+    run.rewind_history(tmp_path / "none", 20)  # killed before its first line
+
+
 def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):
     folder = tmp_path / "run"
     (folder / "masks").mkdir(parents=True)
@@ -189,3 +219,8 @@ def test_a_look_of_no_use_is_refused(tmp_path, text, words):
 def test_a_look_needs_a_plain_name(tmp_path, name):
     with pytest.raises(BadSetting):
         saved_look.path_of(tmp_path, name)
+
+
+def test_a_look_may_not_be_called_neutral_and_is_told_why(tmp_path):
+    with pytest.raises(BadSetting, match="every run has"):
+        saved_look.path_of(tmp_path, "neutral")

@@ -1,14 +1,15 @@
 """The loop as a whole: it learns, it resumes bit for bit, it survives what it should."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
-from core.errors import TrainingStopped
+from core.errors import BadInput, TrainingStopped
 from core.training import checkpoint
 from core.training.trainer import Trainer
-from tests.small import small_collection, small_settings
+from tests.small import damage, small_collection, small_settings
 
 
 @pytest.fixture
@@ -52,6 +53,18 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, 
     assert expected.keys() == actual.keys()
     for name, tensor in expected.items():
         assert torch.equal(tensor, actual[name]), name
+
+
+def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, tmp_path):
+    first, *others = collection.photos
+    trainer = Trainer(replace(collection, photos=(damage(first), *others)), small_settings(), tmp_path)
+    assert [picture.photo.name for picture in trainer.pictures.pictures] == ["photo_1.png", "photo_3.png", "photo_4.png"]
+    (note,) = trainer.pictures.notes
+    assert note.startswith("1 photo damaged, not used: photo_0.png (ends before") and str(tmp_path) not in note
+    assert trainer.held_out.notes == [] and next(trainer.train()).step == 1
+    hopeless = replace(collection, photos=tuple(map(damage, collection.photos)))
+    with pytest.raises(BadInput, match="no photo is left to train on. 4 photos damaged"):
+        Trainer(hopeless, small_settings(), tmp_path)
 
 
 def test_the_cap_always_holds(collection, tmp_path):

@@ -21,7 +21,7 @@ class Settings:
 
     # --- the run
     steps: int = setting(3000, "Optimisation steps; every schedule is a fraction of them.", low=1)
-    seed: int = setting(0, "Seed of everything random.", low=0)
+    seed: int = setting(0, "Seed of everything random.", low=0, high=2**63 - 1)
     device: str = setting("auto", "Where to compute.", choices=("auto", "cpu", "cuda"))
     backend: str = setting("auto", "Rasterizer.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(-1, "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 decides.", low=-1)
@@ -91,6 +91,10 @@ class Settings:
     def __post_init__(self):
         for item in fields(self):
             check(item, getattr(self, item.name))
+        if self.densify_from > self.densify_until:
+            raise BadSetting(
+                f"densify_from={self.densify_from} is after densify_until={self.densify_until}.", "Growth must start first."
+            )
 
     def changed(self, **values: Any) -> "Settings":
         """A copy with other values; unknown names and values out of range raise BadSetting."""
@@ -109,7 +113,7 @@ def check(item, value: Any) -> None:
     rules = item.metadata
     good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))
     if item.type is float:
-        good = isinstance(value, (int, float)) and not isinstance(value, bool) and not math.isnan(value)
+        good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not good:
         raise BadSetting(f"{item.name}={value!r} is not of type {item.type.__name__}.", item.metadata["help"])
     if rules["choices"] and value not in rules["choices"]:

@@ -208,6 +208,8 @@ class Trainer:
     def _gauge(self) -> Tensor:
         """The mean squared residual of the mean embedding, over a draw of Gaussians: 0 where the base is the neutral look."""
         splats, latents = self.gaussians.splats, self.gaussians.latents
+        if not len(self.gaussians):
+            return torch.zeros(())
         rows = torch.randint(len(self.gaussians), (GAUGE_ROWS,), generator=self.generator)
         latents = None if latents is None else latents[rows]
         _, residual = self.model.transfer(splats.sh[rows], splats.means[rows], self.model.mean_embedding, latents)

@@ -31,7 +31,7 @@ def run(collection, folder, settings, until=None):
 
 
 def test_the_picture_loss_falls(collection, tmp_path):
-    _, reports = run(collection, tmp_path / "run", small_settings(steps=120))
+    _, reports = run(collection, tmp_path / "run", small_settings(steps=150, coarse_until=0.0))
     first = sum(report.picture_loss for report in reports[:10]) / 10
     last = sum(report.picture_loss for report in reports[-10:]) / 10
     assert last < 0.7 * first

@@ -9,8 +9,9 @@ from core.scene.camera import Camera
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
 TYPICAL_ERROR = 0.05  # makes the weight of L_regM comparable with the picture's loss
-LEAST_ERROR = 1 / 255  # of a median; below it an error is rounding
-LARGEST_EXCESS = 10.0  # medians; one saturated lamp must not outweigh a photo
+USUAL = 0.8  # passers-by seldom cover more than the rest
+LEAST_ERROR = 1 / 255  # below it an error is rounding
+LARGEST_EXCESS = 10.0  # one saturated lamp must not outweigh a photo
 COLLAPSED = 0.6  # a photo of which less counts as static is not a photo of this place
 
 
@@ -23,13 +24,14 @@ def mask_loss(
     """What teaches the mask: it may hide a place only where the error there pays for it. Pictures are detached.
 
     Picture and photo are compared after both were averaged down to the mask: a passer-by changes the mean colour of a place, detail
-    that is not learnt yet does not. The error counts in units of its median over the photo, which says how well the look
-    of the whole photo is learnt by now; what exceeds the median pays. A place is best hidden by
-    1 - M = TYPICAL_ERROR * (error / median - 1) / (2 * regularisation). L_regM is the mean of (1 - M)^2.
+    that is not learnt yet does not. The error counts in units of the photo's own large errors (their USUAL quantile), which
+    say how well the photo is learnt by now; only what exceeds them pays. (The median would not do: where half of a photo
+    is easy sky, it calls the landmark unusual.) A place is best hidden by
+    1 - M = TYPICAL_ERROR * (error / usual - 1) / (2 * regularisation). L_regM is the mean of (1 - M)^2.
     """
     difference = image.detach().permute(2, 0, 1) - photo
     error = F.interpolate(difference[None], size=mask.shape[-2:], mode="area")[0].abs().mean(dim=0, keepdim=True)
-    excess = (error / error.median().clamp_min(LEAST_ERROR) - 1).clamp(0, LARGEST_EXCESS)
+    excess = (error / error.quantile(USUAL).clamp_min(LEAST_ERROR) - 1).clamp(0, LARGEST_EXCESS)
     return TYPICAL_ERROR * (mask * excess).mean() + regularisation * ((1 - mask) ** 2).mean()
 
 

@@ -18,10 +18,10 @@ from core import pipeline
 from core.export.pictures import to_8_bit, write_png
 from core.training import run
 
-VIEW = "0019.jpg"  # held out
+VIEW = "0006.jpg"  # held out
 STYLES = HERE / "plaza/styles"
-LOOKS = ("neutral", "0012.jpg", "0006.jpg", "0058.jpg", str(STYLES / "noon.jpg"), str(STYLES / "dusk.jpg"))
-WIDTH = 240  # px of each picture
+LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", str(STYLES / "noon.jpg"), str(STYLES / "dusk.jpg"))
+WIDTH = 320  # px of each picture
 
 
 def main() -> None:
@@ -33,7 +33,8 @@ def main() -> None:
     for look in LOOKS:
         splats = pipeline.bake(trained, pipeline.find_appearance(trained, look))
         pictures.append(to_8_bit(rasterizer.render(splats, camera).image))
-    write_png(HERE / "lights.png", np.concatenate(pictures, axis=1))
+    rows = [np.concatenate(pictures[start : start + 3], axis=1) for start in (0, 3)]
+    write_png(HERE / "lights.png", np.concatenate(rows))
 
 
 if __name__ == "__main__":

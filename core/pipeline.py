@@ -165,9 +165,12 @@ def _tell_sizes(trainer: Trainer, report: Report) -> None:
         report.warn(note)
     sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures.pictures})
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
-    report.say(
-        f"Training {trainer.settings.steps} steps at {spread} px, at most {trainer.settings.max_gaussians} Gaussians"
-    )
+    settings = trainer.settings
+    report.say(f"Training {settings.steps} steps at {spread} px, at most {settings.max_gaussians} Gaussians")
+    looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
+    parts = [looks[settings.appearance]]
+    parts += ["masks of passers-by"] * (settings.transients == "on") + ["a sky dome"] * (settings.sky == "dome")
+    report.say(f"It learns {', '.join(parts)}; harmonics of degree {settings.sh_degree}")
 
 
 # --- trained run -> .ply and pictures

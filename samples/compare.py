@@ -4,7 +4,7 @@
     python samples/compare.py SCENE -r 2 --output runs/compare
 
 The rivals: plain 3DGS (`--preset vanilla`) and the affine exposure model (`--set appearance=exposure`), the latter with
-all else of the method. Runs that exist in the output folder are measured again, not trained again.
+all else of the method. Finished runs in the output folder are measured again, not trained again.
 """
 
 import json
@@ -37,9 +37,9 @@ def main(scene: Path, preset_name: str, resolution: int, output: Path, protocols
     with Terminal() as terminal:
         for name, changes in RIVALS.items():
             folder = output / f"{scene.name}-{name.replace(' ', '-')}"
-            if not run.is_run(folder):
+            if not (folder / "point_cloud").is_dir():
                 settings = preset(preset_name).changed(**changes, resolution=resolution)
-                pipeline.train(scene, settings, folder, terminal)
+                pipeline.train(scene, settings, folder, terminal, force=True)
             trained = pipeline.load_run(folder)
             bytes_ = run.point_cloud_path(folder, trained.step).stat().st_size
             for protocol in protocols:

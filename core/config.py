@@ -77,7 +77,6 @@ class Settings:
     densify_from: float = setting(0.12, "Fraction at which growth starts.", low=0, high=1)
     densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
     densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
-    opacity_resets: int = setting(0, "Opacity resets during growth.", low=0)
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(4.0, "Gaussians farther from SfM points than these lie apart, times this, are removed; 0 keeps all.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)

@@ -11,7 +11,6 @@ from core.training.gaussians import Gaussians
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
 SPLIT_SHRINK = 1.6  # 3DGS
 GRADIENT_FLOOR = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
-RESET_OPACITY = 0.01  # 3DGS
 
 
 def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int) -> None:
@@ -38,12 +37,13 @@ class Surroundings:
 
     def outside(self, means: Tensor) -> Tensor:
         """Which of the centres (N, 3) lie in no ball around one of their eight nearest points."""
-        distances, nearest = self.tree.query(means.numpy(), k=min(8, len(self.radii)))
+        # The tree refuses NaN; such a Gaussian goes for not being finite, wherever it is taken to be.
+        distances, nearest = self.tree.query(torch.nan_to_num(means).numpy(), k=min(8, len(self.radii)))
         nearest = nearest.reshape(len(means), -1)
         return torch.from_numpy((distances.reshape(len(means), -1) > self.radii[nearest]).all(axis=1))
 
 
-def prune(gaussians: Gaussians, settings: Settings, surroundings: "Surroundings | None" = None) -> int:
+def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings | None = None) -> int:
     """Remove what is too faint, too large, too far from all SfM points or not finite; returns how many went."""
     splats = gaussians.splats
     bad = torch.sigmoid(splats.logit_opacities) < settings.prune_opacity
@@ -84,14 +84,6 @@ def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch
     gaussians.parameters["log_scales"][chosen[large]] = born["log_scales"][large]
     gaussians.insert(born)
     return count
-
-
-def reset_opacity(gaussians: Gaussians) -> None:
-    """Bring every opacity down to RESET_OPACITY, so that what the pictures do not need fades (3DGS)."""
-    solid = gaussians.solid
-    gaussians.parameters["logit_opacities"][:solid].clamp_(max=torch.logit(torch.tensor(RESET_OPACITY)))
-    gaussians.first["logit_opacities"].zero_()
-    gaussians.second["logit_opacities"].zero_()
 
 
 def _rotations(quaternions: Tensor) -> Tensor:

@@ -53,8 +53,7 @@ class Trainer:
         torch.manual_seed(settings.seed)
         self.collection, self.settings, self.folder = collection, settings, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
-        self.backend = "cpu" if settings.backend == "auto" else settings.backend
-        self.rasterizer = core.rasterizer.create(self.backend)
+        self.rasterizer = core.rasterizer.create(settings.backend)
         factor = auto_factor(collection.photos, "cpu")
         size = (settings.resolution, factor, settings.encoder_side_px)
         self.pictures = Pictures(collection.split("train"), *size)

@@ -65,6 +65,13 @@ def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gau
     assert all(len(tensor) == len(gaussians) for tensor in gaussians.tensors().values())
 
 
+def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gaussians):
+    points = gaussians.parameters["means"][: gaussians.solid].double().numpy()
+    gaussians.parameters["means"][0] = float("nan")
+    gaussians.parameters["means"][1] = 50.0
+    assert densify.prune(gaussians, small_settings(), densify.Surroundings(points, reach=4.0)) == 2
+
+
 def test_growth_clones_the_small_and_splits_the_large(gaussians):
     solid = gaussians.solid
     gaussians.seen.fill_(1)

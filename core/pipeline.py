@@ -37,6 +37,7 @@ __all__ = [
     "export",
     "find_appearance",
     "find_cameras",
+    "held_out_view",
     "interpolate",
     "load_run",
     "resume",
@@ -286,7 +287,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     views, pictures, scales, unreadable = [], [], [], []
     for number, photo in enumerate(photos):
         try:
-            view = _held_out_view(trained, photo)
+            view = held_out_view(trained, photo)
         except BadInput as problem:
             if photo is photos[-1] and not views:
                 raise
@@ -321,7 +322,8 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     return results
 
 
-def _held_out_view(trained: Run, photo: Photo) -> View:
+def held_out_view(trained: Run, photo: Photo) -> View:
+    """A held-out photo at training size, with its truth where that is known; BadInput if it is missing or damaged."""
     picture = trained.picture(photo)
     camera = picture.camera
     pixels = torch.from_numpy(picture.pixels).float() / 255

@@ -13,5 +13,5 @@ class Report:
     def progress(self, what: str, done: int, total: int, note: str = "") -> None:
         """`done` of `total` parts of `what` are through; `note` holds figures for the end of the bar."""
 
-    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
-        """Names and values, at the end of something."""
+    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
+        """Names and values, at the end of something; with a header, columns of any number."""

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 350
-# wegs_cli -> pipeline -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
+# wegs_cli -> bench -> pipeline -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
 LAYERS = [
     {"core", "core.errors", "core.report", "core.threads"},  # "core" itself: the version
     {"core.config"},
@@ -18,6 +18,7 @@ LAYERS = [
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},
     {"core.pipeline"},
+    {"core.bench"},
     {"wegs_cli"},
 ]
 HEIGHT = {part: height for height, parts in enumerate(LAYERS) for part in parts}
@@ -122,7 +123,7 @@ def test_help_needs_no_heavy_library(module):
         exists = False
     if not exists:
         pytest.skip(f"{module} does not exist")
-    code = f"import sys, {module}; print(*sorted({{'torch', 'numba', 'cv2', 'pycolmap'}} & set(sys.modules)))"
+    code = f"import sys, {module}; print(*sorted({{'torch', 'numba', 'cv2', 'pycolmap', 'matplotlib'}} & set(sys.modules)))"
     command = [sys.executable, "-c", code]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
     assert (result.returncode, result.stdout.strip()) == (0, ""), result.stderr

@@ -15,6 +15,7 @@ COMMANDS = {
     "bake": "wegs_cli.bake:bake",
     "interpolate": "wegs_cli.interpolate:interpolate",
     "eval": "wegs_cli.evaluate:evaluate",
+    "bench": "wegs_cli.bench:bench",
     "sfm": "wegs_cli.sfm:sfm",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)

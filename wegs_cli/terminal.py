@@ -44,15 +44,19 @@ class Terminal(Report):
             click.echo(f"{what} {done}/{total}  {note}".rstrip())
             sys.stdout.flush()
 
-    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
+    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self._end_bar()
         if not self.console.is_terminal:
-            for name, value in rows:
-                click.echo(f"{name}: {value}")
+            if header:
+                click.echo(title)
+            for line in _aligned([header, *rows]) if header else map(": ".join, rows):
+                click.echo(line)
             return
-        grid = Table(title=title, title_justify="left", show_header=False)
-        for name, value in rows:
-            grid.add_row(name, value)
+        grid = Table(title=title, title_justify="left", show_header=bool(header))
+        for number, name in enumerate(header):
+            grid.add_column(name, justify="left" if number < 2 else "right")
+        for row in rows:
+            grid.add_row(*row)
         self.console.print(grid)
 
     def _advance_bar(self, what: str, done: int, total: int, note: str) -> None:
@@ -70,3 +74,9 @@ class Terminal(Report):
         if self.bar is not None:
             self.bar.stop()
             self.bar = None
+
+
+def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
+    """The rows as lines whose columns stand below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

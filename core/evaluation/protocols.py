@@ -5,7 +5,7 @@ from the right half. full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come f
 Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -86,28 +86,24 @@ def measure(
     refine: also refine the embedding on the region it came from. The figures without it are given in any case.
     Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved.
     """
-    if protocol not in PROTOCOLS:
-        raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
+    fitted, scored = regions(view, protocol)
     height, width = view.picture.shape[:2]
-    seen = width - width // 2 if protocol == "half" else width
-    if protocol == "half" and seen == width:
-        raise BadInput(f"{view.name} is {width} px wide and has no halves.", "Type: wegs eval --protocol full")
     photo = metrics.quantised(view.picture)
-    region = photo[:, :seen]
+    region = photo[:, fitted]
     embeddings = {"zero_shot": subject.embed(region.permute(2, 0, 1).contiguous())}
     if refine:
-        valid = None if view.valid is None else view.valid[:, :seen]
-        camera = view.camera.cropped(0, 0, seen, height)
+        valid = None if view.valid is None else view.valid[:, fitted]
+        camera = view.camera.cropped(0, 0, fitted.stop, height)
         refined = refine_embedding(subject, embeddings["zero_shot"], camera, region, valid)
         if refined is not None:
             embeddings["refined"] = refined
 
-    everything, right = slice(0, width), slice(seen, width)
-    against = {"photo": (photo, view.valid, right if protocol == "half" else everything)}
+    everything = slice(0, width)
+    against = {"photo": (photo, view.valid, scored)}
     if view.truth.clean is not None:
         against["clean"] = (metrics.quantised(view.truth.clean), None, everything)
         if protocol == "half":
-            against["clean_right"] = (against["clean"][0], None, right)
+            against["clean_right"] = (against["clean"][0], None, scored)
     scores: dict[str, dict[str, Scores]] = {name: {} for name in against}
     for whose, embedding in embeddings.items():
         with torch.no_grad():
@@ -119,6 +115,22 @@ def measure(
     overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
     pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), None if mask is None else mask.numpy())
     return ViewResult(view.name, width, height, scores, overlap), pictures
+
+
+def regions(view: View, protocol: str) -> tuple[slice, slice]:
+    """The columns of the photo that give the look, and those that are scored.
+
+    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved.
+    """
+    if protocol not in PROTOCOLS:
+        raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
+    width = view.picture.shape[1]
+    if protocol == "full":
+        return slice(0, width), slice(0, width)
+    seen = width - width // 2
+    if seen == width:
+        raise BadInput(f"{view.name} is {width} px wide and has no halves.", "Type: wegs eval --protocol full")
+    return slice(0, seen), slice(seen, width)
 
 
 def compare(
@@ -140,7 +152,22 @@ def refine_embedding(
     picture: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w"] | None = None,
 ) -> Float[Tensor, " e"] | None:
-    """The embedding after REFINE_STEPS of Adam on the mean |render - picture|; None if the look does not follow it.
+    """The embedding after REFINE_STEPS of `refinement`; None if the look does not follow it."""
+    best = None
+    for best in refinement(subject, embedding, camera, picture, valid):
+        pass
+    return best
+
+
+def refinement(
+    subject: Subject,
+    embedding: Float[Tensor, " e"],
+    camera: Camera,
+    picture: Float[Tensor, "h w 3"],
+    valid: Bool[Tensor, "h w"] | None = None,
+) -> Iterator[Float[Tensor, " e"]]:
+    """The best embedding after 0, 1, ... REFINE_STEPS of Adam on the mean |render - picture|; none if the look does not
+    follow it.
 
     L1, because passers-by in the picture would pull harder on a squared error. Of all steps, the start among them, the
     one that fits `picture` best is kept, so that the refinement never makes the region it sees worse.
@@ -153,11 +180,11 @@ def refine_embedding(
             difference = (subject.render(embedding, camera) - picture).abs()
             loss = difference.mean() if valid is None else difference[valid].mean()
         if not loss.requires_grad:
-            return None
+            return
         if float(loss.detach()) < least:
             best, least = embedding.detach().clone(), float(loss.detach())
+        yield best
         if step < REFINE_STEPS:
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-    return best

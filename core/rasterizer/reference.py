@@ -245,16 +245,19 @@ def blend_weights(
     centres: Float[Tensor, "n 2"],
     conics: Float[Tensor, "n 3"],
     opacities: Float[Tensor, " n"],
+    alpha_min: float = ALPHA_MIN,
+    stop_transmittance: float = STOP_TRANSMITTANCE,
 ) -> tuple[Float[Tensor, "p n"], Float[Tensor, " p"]]:
     """How much of each splat shows in each pixel, and how much of the background (3DGS equations 3 and 4).
 
     Each splat covers alpha = opacity * exp(-d' S^-1 d / 2) of what is behind it, so its weight is alpha times the
-    transmittance in front of it, the product of 1 - alpha over all splats before.
+    transmittance in front of it, the product of 1 - alpha over all splats before. The thresholds are the contract's
+    but where core.bench asks what they cost.
     """
     alphas = coverage(pixels, centres, conics, opacities)
-    alphas = torch.where(alphas < ALPHA_MIN, 0, alphas).clamp_max(ALPHA_MAX)
+    alphas = torch.where(alphas < alpha_min, 0, alphas).clamp_max(ALPHA_MAX)
     with torch.no_grad():
-        unfinished = torch.cumprod(1 - alphas, dim=1) >= STOP_TRANSMITTANCE
+        unfinished = torch.cumprod(1 - alphas, dim=1) >= stop_transmittance
     # Everything from the stopping splat on is absent, the stopping splat included.
     alphas = torch.where(unfinished, alphas, 0)
     behind = torch.cumprod(1 - alphas, dim=1)

@@ -1,7 +1,7 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, masks/, results.json and per_view.json are ours.
+history.csv, masks/, curves/, results.json and per_view.json are ours.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ RUNS = Path("runs")
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance"),
-    *(HISTORY, "masks", "results.json", "per_view.json", "sheet.png"),
+    *(HISTORY, "masks", "results.json", "per_view.json", "sheet.png", "curves"),
 )
 
 

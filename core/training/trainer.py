@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
 import torch
 from torch import Tensor
@@ -28,7 +29,7 @@ GAUGE_ROWS = 1024  # Gaussians drawn each step to hold the neutral look
 SKIPS_ALLOWED = 10  # non-finite steps in a row before training stops
 HELD_OUT_PHOTOS = 4
 LARGEST_GAIN = 1.4  # of the exposure jitter; a photo has nothing above 1 to be brightened
-HISTORY = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr")
+HISTORY = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr", "held_out_ssim")
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class StepReport:
     mask_mean: float
     residual: float
     held_out_psnr: float | None = None
+    held_out_ssim: float | None = None
     messages: tuple[str, ...] = ()
 
 
@@ -112,7 +114,8 @@ class Trainer:
                     self.drop_unneeded()
                 self.seconds += time.perf_counter() - start
                 if self.done in checks:
-                    report = dataclasses.replace(report, held_out_psnr=self.held_out_psnr())
+                    psnr, ssim = self.held_out_quality()
+                    report = dataclasses.replace(report, held_out_psnr=psnr, held_out_ssim=ssim)
                 report = dataclasses.replace(report, seconds=self.seconds, gaussians=self.gaussians.solid)
                 if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
                     history.writerow({name: getattr(report, name) for name in HISTORY})
@@ -288,9 +291,9 @@ class Trainer:
             torch.maximum(largest, self.rasterizer.contributions(splats, camera), out=largest)
         self.gaussians.keep(largest >= self.settings.prune_contribution)
 
-    def held_out_psnr(self) -> float | None:
-        """Mean PSNR (dB) of a few test photos, each in the look its whole photo gives, without masks."""
-        values = []
+    def held_out_quality(self) -> tuple[float | None, float | None]:
+        """Mean PSNR (dB) and SSIM (the loss's) of a few test photos, each in its whole photo's look, without masks."""
+        decibels, similarities = [], []
         with torch.no_grad():
             for index in range(len(self.held_out)):
                 picture = self.held_out[index]
@@ -298,8 +301,9 @@ class Trainer:
                 splats = self.model.bake(self.gaussians.splats, look.embedding, self.gaussians.latents)
                 image = self.rasterizer.render(splats, picture.camera).image.clamp(0, 1)
                 photo = torch.from_numpy(picture.pixels).float() / 255
-                values.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
-        return sum(values) / len(values) if values else None
+                decibels.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
+                similarities.append(1 - float(photometric(image, Target(photo), None, 1.0)[0]))
+        return (fmean(decibels), fmean(similarities)) if decibels else (None, None)
 
     def save(self) -> Path:
         """Write a checkpoint that `resume` continues from bit for bit."""

@@ -6,6 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from core import pipeline
+from core.bench import suite
 from core.config import PRESETS, Settings
 from core.errors import BadInput
 from core.report import Report
@@ -27,6 +28,8 @@ def asked(monkeypatch):
 
     for name in ("train", "resume", "export", "interpolate", "evaluate", "find_cameras"):
         monkeypatch.setattr(pipeline, name, recorder(name))
+    for name in ("bench", "curves"):
+        monkeypatch.setattr(suite, name, recorder(name))
     return calls
 
 
@@ -57,6 +60,17 @@ def invoke(*arguments: str):
         ),
         ("eval", ("evaluate", None, "half", True)),
         ("eval --run r --protocol full --no-refine", ("evaluate", Path("r"), "full", False)),
+        ("eval --curve", ("curves", (), ("half", "full"), True)),
+        (
+            "eval --curve --run a --run b --protocol full --no-refine",
+            ("curves", (Path("a"), Path("b")), ("full",), False),
+        ),
+        ("bench", ("bench", None, None, suite.FIGURES, False, Path("bench"), False)),
+        (
+            "bench plaza --only baking --only training --full -o d --force",
+            ("bench", Path("plaza"), None, ("baking", "training"), True, Path("d"), True),
+        ),
+        ("bench --run r", ("bench", None, Path("r"), suite.FIGURES, False, Path("bench"), False)),
         ("sfm photos -o scene", ("find_cameras", Path("photos"), Path("scene"))),
     ],
 )
@@ -72,6 +86,12 @@ def test_a_command_line_reaches_the_pipeline(asked, line, call):
 def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     result = invoke("train", "--resume", *extra.split())
     assert result.exit_code == 1 and "resumed run keeps" in result.stderr
+    assert asked == []
+
+
+def test_several_runs_are_measured_one_at_a_time(asked):
+    result = invoke("eval", "--run", "a", "--run", "b")
+    assert result.exit_code == 1 and "--curve" in result.stderr
     assert asked == []
 
 

@@ -60,7 +60,7 @@ def test_help_loads_nothing_heavy():
     program = (
         "import sys\nfrom click.testing import CliRunner\nfrom wegs_cli.main import COMMANDS, wegs\n"
         "for name in COMMANDS: assert CliRunner().invoke(wegs, [name, '--help']).exit_code == 0\n"
-        "print([m for m in ('torch', 'numpy', 'numba', 'cv2', 'pycolmap', 'rich', 'jaxtyping') if m in sys.modules])"
+        "print([m for m in ('torch', 'numpy', 'numba', 'cv2', 'pycolmap', 'rich', 'jaxtyping', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

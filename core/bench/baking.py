@@ -1,0 +1,108 @@
+"""Baking: what is lost, and saved, when SH bands and little-seen Gaussians are left out of the file.
+
+Gaussians go in the order of their contribution, the largest alpha * transmittance that they reach in any pixel of any
+training view (RadSplat, section 4.2), the least first. Errors are those of the training views, in 8-bit steps, against
+the bake with everything.
+"""
+
+import tempfile
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+import core.export
+import core.rasterizer
+from core.bench.figure import Figure, Panel, Point, Quantity, Spread
+from core.bench.levers import truncated
+from core.bench.machine import made_on
+from core.bench.stopwatch import timed
+from core.rasterizer import Rasterizer
+from core.report import Report
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+from core.training.trained import Run, bake, find_appearance
+
+LIMIT = (0.5, "half an 8-bit step")
+QUANTITIES = (
+    Quantity("megabytes", "MB of .ply", "log"),
+    Quantity("seconds", "s to bake and write", "log"),
+    Quantity("rms_steps", "RMS error, 8-bit steps", "log", limit=LIMIT, floor=1e-3),
+    Quantity("max_steps", "max error, 8-bit steps", "log", limit=LIMIT, floor=1e-3),
+    Quantity("milliseconds", "ms a picture", "log"),
+)
+PANELS = (Panel("megabytes", "rms_steps"), Panel("megabytes", "max_steps"), Panel("seconds", "rms_steps"))
+SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
+NOTES = (
+    "Errors of the training views in the neutral look, against the bake with everything.",
+    "Gaussians are left out in the order of their largest contribution to any pixel of any training view.",
+)
+
+
+@torch.no_grad()
+def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Figure:
+    """Bands kept and shares pruned of a run. views: training views that errors are measured in, spread evenly.
+
+    budget: see `stopwatch.timed`.
+    """
+    rasterizer = core.rasterizer.create(trained.settings.backend)
+    cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
+    order = torch.sort(largest_contributions(trained.splats, cameras, rasterizer), stable=True).indices
+    cameras = cameras[:: max(1, len(cameras) // views)][:views]
+    neutral = find_appearance(trained, "neutral")
+    whole = bake(trained, neutral)
+    truth = [rasterizer.render(whole, camera).image.clamp(0, 1) for camera in cameras]
+    points = []
+    total = len(SHARES) * (whole.degree + 1)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "look.ply"
+
+        def written(rows: Tensor, degree: int) -> Splats:
+            latents = None if trained.latents is None else trained.latents[rows]
+            look = trained.model.bake(trained.splats[rows], neutral.embedding, latents)
+            look = truncated(look, degree)
+            core.export.write(path, look.in_world(trained.collection.frame), "bench")
+            return look
+
+        for degree in range(whole.degree, -1, -1):
+            for share in SHARES:
+                rows = order[round(share * len(order)) :].sort().values
+                look, seconds = timed(lambda rows=rows, degree=degree: written(rows, degree), budget)
+                pictures, drawing = timed(
+                    lambda look=look: [rasterizer.render(look, camera).image for camera in cameras], budget
+                )
+                points.append(
+                    Point(
+                        curve=f"SH degree {degree}",
+                        label=f"{share:.0%} pruned",
+                        values={
+                            "megabytes": Spread.exactly(path.stat().st_size / 1e6),
+                            "seconds": seconds,
+                            "milliseconds": drawing.scaled(1000 / len(cameras)),
+                            **steps_apart(pictures, truth),
+                        },
+                        is_default=share == 0 and degree == whole.degree,
+                    )
+                )
+                report.progress("Baking", len(points), total, f"degree {degree}, {share:.0%} pruned")
+    title = f"Baking {trained.folder.name}: {len(whole)} Gaussians of degree {whole.degree}"
+    return Figure("baking", title, QUANTITIES, PANELS, tuple(points), made_on(trained.settings.seed), NOTES)
+
+
+def steps_apart(pictures: list[Tensor], truth: list[Tensor]) -> dict[str, Spread]:
+    """RMS and largest difference over all pixels of all pictures, clamped to [0, 1], in 8-bit steps."""
+    pairs = zip(pictures, truth, strict=True)
+    differences = torch.cat([255 * (a.clamp(0, 1) - b).flatten().double() for a, b in pairs])
+    return {
+        "rms_steps": Spread.exactly(float(differences.square().mean().sqrt())),
+        "max_steps": Spread.exactly(float(differences.abs().max())),
+    }
+
+
+def largest_contributions(splats: Splats, cameras: list[Camera], rasterizer: Rasterizer) -> Float[Tensor, " n"]:
+    """The largest contribution of each Gaussian to any pixel of any view, in [0, 1]; it does not depend on the look."""
+    largest = torch.zeros(len(splats))
+    for camera in cameras:
+        torch.maximum(largest, rasterizer.contributions(splats, camera), out=largest)
+    return largest

@@ -1,0 +1,85 @@
+"""A figure in the terminal and as files: CSV, JSON and PNG, each with machine, threads, versions and seed."""
+
+import csv
+import io
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from core.bench.drawing import draw_png
+from core.bench.figure import Figure, Point
+from core.errors import BadInput
+from core.export.atomic import replacing, write_json, write_text
+from core.report import Report
+
+SUFFIXES = (".csv", ".json", ".png")
+
+
+def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
+    """Raise BadInput if a figure of one of these names is in `folder` already: asked before the minutes of measuring."""
+    there = [path for name in names for suffix in SUFFIXES if (path := folder / (name + suffix)).exists()]
+    if there and not force:
+        raise BadInput(f"{there[0]} exists.", "Add --force to replace it, or choose another -o.")
+
+
+def show(figure: Figure, report: Report) -> None:
+    """The figure as a table, what it was made on, and where the defaults lie."""
+    header = ("curve", "choice", *(quantity.label for quantity in figure.quantities), "on the front of")
+    rows = []
+    for point in figure.points:
+        cells = [point.values[q.name].words() if q.name in point.values else "-" for q in figure.quantities]
+        fronts = ", ".join(str(number) for number in fronts_of(figure, point))
+        rows.append((point.curve, point.label + " (default)" * point.is_default, *cells, fronts))
+    report.table(figure.title, rows, header)
+    for number, panel in enumerate(figure.panels, 1):
+        report.say(f"{number}: {figure.quantity(panel.y).label} over {figure.quantity(panel.x).label}")
+    for line in (*figure.notes, "Made on " + words_of(figure.made_on), *figure.verdicts()):
+        report.say(line)
+
+
+def save(figure: Figure, folder: Path) -> list[Path]:
+    """Write NAME.csv, NAME.json and NAME.png into `folder`, which is made; each whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / (figure.name + suffix) for suffix in SUFFIXES]
+    write_text(paths[0], csv_of(figure))
+    write_json(paths[1], json_of(figure))
+    png = draw_png(figure)
+    with replacing(paths[2]) as temporary:
+        temporary.write_bytes(png)
+    return paths
+
+
+def fronts_of(figure: Figure, point: Point) -> list[int]:
+    """The numbers, from 1, of the panels on whose Pareto front the point lies."""
+    return [number for number, panel in enumerate(figure.panels, 1) if point in figure.front(panel)]
+
+
+def csv_of(figure: Figure) -> str:
+    """A row a point: curve, choice, default, median and quartiles of each quantity, fronts; then what it was made on."""
+    spreads = [quantity.name + end for quantity in figure.quantities for end in ("", "_low", "_high")]
+    fronts = [f"front_{panel.y}_over_{panel.x}" for panel in figure.panels]
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["curve", "choice", "default", *spreads, *fronts, *figure.made_on])
+    for point in figure.points:
+        cells: list[Any] = []
+        for quantity in figure.quantities:
+            spread = point.values.get(quantity.name)
+            cells += ["", "", ""] if spread is None else [spread.median, spread.low, spread.high]
+        on = fronts_of(figure, point)
+        flags = [int(number in on) for number in range(1, len(figure.panels) + 1)]
+        table.writerow([point.curve, point.label, int(point.is_default), *cells, *flags, *figure.made_on.values()])
+    return text.getvalue()
+
+
+def json_of(figure: Figure) -> dict[str, Any]:
+    """Everything that the figure holds, and the fronts."""
+    values = asdict(figure)
+    for entry, point in zip(values["points"], figure.points, strict=True):
+        entry["fronts"] = fronts_of(figure, point)
+    return values | {"verdicts": figure.verdicts()}
+
+
+def words_of(made_on: dict[str, str]) -> str:
+    """`cpu X, cores 2, ...`"""
+    return ", ".join(f"{name} {value}" for name, value in made_on.items())

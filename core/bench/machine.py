@@ -1,0 +1,39 @@
+"""What a figure was measured on: without it, seconds mean nothing."""
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import torch
+
+import core
+
+PACKAGES = ("torch", "numba", "numpy")
+
+
+def made_on(seed: int) -> dict[str, str]:
+    """Machine, threads, versions and seed, in words, in the order in which they are shown."""
+    facts = {"cpu": cpu_model(), "cores": str(os.cpu_count() or 1), "threads": str(torch.get_num_threads())}
+    if hasattr(os, "getloadavg"):  # what else ran: the reason for many a wide spread
+        facts["load"] = f"{os.getloadavg()[0]:.1f}"
+    facts["wegs"] = core.__version__
+    facts |= {name: _version(name) for name in PACKAGES}
+    return facts | {"python": platform.python_version(), "seed": str(seed)}
+
+
+def cpu_model() -> str:
+    """As the processor calls itself, where the system tells."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return (names[0] if names else "") or platform.processor() or platform.machine() or "unknown"
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,96 @@
+"""Embedding refinement: how many dB each step of Adam brings on held-out photos, by both protocols.
+
+The refinement is that of core.evaluation.protocols, and so are the regions: with `half`, the left half is fitted and
+the right half measured; with `full`, the whole photo is both, so that its figures have seen what they are scored on.
+"""
+
+import time
+
+import torch
+
+import core.rasterizer
+from core.bench.figure import Figure, Panel, Point, Quantity, Spread
+from core.bench.machine import made_on
+from core.data.collection import Photo
+from core.errors import BadInput
+from core.evaluation import metrics
+from core.evaluation.protocols import REFINE_STEPS, View, refinement, regions
+from core.evaluation.subject import TrainedScene
+from core.pipeline import held_out_view
+from core.report import Report
+from core.training.trained import Run
+
+MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, 128)  # steps
+NOTES = (
+    "Medians and quartiles over photos. half: the right half is scored, which was not seen; full: what was fitted is scored.",
+)
+
+
+def refinement_figure(trained: list[Run], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
+    """The course of the refinement on up to `photos` held-out photos of each run.
+
+    Raises BadInput where nothing can be measured: no held-out photo, or looks that follow no embedding.
+    """
+    points = []
+    for run in trained:
+        chosen = spread_over(run.collection.split("test"), photos)
+        for protocol in protocols:
+            courses = []
+            for number, photo in enumerate(chosen):
+                try:
+                    courses.append(_course(run, held_out_view(run, photo), protocol))
+                except BadInput as problem:  # one damaged photo is no reason to know nothing of the others
+                    report.warn(f"{photo.name} is not measured: {problem}")
+                report.progress(f"Refinement of {run.folder.name}, {protocol}", number + 1, len(chosen), photo.name)
+            curve = protocol if len(trained) == 1 else f"{run.folder.name}, {protocol}"
+            points += _points(curve, protocol, courses)
+    title = f"Embedding refinement: {', '.join(run.folder.name for run in trained)}"
+    quantities = [Quantity("steps", "Adam steps", "steps"), Quantity("seconds", "s a photo", "log")]
+    panels = []
+    for protocol in protocols:  # figures of one protocol are never compared with those of the other: own axes
+        quantities.append(Quantity(f"gain_{protocol}", f"{protocol}: dB gained", more_is_better=True))
+        quantities.append(Quantity(f"psnr_{protocol}", f"{protocol}: PSNR, dB", more_is_better=True))
+        panels += [Panel("steps", f"gain_{protocol}", labelled=False), Panel("seconds", f"gain_{protocol}")]
+    made = made_on(trained[0].settings.seed)
+    return Figure("refinement", title, tuple(quantities), tuple(panels), tuple(points), made, NOTES)
+
+
+def spread_over(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
+    """At most `count` of the photos, evenly spread."""
+    return photos[:: -(-len(photos) // count)] if photos else ()
+
+
+def _course(trained: Run, view: View, protocol: str) -> list[dict[str, float]]:
+    """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
+    subject = TrainedScene(
+        trained.splats, trained.latents, trained.model, core.rasterizer.create(trained.settings.backend)
+    )
+    fitted, scored = regions(view, protocol)
+    photo = metrics.quantised(view.picture)
+    region, valid = photo[:, fitted], None if view.valid is None else view.valid[:, fitted]
+    start = subject.embed(region.permute(2, 0, 1).contiguous())
+    camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
+    course, seconds, since = [], 0.0, time.perf_counter()
+    for step, embedding in enumerate(refinement(subject, start, camera, region, valid)):
+        seconds += time.perf_counter() - since
+        if step in MEASURED:
+            with torch.no_grad():
+                image = metrics.quantised(subject.render(embedding, view.camera))
+            part = None if view.valid is None else view.valid[:, scored]
+            psnr = metrics.psnr(image[:, scored], photo[:, scored], part)
+            first = course[0]["psnr"] if course else psnr
+            course.append({"steps": step, "seconds": seconds, "gain": psnr - first, "psnr": psnr})
+        since = time.perf_counter()
+    return course
+
+
+def _points(curve: str, protocol: str, courses: list[list[dict[str, float]]]) -> list[Point]:
+    """Medians and quartiles over the photos, a point for each number of steps."""
+    points = []
+    for at in zip(*courses, strict=True):
+        spreads = {name: Spread.of([course[name] for course in at]) for name in at[0]}
+        values = {name: spreads[name] for name in ("steps", "seconds")}
+        values |= {f"{name}_{protocol}": spreads[name] for name in ("gain", "psnr")}
+        steps = round(at[0]["steps"])
+        points.append(Point(curve, f"{steps} steps", values, steps == REFINE_STEPS))
+    return points

@@ -1,0 +1,138 @@
+"""Rendering: the error of a picture over the time it takes, for every backend and everything it can trade.
+
+Error is measured twice. Against the definition in float64, with the contract's thresholds, because that is the picture
+which every 3DGS viewer shows; and against the sum without thresholds, because that is what the thresholds themselves
+approximate. Pictures are over black, linear in [0, 1].
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+import core.rasterizer
+from core.bench.figure import Figure, Panel, Point, Quantity, Spread
+from core.bench.levers import UNTHRESHOLDED, Levers, draw, recompiled, truncated
+from core.bench.machine import made_on
+from core.bench.stopwatch import timed
+from core.rasterizer.contract import ALPHA_MIN, STOP_TRANSMITTANCE
+from core.report import Report
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+
+HALF_STEP = 0.5 / 255, "half an 8-bit step"
+QUANTITIES = (
+    Quantity("milliseconds", "ms a picture", "log"),
+    Quantity("max_error", "max error", "log", limit=HALF_STEP, floor=1e-9),
+    Quantity("rms_error", "RMS error", "log", limit=HALF_STEP, floor=1e-9),
+    Quantity("rms_unthresholded", "RMS error against no thresholds", "log", limit=HALF_STEP),
+)
+PANELS = tuple(Panel("milliseconds", quantity.name) for quantity in QUANTITIES[1:])
+NOTES = (
+    "Errors are against the float64 reference with the contract's thresholds, and against the sum without any.",
+    "`reference`: the definition blended tile by tile. Other backends were compiled anew for other thresholds.",
+)
+ALPHAS = {"1/1020": 0.25, "1/255": 1.0, "4/255": 4.0, "16/255": 16.0}  # times ALPHA_MIN
+STOPS = (1e-6, STOP_TRANSMITTANCE, 1e-3, 1e-2)
+COARSER_ALPHA, COARSER_STOP = 4.0, 1e-2  # that kernels are compiled for in the small setting: it takes them 10 s each
+TILES_PX = (8, 16, 32, 64)
+DEFINITION = "reference"
+MOST_PAIRS = 50_000_000  # of a pixel and a Gaussian: what the backend `reference`, which looks at all, does in seconds
+
+
+Drawn = tuple[list[Tensor], Spread]  # the pictures, and the seconds that all of them take
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to draw: the definition with levers, or a backend, compiled anew where its thresholds are not the contract's.
+
+    backend: a key of BACKENDS as it stands, or None for the definition tile by tile.
+    """
+
+    backend: str | None
+    levers: Levers
+
+    def draw(self, splats: Splats, cameras: list[Camera], budget: float) -> Drawn:
+        """splats: float32. budget: see `stopwatch.timed`."""
+        levers = self.levers
+        if self.backend is None:
+            return timed(lambda: [draw(splats, camera, levers) for camera in cameras], budget)
+        shown = truncated(splats, levers.sh_degree)
+        if (levers.alpha_min, levers.stop_transmittance) != (ALPHA_MIN, STOP_TRANSMITTANCE):
+            thresholds = levers.alpha_min, levers.stop_transmittance
+            pictures, seconds = recompiled(self.backend, *thresholds, shown, cameras, budget)
+            return [torch.from_numpy(picture) for picture in pictures], seconds
+        if self.backend == DEFINITION:
+            shown = shown.map(torch.Tensor.double)
+        rasterizer = core.rasterizer.create(self.backend)
+        return timed(lambda: [rasterizer.render(shown, camera).image for camera in cameras], budget)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A point to be measured: its curve, a word for the choice on it, and the way to draw."""
+
+    curve: str
+    label: str
+    way: Way
+    is_default: bool = False
+
+
+@torch.no_grad()
+def rendering_figure(
+    splats: Splats, cameras: list[Camera], name: str, title: str, seed: int, report: Report, budget: float, full: bool
+) -> Figure:
+    """All backends and levers on these splats (float32) and cameras. budget: see `stopwatch.timed`.
+
+    full: kernels compiled with all thresholds, not only with one coarser one each.
+    """
+    exact = [draw(splats, camera, Levers(sh_degree=splats.degree)) for camera in cameras]
+    unthresholded = [draw(splats, camera, UNTHRESHOLDED) for camera in cameras]
+    chosen = list(choices(splats, cameras, full))
+    measured: dict[Way, dict[str, Spread]] = {}  # a way that lies on several curves is measured once
+    points = []
+    for number, choice in enumerate(chosen):
+        if choice.way not in measured:
+            pictures, seconds = choice.way.draw(splats, cameras, budget)
+            values = {"milliseconds": seconds.scaled(1000 / len(cameras)), **errors(pictures, exact)}
+            values["rms_unthresholded"] = errors(pictures, unthresholded)["rms_error"]
+            measured[choice.way] = values
+        points.append(Point(choice.curve, choice.label, measured[choice.way], choice.is_default))
+        report.progress("Rendering", number + 1, len(chosen), f"{choice.curve}: {choice.label}")
+    return Figure(name, title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
+
+
+def choices(splats: Splats, cameras: list[Camera], full: bool) -> Iterator[Choice]:
+    """The definition over precision, tiles, thresholds and SH degree, each alone; each backend over the last two."""
+    plain = Levers(sh_degree=splats.degree)
+    yield Choice(f"{DEFINITION}: precision", "float64", Way(None, plain))
+    yield Choice(f"{DEFINITION}: precision", "float32", Way(None, replace(plain, dtype=torch.float32)))
+    for tile in TILES_PX:
+        yield Choice(f"{DEFINITION}: tile", f"{tile} px", Way(None, replace(plain, tile_px=tile)))
+    if len(splats) * max(camera.width * camera.height for camera in cameras) <= MOST_PAIRS:
+        yield Choice(f"{DEFINITION}: tile", "no tiles", Way(DEFINITION, plain))
+    for backend in (DEFINITION, *(name for name in core.rasterizer.BACKENDS if name != DEFINITION)):
+        tiled = None if backend == DEFINITION else backend
+        is_auto = backend == core.rasterizer.AUTO
+        for label, share in ALPHAS.items():
+            if full or share in (1.0, COARSER_ALPHA) or tiled is None:
+                way = Way(tiled, replace(plain, alpha_min=share * ALPHA_MIN))
+                yield Choice(f"{backend}: alpha threshold", f"alpha {label}", way, is_auto and way.levers == plain)
+        for stop in STOPS:
+            if full or stop in (STOP_TRANSMITTANCE, COARSER_STOP) or tiled is None:
+                way = Way(tiled, replace(plain, stop_transmittance=stop))
+                yield Choice(f"{backend}: early stop", f"stop {stop:g}", way, is_auto and way.levers == plain)
+        for degree in range(splats.degree + 1):
+            way = Way(tiled, replace(plain, sh_degree=degree))
+            yield Choice(f"{backend}: SH degree", f"degree {degree}", way, is_auto and way.levers == plain)
+
+
+def errors(pictures: list[Tensor], truth: list[Tensor]) -> dict[str, Spread]:
+    """The largest and the root mean square difference over all pixels and channels of all pictures."""
+    differences = torch.cat([(a.double() - b).flatten() for a, b in zip(pictures, truth, strict=True)])
+    return {
+        "max_error": Spread.exactly(float(differences.abs().max())),
+        "rms_error": Spread.exactly(float(differences.square().mean().sqrt())),
+    }

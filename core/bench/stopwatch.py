@@ -1,0 +1,29 @@
+"""Repeated timings."""
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from core.bench.figure import Spread
+
+LEAST, MOST = 3, 201  # repeats; many for pictures of half a millisecond
+Result = TypeVar("Result")
+
+
+def timed(work: Callable[[], Result], budget: float = 1.0) -> tuple[Result, Spread]:
+    """What `work()` returns, and the seconds it takes: once to warm up (kernels compile, memory is touched), then LEAST
+    to MOST times.
+
+    budget: seconds after which no further repeat beyond LEAST begins. Work that takes longer than that by itself needs
+    no warm-up: its first time counts.
+    """
+    taken: list[float] = []
+    warm = False
+    while len(taken) < LEAST or (sum(taken) < budget and len(taken) < MOST):
+        start = time.perf_counter()
+        result = work()
+        elapsed = time.perf_counter() - start
+        if warm or elapsed > budget:
+            taken.append(elapsed)
+        warm = True
+    return result, Spread.of(taken)

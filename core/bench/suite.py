@@ -1,0 +1,203 @@
+"""Which figures are drawn, of what, and where they go: what `wegs bench` and `wegs eval --curve` do."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from core.bench import files, small_scene
+from core.bench.baking import baking_figure
+from core.bench.figure import Figure
+from core.bench.refinement import refinement_figure, spread_over
+from core.bench.rendering import rendering_figure
+from core.bench.training import Course, training_figure
+from core.config import PRESETS, Settings, preset
+from core.data import load_collection
+from core.data.collection import Collection
+from core.errors import BadInput
+from core.evaluation.protocols import PROTOCOLS
+from core.report import Report
+from core.training import run
+from core.training.trained import Run, load_run
+from core.training.trainer import Trainer
+
+FIGURES = ("rendering", "baking", "training", "refinement")
+OF_RUN = "rendering-run"  # the rendering of a run's own cameras
+CURVES = "curves"  # folder in a run
+CHECKS = 12  # times a run that is trained for a figure is measured on the way
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured. budget: see `stopwatch.timed`.
+
+    Of training: share of each preset's steps, most Gaussians, width_px of photos (-1 leaves it to the preset), seeds.
+    views: that baking is judged by. photos: that are refined. cameras: of a run that are rendered.
+    """
+
+    share: float
+    gaussians: int
+    budget: float
+    width_px: int
+    seeds: int
+    views: int
+    photos: int
+    cameras: int
+
+
+SMALL = Size(share=0.2, gaussians=4000, budget=0.5, width_px=160, seeds=1, views=8, photos=4, cameras=1)
+FULL = Size(
+    share=1.0, gaussians=Settings().max_gaussians, budget=3.0, width_px=-1, seeds=3, views=32, photos=100, cameras=3
+)
+
+
+def bench(
+    scene: Path | None,
+    run_folder: Path | None,
+    names: tuple[str, ...],
+    full: bool,
+    output: Path,
+    report: Report,
+    force: bool = False,
+) -> list[Figure]:
+    """Measure and draw the figures `names` (of FIGURES, in that order); they are written into `output`.
+
+    Of the run in `run_folder`, or of all presets, trained now on `scene` or, where that is None too, on the built-in one.
+    Each figure is written as soon as it is measured.
+    """
+    if scene is not None and run_folder is not None:
+        raise BadInput(
+            "A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is."
+        )
+    files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)
+    size = FULL if full else SMALL
+    figures = []
+
+    def finish(figure: Figure) -> None:
+        files.show(figure, report)
+        paths = files.save(figure, output)
+        report.say(f"{output}: {', '.join(path.name for path in paths)}\n")
+        figures.append(figure)
+
+    if "rendering" in names:
+        finish(_fixed_rendering(size, full, report))
+    with _subject(scene, run_folder, names, size, report) as (trained, courses, title, notes):
+        if "rendering" in names and run_folder is not None:
+            finish(_rendering_of(trained(), size, full, report))
+        if "baking" in names:
+            finish(baking_figure(trained(), size.views, report, size.budget))
+        if "training" in names:
+            finish(training_figure(courses, title, notes))
+        if "refinement" in names:
+            finish(refinement_figure([trained()], tuple(PROTOCOLS), size.photos, report))
+    return figures
+
+
+def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:
+    """Draw the training of runs, and the refinement on their held-out photos, into the folder of the first.
+
+    run_folders: none for the newest run. refine: without it only the training is drawn.
+    """
+    folders = [run.find_run(path) for path in run_folders or (None,)]
+    courses = [Course(folder.name, (folder,), run.read_config(folder)[1] == Settings()) for folder in folders]
+    figures = [training_figure(courses, f"Training: {', '.join(course.name for course in courses)}")]
+    trained = [load_run(folder) for folder in folders] if refine else []
+    for one in trained:
+        if one.settings.appearance == "off":
+            report.say(f"{one.folder}: trained without appearance, so there is no embedding to refine.")
+    trained = [one for one in trained if one.settings.appearance != "off"]
+    if trained:
+        figures.append(refinement_figure(trained, protocols, FULL.photos, report))
+    for figure in figures:
+        files.show(figure, report)
+        paths = files.save(figure, folders[0] / CURVES)
+        report.say(f"{folders[0] / CURVES}: {', '.join(path.name for path in paths)}\n")
+    return figures
+
+
+def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
+    splats, cameras = small_scene.rendering_scene()
+    title = f"Rendering the built-in scene: {_words(len(splats), splats.degree, cameras)}"
+    return rendering_figure(splats, cameras, "rendering", title, 0, report, size.budget, full)
+
+
+def _rendering_of(trained: Run, size: Size, full: bool, report: Report) -> Figure:
+    photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
+    cameras = [trained.camera(photo) for photo in photos]
+    splats = trained.splats
+    title = f"Rendering {trained.folder.name}: {_words(len(splats), splats.degree, cameras)}"
+    return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget, full)
+
+
+def _words(gaussians: int, degree: int, cameras: list) -> str:
+    return f"{gaussians} Gaussians of degree {degree}, {cameras[0].width} x {cameras[0].height} px"
+
+
+# --- what is measured
+
+# The run to bake and refine, loaded when wanted; the courses of the training figure, its title and its notes.
+Subject = tuple[Callable[[], Run], list[Course], str, tuple[str, ...]]
+
+
+@contextmanager
+def _subject(
+    scene: Path | None, run_folder: Path | None, names: tuple[str, ...], size: Size, report: Report
+) -> Iterator[Subject]:
+    if run_folder is not None:
+        folder = run.find_run(run_folder)
+        course = Course(folder.name, (folder,), run.read_config(folder)[1] == Settings())
+        yield lambda: load_run(folder), [course], f"Training {folder.name}", ()
+        return
+    with tempfile.TemporaryDirectory() as temporary:
+        wanted = list(PRESETS) if "training" in names else ["default"] if {"baking", "refinement"} & set(names) else []
+        seeds = size.seeds if "training" in names else 1
+        collection = None
+        if wanted:
+            photos = Path(temporary) / "photos"
+            photos.mkdir()
+            collection = small_scene.collection(photos) if scene is None else load_collection(scene)
+            # Else the first preset would pay for the compilation of the kernels.
+            _train(
+                collection,
+                _sized("default", size, 0, scene is None).changed(steps=20),
+                Path(temporary) / "warm-up",
+                report,
+            )
+        courses = []
+        for name in wanted:
+            folders = []
+            for seed in range(seeds):
+                settings = _sized(name, size, seed, scene is None)
+                folder = Path(temporary) / (name if seed == 0 else f"{name}-{seed}")
+                folders.append(_train(collection, settings, folder, report))
+            courses.append(Course(name, tuple(folders), name == "default"))
+        title = f"Training on {collection.name}: every preset" if collection else ""
+        most = f"{round(Settings().steps * size.share)} steps and {size.gaussians} Gaussians"
+        note = f"Presets with {size.share:.0%} of their steps; none has more than {most}."
+        yield lambda: load_run(courses[0].folders[0]), courses, title, (note,)
+
+
+def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
+    """A preset that ends in time, with more looks at its held-out photos."""
+    settings, default = preset(name), Settings()
+    steps = max(1, round(min(settings.steps, default.steps) * size.share))
+    gaussians = min(settings.max_gaussians, size.gaussians)
+    width = 1 if is_built_in else size.width_px
+    return replace(
+        settings,
+        steps=steps,
+        max_gaussians=gaussians,
+        seed=seed,
+        resolution=width,
+        held_out_checks=CHECKS,
+        checkpoints=1,
+    )
+
+
+def _train(collection: Collection, settings: Settings, folder: Path, report: Report) -> Path:
+    trainer = Trainer(collection, settings, folder)
+    run.create(folder, collection, settings)
+    for step in trainer.train():
+        report.progress(f"Training {folder.name}", step.step, settings.steps, f"loss {step.loss:.3f}")
+    return folder

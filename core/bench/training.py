@@ -1,0 +1,71 @@
+"""Training: held-out quality over seconds and over steps, from the history.csv that every run records."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from core.bench.figure import Figure, Panel, Point, Quantity, Spread
+from core.bench.machine import made_on
+from core.errors import BadInput
+from core.training.run import HISTORY, read_config
+
+QUANTITIES = (
+    Quantity("seconds", "s of training", "log"),
+    Quantity("steps", "steps", "log"),
+    Quantity("gaussians", "Gaussians"),
+    Quantity("psnr", "held-out PSNR, dB", more_is_better=True),
+    Quantity("ssim", "held-out SSIM", more_is_better=True),
+)
+PANELS = tuple(Panel(x, y, labelled=False) for y in ("psnr", "ssim") for x in ("seconds", "steps"))
+COLUMNS = {
+    "steps": "step",
+    "seconds": "seconds",
+    "gaussians": "gaussians",
+    "psnr": "held_out_psnr",
+    "ssim": "held_out_ssim",
+}
+NOTES = (
+    "A few held-out photos, each in the look that its whole photo gives, unrefined. Seconds without these checks.",
+)
+
+
+@dataclass(frozen=True)
+class Course:
+    """Runs that differ in nothing but the seed. name: of the curve. folders: theirs. is_default: settings as they come."""
+
+    name: str
+    folders: tuple[Path, ...]
+    is_default: bool = False
+
+
+def training_figure(courses: list[Course], title: str, notes: tuple[str, ...] = ()) -> Figure:
+    """All courses in one picture; medians and quartiles over the runs of a course. Raises BadInput without a check."""
+    points = [point for course in courses for point in _points(course)]
+    _, settings, _ = read_config(courses[0].folders[0])
+    return Figure("training", title, QUANTITIES, PANELS, tuple(points), made_on(settings.seed), NOTES + notes)
+
+
+def checks(folder: Path) -> list[dict[str, float]]:
+    """The rows of a run's history at which held-out quality was measured; what was not recorded is absent."""
+    path = folder / HISTORY
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row.get("held_out_psnr")]
+        found = [{name: float(row[column]) for name, column in COLUMNS.items() if row.get(column)} for row in rows]
+    except (OSError, ValueError, KeyError) as problem:
+        raise BadInput(f"{path} cannot be read: {problem}.", "Train the run again.") from None
+    if not found:
+        raise BadInput(
+            f"{path} holds no held-out quality.", "Train on a scene with test photos and held_out_checks > 0."
+        )
+    return found
+
+
+def _points(course: Course) -> Iterator[Point]:
+    rows = list(zip(*(checks(folder) for folder in course.folders), strict=False))
+    for number, at in enumerate(rows):
+        names = [name for name in COLUMNS if all(name in row for row in at)]
+        values = {name: Spread.of([row[name] for row in at]) for name in names}
+        is_last = number == len(rows) - 1
+        yield Point(course.name, f"step {at[0]['steps']:.0f}", values, course.is_default and is_last)

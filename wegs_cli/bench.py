@@ -1,0 +1,35 @@
+"""wegs bench"""
+
+from pathlib import Path
+
+import click
+
+NAMES = ("rendering", "baking", "training", "refinement")
+
+
+@click.command(short_help="Measure error against run time.")
+@click.argument("scene", type=click.Path(path_type=Path), required=False)
+@click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Measure this run; nothing is trained.")
+@click.option("--only", "names", type=click.Choice(NAMES), multiple=True, help="Only this figure; repeatable.")
+@click.option("--full", is_flag=True, help="Whole presets, three seeds, every threshold: an hour, not minutes.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), default="bench", show_default=True, help="Folder of the figures."
+)
+@click.option("--force", is_flag=True, help="Replace the figures that OUTPUT holds.")
+def bench(scene, run_folder, names, full, output, force) -> None:
+    """Draw what accuracy costs: rendering, baking, training and refinement, each as a table, CSV, JSON and PNG.
+
+    Without SCENE and --run a small built-in scene is photographed and trained on by every preset: under three minutes on
+    two cores. With SCENE, a COLMAP or PhotoTourism folder, the presets are trained on that.
+
+    \b
+    Examples:
+      wegs bench
+      wegs bench samples/plaza --only training -o plaza-bench
+      wegs bench --run runs/plaza --only baking
+    """
+    from core.bench import suite
+    from wegs_cli.terminal import Terminal
+
+    with Terminal() as terminal:
+        suite.bench(scene, run_folder, names or NAMES, full, output, terminal, force)

@@ -79,18 +79,18 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
     for row, (curve, points) in enumerate(figure.curves().items()):
         points = [point for point in points if point in shown]
         colour, marker = COLOURS[row % len(COLOURS)], MARKERS[row % len(MARKERS)]
-        xs, ys = [_place(p, x, 0) for p in points], [_place(p, y, floor) for p in points]
+        xs, ys = [_place(p, x) for p in points], [_place(p, y, floor) for p in points]
         spread = {"xerr": _bars(points, x), "yerr": _bars(points, y)}
         style = {"color": colour, "marker": marker, "ms": 5, "lw": 1.2, "elinewidth": 0.9, "alpha": 0.9}
         axis.errorbar(xs, ys, **spread, **style, capsize=1.5, label=curve, zorder=3)
     front = figure.front(panel)
     if front:
-        corners = [_place(p, x, 0) for p in front], [_place(p, y, floor) for p in front]
+        corners = [_place(p, x) for p in front], [_place(p, y, floor) for p in front]
         axis.step(*corners, where="post", color=FRONT, lw=5, alpha=0.35, zorder=1, label="Pareto front")
         axis.plot(*corners, "o", ms=11, mfc="none", mec=FRONT, mew=1.6, zorder=4)
     defaults = [point for point in shown if point.is_default]
     if defaults:
-        corners = [_place(p, x, 0) for p in defaults], [_place(p, y, floor) for p in defaults]
+        corners = [_place(p, x) for p in defaults], [_place(p, y, floor) for p in defaults]
         axis.plot(*corners, "*", ms=15, mfc="white", mec=INK, mew=1.3, ls="none", zorder=5, label="as it comes")
     _scale(axis, "x", x)
     _scale(axis, "y", y)
@@ -98,7 +98,7 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
         axis.axhline(y.limit[0], color=FAINT, lw=1, ls=(0, (4, 3)), zorder=2)
         end = axis.get_yaxis_transform()
         axis.text(0.995, y.limit[0], y.limit[1], transform=end, ha="right", va="bottom", fontsize=7.5, color=FAINT)
-    if floor:
+    if math.isfinite(floor):
         axis.axhline(floor, color=FAINT, lw=0.6, ls=":", zorder=2)
         words = f"{number(floor)} or less"
         axis.text(0.005, floor, words, transform=axis.get_yaxis_transform(), fontsize=7.5, color=FAINT, va="bottom")
@@ -110,15 +110,15 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
 
 
 def _floor(quantity: Quantity, points: list[Point]) -> float:
-    """Where a logarithmic axis shows what lies below all that it can show; 0 where nothing does."""
+    """Where a logarithmic axis shows what lies below all that it can show; -inf where nothing does."""
     values = [point.values[quantity.name].median for point in points]
     above = [value for value in values if value > quantity.floor]
     if quantity.scale != "log" or not above or len(above) == len(values):
-        return 0.0
+        return -math.inf
     return quantity.floor or min(above) / 10
 
 
-def _place(point: Point, quantity: Quantity, floor: float) -> float:
+def _place(point: Point, quantity: Quantity, floor: float = -math.inf) -> float:
     return max(point.values[quantity.name].median, floor)
 
 
@@ -157,12 +157,12 @@ def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
     first = [point for point in shown if point.is_default]
     ends = [end for points in figure.curves().values() for end in (points[0], points[-1]) if end in shown]
     renderer = axis.figure.canvas.get_renderer()
-    taken = [_around(axis, _place(p, x, 0), _place(p, y, floor), Bbox) for p in shown]
+    taken = [_around(axis, _place(p, x), _place(p, y, floor), Bbox) for p in shown]
     taken += [text.get_window_extent(renderer) for text in axis.texts]
     written: set[tuple[float, float]] = set()
     frame = axis.get_window_extent(renderer)
     for point in [*first, *figure.front(panel), *ends, *shown]:
-        at = _place(point, x, 0), _place(point, y, floor)
+        at = _place(point, x), _place(point, y, floor)
         if at in written:
             continue
         for shift, align in (((8, 5), "left"), ((8, -11), "left"), ((-8, 5), "right"), ((-8, -11), "right")):

@@ -1,8 +1,6 @@
 """Which figures are drawn, of what, and where they go: what `wegs bench` and `wegs eval --curve` do."""
 
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,6 +70,8 @@ def bench(
         )
     files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)
     size = FULL if full else SMALL
+    trained = None if run_folder is None else load_run(run.find_run(run_folder))  # fails now, not after minutes
+    collection = None if scene is None else load_collection(scene)
     figures = []
 
     def finish(figure: Figure) -> None:
@@ -82,15 +82,20 @@ def bench(
 
     if "rendering" in names:
         finish(_fixed_rendering(size, full, report))
-    with _subject(scene, run_folder, names, size, report) as (trained, courses, title, notes):
-        if "rendering" in names and run_folder is not None:
-            finish(_rendering_of(trained(), size, full, report))
+        if trained is not None:
+            finish(_rendering_of(trained, size, full, report))
+    with tempfile.TemporaryDirectory() as temporary:
+        if trained is not None:
+            courses, title, notes = [_course_of(trained.folder)], f"Training {trained.folder.name}", ()
+        else:
+            courses, title, notes = _train_presets(collection, names, size, Path(temporary), report)
+            trained = load_run(courses[0].folders[0]) if courses else None
         if "baking" in names:
-            finish(baking_figure(trained(), size.views, report, size.budget))
+            finish(baking_figure(trained, size.views, report, size.budget))
         if "training" in names:
             finish(training_figure(courses, title, notes))
         if "refinement" in names:
-            finish(refinement_figure([trained()], tuple(PROTOCOLS), size.photos, report))
+            finish(refinement_figure([trained], tuple(PROTOCOLS), size.photos, report))
     return figures
 
 
@@ -100,7 +105,7 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     run_folders: none for the newest run. refine: without it only the training is drawn.
     """
     folders = [run.find_run(path) for path in run_folders or (None,)]
-    courses = [Course(folder.name, (folder,), run.read_config(folder)[1] == Settings()) for folder in folders]
+    courses = [_course_of(folder) for folder in folders]
     figures = [training_figure(courses, f"Training: {', '.join(course.name for course in courses)}")]
     trained = [load_run(folder) for folder in folders] if refine else []
     for one in trained:
@@ -134,48 +139,40 @@ def _words(gaussians: int, degree: int, cameras: list) -> str:
     return f"{gaussians} Gaussians of degree {degree}, {cameras[0].width} x {cameras[0].height} px"
 
 
-# --- what is measured
-
-# The run to bake and refine, loaded when wanted; the courses of the training figure, its title and its notes.
-Subject = tuple[Callable[[], Run], list[Course], str, tuple[str, ...]]
+# --- what is trained
 
 
-@contextmanager
-def _subject(
-    scene: Path | None, run_folder: Path | None, names: tuple[str, ...], size: Size, report: Report
-) -> Iterator[Subject]:
-    if run_folder is not None:
-        folder = run.find_run(run_folder)
-        course = Course(folder.name, (folder,), run.read_config(folder)[1] == Settings())
-        yield lambda: load_run(folder), [course], f"Training {folder.name}", ()
-        return
-    with tempfile.TemporaryDirectory() as temporary:
-        wanted = list(PRESETS) if "training" in names else ["default"] if {"baking", "refinement"} & set(names) else []
-        seeds = size.seeds if "training" in names else 1
-        collection = None
-        if wanted:
-            photos = Path(temporary) / "photos"
-            photos.mkdir()
-            collection = small_scene.collection(photos) if scene is None else load_collection(scene)
-            # Else the first preset would pay for the compilation of the kernels.
-            _train(
-                collection,
-                _sized("default", size, 0, scene is None).changed(steps=20),
-                Path(temporary) / "warm-up",
-                report,
-            )
-        courses = []
-        for name in wanted:
-            folders = []
-            for seed in range(seeds):
-                settings = _sized(name, size, seed, scene is None)
-                folder = Path(temporary) / (name if seed == 0 else f"{name}-{seed}")
-                folders.append(_train(collection, settings, folder, report))
-            courses.append(Course(name, tuple(folders), name == "default"))
-        title = f"Training on {collection.name}: every preset" if collection else ""
-        most = f"{round(Settings().steps * size.share)} steps and {size.gaussians} Gaussians"
-        note = f"Presets with {size.share:.0%} of their steps; none has more than {most}."
-        yield lambda: load_run(courses[0].folders[0]), courses, title, (note,)
+def _course_of(folder: Path) -> Course:
+    """The course of a run that was trained before."""
+    return Course(folder.name, (folder,), run.read_config(folder)[1] == Settings())
+
+
+def _train_presets(
+    collection: Collection | None, names: tuple[str, ...], size: Size, folder: Path, report: Report
+) -> tuple[list[Course], str, tuple[str, ...]]:
+    """Train what the figures `names` need, `default` first, into `folder`: the courses, a title and notes for a figure.
+
+    collection: None for the built-in one.
+    """
+    wanted = list(PRESETS) if "training" in names else ["default"] if {"baking", "refinement"} & set(names) else []
+    seeds = size.seeds if "training" in names else 1
+    if not wanted:
+        return [], "", ()
+    is_built_in = collection is None
+    if is_built_in:
+        (folder / "photos").mkdir()
+        collection = small_scene.collection(folder / "photos")
+    # Else the first preset would pay for the compilation of the kernels.
+    _train(collection, _sized("default", size, 0, is_built_in).changed(steps=20), folder / "warm-up", report)
+    courses = []
+    for name in wanted:
+        folders = [folder / (name if seed == 0 else f"{name}-{seed}") for seed in range(seeds)]
+        for seed, path in enumerate(folders):
+            _train(collection, _sized(name, size, seed, is_built_in), path, report)
+        courses.append(Course(name, tuple(folders), name == "default"))
+    most = f"{round(Settings().steps * size.share)} steps and {size.gaussians} Gaussians"
+    note = f"Presets with {size.share:.0%} of their steps; none has more than {most}."
+    return courses, f"Training on {collection.name}: every preset", (note,)
 
 
 def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
@@ -195,9 +192,8 @@ def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
     )
 
 
-def _train(collection: Collection, settings: Settings, folder: Path, report: Report) -> Path:
+def _train(collection: Collection, settings: Settings, folder: Path, report: Report) -> None:
     trainer = Trainer(collection, settings, folder)
     run.create(folder, collection, settings)
     for step in trainer.train():
         report.progress(f"Training {folder.name}", step.step, settings.steps, f"loss {step.loss:.3f}")
-    return folder

@@ -42,3 +42,16 @@ def test_a_terminal_gets_a_bar_with_an_estimate_and_a_table():
     drawn = screen.getvalue()
     for words in ("Training", "2/2", "left", "loss 0.5", "Frames", "1/3", "Done", "runs/a"):
         assert words in drawn
+
+
+def test_a_table_with_a_header_has_its_columns_below_each_other(capsys):
+    rows = [("a", "long choice", "1"), ("longer curve", "b", "2")]
+    with Terminal() as plain:
+        plain.table("Figures", rows, ("curve", "choice", "ms"))
+    title, *lines = capsys.readouterr().out.splitlines()
+    assert title == "Figures" and [line.index(word) for line, word in zip(lines, ("ms", "1", "2"), strict=True)] == [27] * 3
+    screen = io.StringIO()
+    with Terminal() as watched:
+        watched.console = Console(file=screen, force_terminal=True, width=120)
+        watched.table("Figures", rows, ("curve", "choice", "ms"))
+    assert all(word in screen.getvalue() for word in ("Figures", "choice", "long choice"))

@@ -1,0 +1,154 @@
+"""Figures as data: spreads, fronts, verdicts, and the files they become."""
+
+import csv
+import io
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from core.bench import files
+from core.bench.figure import Figure, Panel, Point, Quantity, Spread
+from core.errors import BadInput
+from core.report import Report
+
+WORK = Quantity("seconds", "s", "log")
+ERROR = Quantity("error", "error", "log", limit=(0.1, "a limit"), floor=1e-6)
+QUALITY = Quantity("quality", "dB", more_is_better=True)
+MADE_ON = {"cpu": "Some, CPU", "threads": "2", "wegs": "1", "seed": "7"}
+
+
+def point(
+    label: str, work: float, error: float, curve: str = "a", is_default: bool = False, quality: float | None = None
+):
+    values = {"seconds": Spread.exactly(work), "error": Spread.exactly(error)}
+    if quality is not None:
+        values["quality"] = Spread(quality, quality - 1, quality + 1)
+    return Point(curve, label, values, is_default)
+
+
+def figure(*points: Point) -> Figure:
+    panels = Panel("seconds", "error"), Panel("seconds", "quality")
+    return Figure("test", "A test", (WORK, ERROR, QUALITY), panels, points, MADE_ON, ("A note.",))
+
+
+def labels(points: list[Point]) -> list[str]:
+    return [point.label for point in points]
+
+
+def test_a_spread_is_median_and_quartiles_in_any_order():
+    spread = Spread.of([5.0, 1.0, 2.0, 4.0, 3.0])
+    assert (spread.low, spread.median, spread.high) == (2.0, 3.0, 4.0)
+    assert spread.words() == "3 (2 to 4)" and Spread.exactly(0.12345).words() == "0.123"
+    assert Spread.exactly(12573).words() == "12573"
+
+
+def test_the_front_holds_what_nothing_beats():
+    made = figure(
+        point("slow and exact", 9, 0), point("fast and rough", 1, 0.5), point("beaten", 9, 0.1), point("worse", 2, 0.6)
+    )
+    assert labels(made.front(made.panels[0])) == ["fast and rough", "slow and exact"]
+    assert labels(made.beaten_by(made.points[2], made.panels[0])) == ["slow and exact"]
+
+
+def test_more_is_better_where_the_quantity_says_so_and_equals_do_not_beat_each_other():
+    made = figure(
+        point("good", 1, 1, quality=20),
+        point("same", 1, 1, quality=20),
+        point("bad", 1, 1, quality=10),
+        point("?", 1, 1),
+    )
+    assert labels(made.front(made.panels[1])) == ["good", "same"]  # what was not measured is not there
+
+
+def test_a_verdict_says_where_the_default_lies():
+    made = figure(point("x", 1, 0.2), point("y", 2, 0.3, is_default=True, quality=1))
+    error, quality = made.verdicts()
+    assert error == "error over s: a: y is beaten by 1, such as a: x."
+    assert quality == "dB over s: a: y is on the front."
+    assert figure(point("x", 1, 0.2)).verdicts() == []
+
+
+def test_a_default_on_several_curves_is_as_good_as_its_best_measurement():
+    made = figure(point("x", 1.0, 0.2, "a", True), point("x", 1.1, 0.2, "b", True))
+    assert made.verdicts()[0] == "error over s: the default is on the front."
+
+
+def test_an_empty_figure_is_refused():
+    with pytest.raises(BadInput, match="nothing to draw"):
+        figure()
+
+
+# --- files
+
+POINTS = (
+    point("x", 0.001, 0.0, quality=-3.0),
+    point("y", 0.1, 1e-9, is_default=True, quality=20.0),
+    point("z", 10.0, 0.5, "b"),
+)
+
+
+def test_csv_and_json_hold_the_points_the_fronts_and_the_machine(tmp_path):
+    made = figure(*POINTS)
+    paths = files.save(made, tmp_path / "new")
+    assert [path.name for path in paths] == ["test.csv", "test.json", "test.png"]
+    rows = list(csv.DictReader(io.StringIO(paths[0].read_text())))
+    assert [row["choice"] for row in rows] == ["x", "y", "z"]
+    assert [row["default"] for row in rows] == ["0", "1", "0"]
+    assert float(rows[1]["quality_low"]) == 19 and rows[2]["quality"] == ""
+    assert [row["front_error_over_seconds"] for row in rows] == ["1", "0", "0"]
+    assert {row["cpu"] for row in rows} == {"Some, CPU"} and {row["seed"] for row in rows} == {"7"}
+    value = json.loads(paths[1].read_text())
+    assert value["made_on"] == MADE_ON and value["notes"] == ["A note."]
+    assert [entry["fronts"] for entry in value["points"]] == [[1, 2], [2], []]
+    assert value["points"][1]["values"]["quality"] == {"median": 20, "low": 19, "high": 21}
+    assert value["verdicts"] == made.verdicts()
+
+
+def test_the_picture_shows_every_curve_in_its_colour_and_the_front(tmp_path):
+    from core.bench.drawing import COLOURS, FRONT
+
+    path = files.save(figure(*POINTS), tmp_path)[2]
+    pixels = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+    for colour in (COLOURS[0], COLOURS[1], FRONT):
+        wanted = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
+        # Lines are drawn at 0.9 of full cover over white, and their rims are smoothed: near is enough, absence is not.
+        near = (np.abs(pixels.astype(int) - wanted).max(axis=2) < 30).sum()
+        assert near > 20, colour
+
+
+def test_values_below_zero_stay_where_they_are():
+    """Only a logarithmic axis has a floor: a loss of 3 dB must not be drawn as none."""
+    from core.bench.drawing import _floor, _place
+
+    shown = [POINTS[0], POINTS[1]]
+    assert _place(POINTS[0], QUALITY, _floor(QUALITY, shown)) == -3.0
+    assert [_place(point, ERROR, _floor(ERROR, list(POINTS))) for point in POINTS] == [1e-6, 1e-6, 0.5]
+
+
+def test_figures_are_not_replaced_unasked(tmp_path):
+    (tmp_path / "test.json").write_text("{}")
+    with pytest.raises(BadInput, match="--force"):
+        files.check_free(tmp_path, ("other", "test"), force=False)
+    files.check_free(tmp_path, ("other", "test"), force=True)
+    files.check_free(tmp_path, ("other",), force=False)
+
+
+def test_the_table_has_a_column_for_each_quantity_and_says_what_it_was_made_on():
+    class Heard(Report):
+        def __init__(self):
+            self.lines, self.header, self.rows = [], (), []
+
+        def say(self, line):
+            self.lines.append(line)
+
+        def table(self, title, rows, header=()):
+            self.header, self.rows = header, rows
+
+    heard = Heard()
+    files.show(figure(*POINTS), heard)
+    assert heard.header == ("curve", "choice", "s", "error", "dB", "on the front of")
+    assert heard.rows[1] == ("a", "y (default)", "0.1", "1e-09", "20 (19 to 21)", "2")
+    assert heard.rows[2][4:] == ("-", "")
+    assert any("Some, CPU" in line and "seed 7" in line for line in heard.lines)

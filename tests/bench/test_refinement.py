@@ -1,0 +1,64 @@
+"""Refinement curves: the protocols' own regions and figures, step by step."""
+
+from dataclasses import replace
+
+import pytest
+
+import core.rasterizer
+from core.bench.refinement import MEASURED, refinement_figure, spread_over
+from core.errors import BadInput
+from core.evaluation.protocols import PROTOCOLS, REFINE_STEPS, measure
+from core.evaluation.subject import TrainedScene
+from core.pipeline import held_out_view
+from core.report import Report
+from tests.small import damage
+
+
+def test_the_course_begins_and_ends_with_the_figures_of_the_evaluation(trained):
+    made = refinement_figure([trained], tuple(PROTOCOLS), 1, Report())
+    photo = spread_over(trained.collection.split("test"), 1)[0]
+    subject = TrainedScene(trained.splats, trained.latents, trained.model, core.rasterizer.create("cpu"))
+    for protocol, points in made.curves().items():
+        result, _ = measure(subject, held_out_view(trained, photo), protocol)
+        scores = result.scores["photo"]
+        assert points[0].values[f"psnr_{protocol}"].median == scores["zero_shot"].psnr
+        assert points[-1].values[f"psnr_{protocol}"].median == scores["refined"].psnr
+        assert points[0].values[f"gain_{protocol}"].median == 0
+        assert [point.values["steps"].median for point in points] == list(MEASURED)
+        assert [point.is_default for point in points] == [steps == REFINE_STEPS for steps in MEASURED]
+        for panel in made.panels:  # figures of one protocol never stand beside those of the other
+            assert (points[0] in made.shown(panel)) == panel.y.endswith(protocol)
+        seconds = [point.values["seconds"].median for point in points]
+        assert seconds == sorted(seconds) and seconds[0] > 0
+
+
+def test_a_damaged_photo_is_named_and_the_others_are_measured(trained):
+    heard = []
+
+    class Heard(Report):
+        def warn(self, line):
+            heard.append(line)
+
+    photos = list(trained.collection.photos)
+    tests = [index for index, photo in enumerate(photos) if photo.split == "test"]
+    whole = photos[tests[0]].path.read_bytes()
+    photos[tests[0]] = damage(photos[tests[0]])
+    broken = replace(trained, collection=replace(trained.collection, photos=tuple(photos)))
+    made = refinement_figure([broken], ("full",), 10, Heard())
+    assert len(made.points) == len(MEASURED)
+    assert any(photos[tests[0]].name in line for line in heard)
+    assert photos[tests[0]].path.with_suffix(".png").read_bytes() == whole
+
+
+def test_no_held_out_photo_is_said(trained):
+    train = trained.collection.split("train")
+    with pytest.raises(BadInput, match="nothing to draw"):
+        refinement_figure(
+            [replace(trained, collection=replace(trained.collection, photos=train))], ("full",), 3, Report()
+        )
+
+
+def test_photos_are_spread_evenly():
+    assert spread_over(tuple(range(10)), 4) == (0, 3, 6, 9)
+    assert spread_over(tuple(range(3)), 10) == (0, 1, 2)
+    assert spread_over((), 4) == ()

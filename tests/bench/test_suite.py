@@ -1,0 +1,92 @@
+"""`wegs bench` and `wegs eval --curve` as a whole, at a size of seconds."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.bench import machine, small_scene, suite
+from core.config import PRESETS
+from core.errors import BadInput
+from core.report import Report
+from core.training.trained import load_run
+
+TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, photos=1)
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch):
+    monkeypatch.setattr(suite, "SMALL", TINY)
+
+
+def test_without_a_run_every_preset_is_trained_on_the_built_in_scene(tmp_path):
+    figures = suite.bench(None, None, ("training", "baking"), False, tmp_path / "new", Report())
+    assert [figure.name for figure in figures] == ["baking", "training"]
+    names = {path.name for path in (tmp_path / "new").iterdir()}
+    assert names == {name + suffix for name in ("baking", "training") for suffix in (".csv", ".json", ".png")}
+    training = json.loads((tmp_path / "new" / "training.json").read_text())
+    assert {point["curve"] for point in training["points"]} == set(PRESETS)
+    assert all(point["values"]["steps"]["median"] <= 30 for point in training["points"])
+    assert {"cpu", "cores", "threads", "wegs", "torch", "numba", "numpy", "seed"} <= set(training["made_on"])
+
+
+def test_a_run_is_measured_as_it_is(small_run, tmp_path):
+    figures = suite.bench(None, small_run, ("training", "refinement"), False, tmp_path, Report())
+    assert [figure.name for figure in figures] == ["training", "refinement"]
+    assert list(figures[0].curves()) == [small_run.name]
+    with pytest.raises(BadInput, match="--force"):
+        suite.bench(None, small_run, ("training",), False, tmp_path, Report())
+    suite.bench(None, small_run, ("training",), False, tmp_path, Report(), force=True)
+
+
+def test_what_cannot_be_measured_is_refused_before_the_minutes(tmp_path, small_run, monkeypatch):
+    monkeypatch.setattr(suite, "rendering_figure", lambda *_: pytest.fail("it was measured first"))
+    with pytest.raises(BadInput, match="not a run"):
+        suite.bench(None, tmp_path, suite.FIGURES, False, tmp_path / "out", Report())
+    with pytest.raises(BadInput, match="no folder"):
+        suite.bench(tmp_path / "none", None, suite.FIGURES, False, tmp_path / "out", Report())
+    with pytest.raises(BadInput, match="Give one"):
+        suite.bench(tmp_path, small_run, suite.FIGURES, False, tmp_path / "out", Report())
+
+
+def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(small_run):
+    figures = suite.curves((small_run, small_run), ("full",), True, Report())
+    assert [figure.name for figure in figures] == ["training", "refinement"]
+    assert {"training.png", "refinement.csv"} <= {path.name for path in (small_run / "curves").iterdir()}
+    assert len(suite.curves((small_run,), ("full",), False, Report())) == 1
+    assert load_run(small_run).step == 40
+
+
+def test_presets_end_in_time_and_differ_in_the_rest():
+    for name in PRESETS:
+        settings = suite._sized(name, suite.SMALL, 3, True)
+        assert settings.steps <= 600 and settings.max_gaussians <= suite.SMALL.gaussians and settings.seed == 3
+    assert suite._sized("vanilla", suite.SMALL, 0, True).appearance == "off"
+    assert suite._sized("paper", suite.FULL, 0, True).steps == 3000
+
+
+# --- the built-in scene
+
+
+def test_the_built_in_collection_is_the_same_every_time_and_shows_different_lights(tmp_path):
+    folders = [tmp_path / name for name in ("a", "b")]
+    for folder in folders:
+        folder.mkdir()
+    first, second = (small_scene.collection(folder) for folder in folders)
+    assert np.array_equal(first.points, second.points)
+    assert [photo.path.read_bytes() for photo in first.photos] == [photo.path.read_bytes() for photo in second.photos]
+    assert len(first.split("test")) == small_scene.PHOTOS // small_scene.HELD_OUT_EVERY
+    for photo in first.photos:  # the points are where the cameras look
+        pixels, depths = photo.camera.project(first.points)
+        inside = (pixels >= 0).all(axis=1) & (pixels <= [small_scene.WIDTH, small_scene.HEIGHT]).all(axis=1)
+        assert (depths > 0).all() and inside.mean() > 0.9
+
+
+def test_a_machine_that_does_not_name_its_processor_is_still_described(monkeypatch):
+    def nothing(*_, **__):
+        raise OSError
+
+    monkeypatch.setattr(machine.Path, "read_text", nothing)
+    assert machine.cpu_model()
+    assert machine._version("no-such-package") == "unknown"

@@ -1,0 +1,55 @@
+"""Training curves: what the history says, also that of an older version, and of runs that differ in the seed."""
+
+import pytest
+
+from core.bench.training import Course, checks, training_figure
+from core.errors import BadInput
+from tests.bench.conftest import CHECKS
+
+HEAD = "step,seconds,gaussians,loss,picture_loss,mask_mean,residual,held_out_psnr"
+
+
+def test_a_run_records_psnr_and_ssim_at_every_check(small_run):
+    rows = checks(small_run)
+    assert [row["steps"] for row in rows] == [10, 20, 30, 40]
+    assert len(rows) == CHECKS
+    for row in rows:
+        assert 5 < row["psnr"] < 60 and 0 < row["ssim"] < 1 and row["seconds"] > 0
+    made = training_figure([Course("small", (small_run,), is_default=True)], "A title", ("More.",))
+    assert [point.label for point in made.points] == [f"step {step}" for step in (10, 20, 30, 40)]
+    assert [point.is_default for point in made.points] == [False, False, False, True]
+    assert len(made.panels) == 4 and made.notes[-1] == "More."
+
+
+def test_runs_that_differ_in_the_seed_are_one_curve_with_a_spread(small_run, tmp_path):
+    other = copied(small_run, tmp_path, lambda text: text)
+    rows = (other / "history.csv").read_text().splitlines()
+    cells = rows[-1].split(",")
+    column = rows[0].split(",").index("held_out_psnr")
+    mine = float(cells[column])
+    cells[column] = str(mine + 2)
+    (other / "history.csv").write_text("\n".join([*rows[:-1], ",".join(cells)]) + "\n")
+    made = training_figure([Course("both", (small_run, other))], "T")
+    spread = made.points[-1].values["psnr"]
+    assert (spread.low, spread.median, spread.high) == pytest.approx((mine + 0.5, mine + 1, mine + 1.5))
+    assert made.points[0].values["psnr"].low == made.points[0].values["psnr"].high
+
+
+def test_a_history_without_ssim_is_drawn_without(small_run, tmp_path):
+    older = copied(small_run, tmp_path, lambda _: f"{HEAD}\n5,1.0,9,1,1,1,0,\n10,2.5,20,0.5,0.5,1,0,15.5\n")
+    made = training_figure([Course("older", (older,))], "T")
+    assert [panel.y for panel in made.panels] == ["psnr", "psnr"]
+    assert made.points[0].values["psnr"].median == 15.5 and made.points[0].values["seconds"].median == 2.5
+
+
+@pytest.mark.parametrize("text", ["", f"{HEAD}\n5,1.0,9,1,1,1,0,\n", f"{HEAD}\n5,x,9,1,1,1,0,3\n"])
+def test_a_history_that_says_nothing_is_refused(small_run, tmp_path, text):
+    with pytest.raises(BadInput, match="history.csv"):
+        training_figure([Course("bad", (copied(small_run, tmp_path, lambda _: text),))], "T")
+
+
+def copied(folder, where, change):
+    """A run folder with another history."""
+    (where / "config.json").write_bytes((folder / "config.json").read_bytes())
+    (where / "history.csv").write_text(change((folder / "history.csv").read_text()))
+    return where

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
-NAMES = ("rendering", "baking", "training", "refinement")
+from core.bench import FIGURES
 
 
 @click.command(short_help="Measure error against run time.")
 @click.argument("scene", type=click.Path(path_type=Path), required=False)
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Measure this run; nothing is trained.")
-@click.option("--only", "names", type=click.Choice(NAMES), multiple=True, help="Only this figure; repeatable.")
+@click.option("--only", "names", type=click.Choice(FIGURES), multiple=True, help="Only this figure; repeatable.")
 @click.option("--full", is_flag=True, help="Whole presets, three seeds, every threshold: an hour, not minutes.")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), default="bench", show_default=True, help="Folder of the figures."
@@ -32,4 +32,4 @@ def bench(scene, run_folder, names, full, output, force) -> None:
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        suite.bench(scene, run_folder, names or NAMES, full, output, terminal, force)
+        suite.bench(scene, run_folder, names or FIGURES, full, output, terminal, force)

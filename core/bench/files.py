@@ -9,14 +9,18 @@ from typing import Any
 from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
-from core.export.atomic import replacing, write_json, write_text
+from core.export.atomic import check_folder, replacing, write_json, write_text
 from core.report import Report
 
 SUFFIXES = (".csv", ".json", ".png")
 
 
 def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
-    """Raise BadInput if a figure of one of these names is in `folder` already: asked before the minutes of measuring."""
+    """Raise BadInput if `folder` cannot be written in, or if a figure of one of these names is in it and not to be replaced.
+
+    Asked before the minutes of measuring.
+    """
+    check_folder(folder)
     there = [path for name in names for suffix in SUFFIXES if (path := folder / (name + suffix)).exists()]
     if there and not force:
         raise BadInput(f"{there[0]} exists.", "Add --force to replace it, or choose another -o.")

@@ -4,6 +4,7 @@ The contract fixes the thresholds, so no backend takes them as arguments. Here t
 with others; and the kernels, which compile them in, are compiled anew with others in a process of their own.
 """
 
+import signal
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -96,6 +97,7 @@ def recompiled(
 def _set_constants(cache: str, alpha_min: float, stop_transmittance: float, threads: int) -> None:
     from numba import config
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to speak about
     config.CACHE_DIR = cache
     contract.ALPHA_MIN, contract.STOP_TRANSMITTANCE = alpha_min, stop_transmittance
     torch.set_num_threads(threads)

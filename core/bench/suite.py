@@ -17,12 +17,12 @@ from core.errors import BadInput
 from core.evaluation.protocols import PROTOCOLS
 from core.report import Report
 from core.training import run
-from core.training.trained import Run, load_run
+from core.training.trained import Run, bake, find_appearance, load_run
 from core.training.trainer import Trainer
 
-FIGURES = ("rendering", "baking", "training", "refinement")
 OF_RUN = "rendering-run"  # the rendering of a run's own cameras
 CURVES = "curves"  # folder in a run
+ELSEWHERE = ("Seconds are those of the machine that trained; this figure was drawn on:",)  # histories do not name it
 CHECKS = 12  # times a run that is trained for a figure is measured on the way
 
 
@@ -68,6 +68,8 @@ def bench(
         raise BadInput(
             "A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is."
         )
+    if scene is not None and set(names) == {"rendering"}:
+        raise BadInput("Rendering is measured on the built-in scene.", "Leave SCENE out, or give a run with --run.")
     files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)
     size = FULL if full else SMALL
     trained = None if run_folder is None else load_run(run.find_run(run_folder))  # fails now, not after minutes
@@ -86,7 +88,7 @@ def bench(
             finish(_rendering_of(trained, size, full, report))
     with tempfile.TemporaryDirectory() as temporary:
         if trained is not None:
-            courses, title, notes = [_course_of(trained.folder)], f"Training {trained.folder.name}", ()
+            courses, title, notes = [_course_of(trained.folder)], f"Training {trained.folder.name}", ELSEWHERE
         else:
             courses, title, notes = _train_presets(collection, names, size, Path(temporary), report)
             trained = load_run(courses[0].folders[0]) if courses else None
@@ -106,7 +108,8 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     """
     folders = [run.find_run(path) for path in run_folders or (None,)]
     courses = [_course_of(folder) for folder in folders]
-    figures = [training_figure(courses, f"Training: {', '.join(course.name for course in courses)}")]
+    title = f"Training: {', '.join(course.name for course in courses)}"
+    figures = [training_figure(courses, title, ELSEWHERE)]
     trained = [load_run(folder) for folder in folders] if refine else []
     for one in trained:
         if one.settings.appearance == "off":
@@ -130,7 +133,7 @@ def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
 def _rendering_of(trained: Run, size: Size, full: bool, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
-    splats = trained.splats
+    splats = bake(trained, find_appearance(trained, "neutral"))
     title = f"Rendering {trained.folder.name}: {_words(len(splats), splats.degree, cameras)}"
     return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget, full)
 

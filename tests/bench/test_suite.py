@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from core.bench import machine, small_scene, suite
+from core.bench import FIGURES, machine, small_scene, suite
 from core.config import PRESETS
 from core.errors import BadInput
+from core.evaluation import protocols
 from core.report import Report
-from core.training.trained import load_run
+from core.training.trained import bake, find_appearance, load_run
+from tests.small import HEIGHT, WIDTH
 
 TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, photos=1)
 
@@ -18,6 +21,7 @@ TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, pho
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch):
     monkeypatch.setattr(suite, "SMALL", TINY)
+    monkeypatch.setattr(protocols, "REFINE_STEPS", 4)
 
 
 def test_without_a_run_every_preset_is_trained_on_the_built_in_scene(tmp_path):
@@ -43,11 +47,26 @@ def test_a_run_is_measured_as_it_is(small_run, tmp_path):
 def test_what_cannot_be_measured_is_refused_before_the_minutes(tmp_path, small_run, monkeypatch):
     monkeypatch.setattr(suite, "rendering_figure", lambda *_: pytest.fail("it was measured first"))
     with pytest.raises(BadInput, match="not a run"):
-        suite.bench(None, tmp_path, suite.FIGURES, False, tmp_path / "out", Report())
+        suite.bench(None, tmp_path, FIGURES, False, tmp_path / "out", Report())
     with pytest.raises(BadInput, match="no folder"):
-        suite.bench(tmp_path / "none", None, suite.FIGURES, False, tmp_path / "out", Report())
+        suite.bench(tmp_path / "none", None, FIGURES, False, tmp_path / "out", Report())
+    with pytest.raises(BadInput, match="Leave SCENE out"):
+        suite.bench(tmp_path, None, ("rendering",), False, tmp_path / "out", Report())
+    with pytest.raises(BadInput, match="not a folder"):
+        suite.bench(None, None, FIGURES, False, small_run / "config.json", Report())
     with pytest.raises(BadInput, match="Give one"):
-        suite.bench(tmp_path, small_run, suite.FIGURES, False, tmp_path / "out", Report())
+        suite.bench(tmp_path, small_run, FIGURES, False, tmp_path / "out", Report())
+
+
+def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypatch):
+    asked = []
+    monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments))
+    trained = load_run(small_run)
+    suite._rendering_of(trained, replace(TINY, cameras=1), False, Report())
+    splats, cameras, name, title = asked[0][:4]
+    assert torch.equal(splats.sh, bake(trained, find_appearance(trained, "neutral")).sh)
+    assert (cameras[0].width, cameras[0].height) == (WIDTH, HEIGHT)
+    assert name == suite.OF_RUN and small_run.name in title
 
 
 def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(small_run):

@@ -5,10 +5,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+import wegs_cli.evaluate
 from core import pipeline
-from core.bench import suite
+from core.bench import FIGURES, suite
 from core.config import PRESETS, Settings
 from core.errors import BadInput
+from core.evaluation import protocols
 from core.report import Report
 from wegs_cli.main import wegs
 
@@ -65,12 +67,12 @@ def invoke(*arguments: str):
             "eval --curve --run a --run b --protocol full --no-refine",
             ("curves", (Path("a"), Path("b")), ("full",), False),
         ),
-        ("bench", ("bench", None, None, suite.FIGURES, False, Path("bench"), False)),
+        ("bench", ("bench", None, None, FIGURES, False, Path("bench"), False)),
         (
             "bench plaza --only baking --only training --full -o d --force",
             ("bench", Path("plaza"), None, ("baking", "training"), True, Path("d"), True),
         ),
-        ("bench --run r", ("bench", None, Path("r"), suite.FIGURES, False, Path("bench"), False)),
+        ("bench --run r", ("bench", None, Path("r"), FIGURES, False, Path("bench"), False)),
         ("sfm photos -o scene", ("find_cameras", Path("photos"), Path("scene"))),
     ],
 )
@@ -87,6 +89,10 @@ def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     result = invoke("train", "--resume", *extra.split())
     assert result.exit_code == 1 and "resumed run keeps" in result.stderr
     assert asked == []
+
+
+def test_the_protocols_are_those_of_the_evaluation():
+    assert wegs_cli.evaluate.PROTOCOLS == tuple(protocols.PROTOCOLS)  # written twice, as the latter needs torch
 
 
 def test_several_runs_are_measured_one_at_a_time(asked):

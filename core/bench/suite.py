@@ -96,7 +96,7 @@ def bench(
             finish(baking_figure(trained, size.views, report, size.budget))
         if "training" in names:
             finish(training_figure(courses, title, notes))
-        if "refinement" in names:
+        if "refinement" in names and _follows_a_look(trained, report):
             finish(refinement_figure([trained], tuple(PROTOCOLS), size.photos, report))
     return figures
 
@@ -110,11 +110,7 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     courses = [_course_of(folder) for folder in folders]
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]
-    trained = [load_run(folder) for folder in folders] if refine else []
-    for one in trained:
-        if one.settings.appearance == "off":
-            report.say(f"{one.folder}: trained without appearance, so there is no embedding to refine.")
-    trained = [one for one in trained if one.settings.appearance != "off"]
+    trained = [one for one in map(load_run, folders) if _follows_a_look(one, report)] if refine else []
     if trained:
         figures.append(refinement_figure(trained, protocols, FULL.photos, report))
     for figure in figures:
@@ -122,6 +118,13 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
         paths = files.save(figure, folders[0] / CURVES)
         report.say(f"{folders[0] / CURVES}: {', '.join(path.name for path in paths)}\n")
     return figures
+
+
+def _follows_a_look(trained: Run, report: Report) -> bool:
+    """Whether the run has an embedding to refine; says so if not."""
+    if trained.model.sh_transfer is None:
+        report.say(f"{trained.folder}: trained without appearance, so there is no embedding to refine.")
+    return trained.model.sh_transfer is not None
 
 
 def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
@@ -146,8 +149,8 @@ def _words(gaussians: int, degree: int, cameras: list) -> str:
 
 
 def _course_of(folder: Path) -> Course:
-    """The course of a run that was trained before."""
-    return Course(folder.name, (folder,), run.read_config(folder)[1] == Settings())
+    """The course of a run that was trained before, with whatever settings: none of its points is called a default."""
+    return Course(folder.name, (folder,))
 
 
 def _train_presets(
@@ -197,6 +200,6 @@ def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
 
 def _train(collection: Collection, settings: Settings, folder: Path, report: Report) -> None:
     trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, settings)
+    run.create(folder, collection, trainer.settings)
     for step in trainer.train():
         report.progress(f"Training {folder.name}", step.step, settings.steps, f"loss {step.loss:.3f}")

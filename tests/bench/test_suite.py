@@ -77,6 +77,21 @@ def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(s
     assert load_run(small_run).step == 40
 
 
+def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, monkeypatch):
+    lines = []
+
+    class Heard(Report):
+        def say(self, line):
+            lines.append(line)
+
+    trained = load_run(small_run)
+    trained.model.sh_transfer = None
+    monkeypatch.setattr(suite, "load_run", lambda _: trained)
+    assert suite.bench(None, small_run, ("refinement",), False, tmp_path, Heard()) == []
+    assert [figure.name for figure in suite.curves((small_run,), ("full",), True, Heard())] == ["training"]
+    assert sum("no embedding to refine" in line for line in lines) == 2
+
+
 def test_presets_end_in_time_and_differ_in_the_rest():
     for name in PRESETS:
         settings = suite._sized(name, suite.SMALL, 3, True)

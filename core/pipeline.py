@@ -194,6 +194,8 @@ def export(
         raise BadInput(f"{kept} exists.", "Add --force to replace it, or choose another name.")
     appearance = find_appearance(trained, word)
     report.say(f"{trained.folder}, step {trained.step}: look of {appearance.source}")
+    for note in trained.collection.frame.offset_notes():
+        report.warn(note)
     if trained.settings.appearance == "off":
         report.warn("This run was trained without appearance: all its looks are one.")
     start = time.perf_counter()
@@ -209,8 +211,9 @@ def export(
 def _write_look(trained: Run, appearance: Appearance, path: Path, report: Report) -> Splats:
     """Bake and write one look; returns it in the scene frame."""
     splats = bake(trained, appearance)
-    comment = f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}"
-    dropped = core.export.write(path, splats.in_world(trained.collection.frame), comment)
+    frame = trained.collection.frame
+    comment = ". ".join([f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}", *frame.offset_notes()])
+    dropped = core.export.write(path, splats.in_world(frame.for_files()), comment)
     if dropped:
         report.warn(
             f"{path}: {dropped} Gaussians could not be drawn (NaN, Inf or a zero quaternion) and were left out."

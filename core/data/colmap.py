@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 
 from core.data import lens as lenses
-from core.data.collection import Collection, Photo
+from core.data.collection import FAR, Collection, Photo, astray
 from core.data.model_file import holds_model, read_model
 from core.data.photo_file import Header, list_photos, named_with_fault, probe
 from core.data.split import counted, name_them, split_photos
@@ -50,6 +50,7 @@ def load_colmap(root: Path, model: Path, kind: str) -> Collection:
     splits, split_notes = split_photos(root, sorted(posed), {image.name for image in found})
     notes += split_notes
     frame = SceneFrame.around(points)
+    notes += frame.offset_notes()
     nothing = np.empty(0, np.int64)
     photos = tuple(
         Photo(
@@ -65,6 +66,8 @@ def load_colmap(root: Path, model: Path, kind: str) -> Collection:
     )
     blind = [photo.name for photo in photos if not len(photo.points)]
     notes += name_them("that see no SfM point", blind)
+    far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
+    notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far)
     return Collection(root.resolve().name, root, kind, photos, frame.to_scene(points), colours, frame, tuple(notes))
 
 

@@ -39,6 +39,8 @@ def adam_rows(
     values, first, second: (N, ...) float32 parameters and moments. counts: (N,) int32 updates of each row, this one included.
     rows: (V,) int64. gradient: (V, ...). rates: one learning rate for each element of a row.
     """
+    if not len(rows):
+        return  # a view of nothing
     if values.device.type != "cpu":
         _adam_rows_torch(values, first, second, counts, rows, gradient, rates)
         return

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from core.config import Settings
-from core.data.collection import Collection
+from core.data.collection import Collection, astray
 from core.scene.harmonics import coefficient_count, dc_of_colour
 from core.scene.splats import Splats
 from core.training.adam import adam_rows
@@ -170,7 +170,9 @@ def sky_dome(collection: Collection, settings: Settings) -> Splats:
     is behind shines through.
     """
     count = settings.sky_gaussians
-    farthest = max(float(np.linalg.norm(photo.camera.centre)) for photo in collection.photos)
+    # Around a camera that stands a million units off by mistake a dome would have holes: log scales are clamped.
+    centres = np.stack([photo.camera.centre for photo in collection.photos])[~astray(collection.photos)]
+    farthest = float(np.linalg.norm(centres, axis=1).max())
     radius = max(settings.sky_radius, 4.0 * farthest)
     index = np.arange(count) + 0.5
     height = 1.0 - 2.0 * index / count

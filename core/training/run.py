@@ -103,7 +103,7 @@ def create(folder: Path, collection: Collection, settings: Settings) -> None:
     except OSError as problem:
         raise BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.") from None
     try:
-        world = collection.frame.to_world(collection.points)
+        world = collection.frame.for_files().to_world(collection.points)
         write_points(folder / "input.ply", world, collection.point_colours)
         write_json(folder / "cameras.json", _cameras_json(collection))
         write_text(folder / "cfg_args", _cfg_args(folder, collection))
@@ -202,7 +202,7 @@ def _cameras_json(collection: Collection) -> list[dict]:
     """Training views first, as in the original; position and rotation lead from camera (OpenCV axes) to world."""
     entries = []
     for number, photo in enumerate((*collection.split("train"), *collection.split("test"))):
-        camera = photo.camera.in_world(collection.frame)
+        camera = photo.camera.in_world(collection.frame.for_files())
         entries.append(
             {
                 "id": number,

@@ -17,7 +17,7 @@ LAYERS = [
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},
-    {"core.pipeline"},
+    {"core.pipeline", "core.doctor"},
     {"wegs_cli"},
 ]
 HEIGHT = {part: height for height, parts in enumerate(LAYERS) for part in parts}

@@ -16,6 +16,7 @@ COMMANDS = {
     "interpolate": "wegs_cli.interpolate:interpolate",
     "eval": "wegs_cli.evaluate:evaluate",
     "sfm": "wegs_cli.sfm:sfm",
+    "doctor": "wegs_cli.doctor:doctor",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
 INTERRUPTED = 130  # what shells report for Ctrl-C

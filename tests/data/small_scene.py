@@ -65,7 +65,7 @@ class SmallScene:
             track = pycolmap.Track()
             for index in range(len(self.names)):
                 track.add_element(index + 1, row)
-            made.add_point3D(self.unit * point + self.offset, track, np.array([row * 10, 255 - row, 7], np.uint8))
+            made.add_point3D(self.unit * point + self.offset, track, np.array([row * 10 % 256, (255 - row) % 256, 7], np.uint8))
         return made
 
     def seen(self, index: int) -> np.ndarray:

@@ -53,7 +53,9 @@ def trained_quality(scene: SmallScene, folder) -> float:
     live = bake(trained, find_appearance(trained, "neutral"))
     frame, camera = trained.collection.frame.for_files(), trained.collection.photos[0].camera
     from_file = read_ply(output / f"point_cloud/iteration_{settings.steps}/point_cloud.ply").in_scene(frame)
-    pictures = [create("cpu").render(splats, camera).image for splats in (live, replace(from_file, sh=from_file.sh[:, :4]))]
+    pictures = [
+        create("cpu").render(splats, camera).image for splats in (live, replace(from_file, sh=from_file.sh[:, :4]))
+    ]
     # A file in the world frame rounds coordinates by up to 1e-5 of the scene: 2e-3 px here, times colours of order 1.
     torch.testing.assert_close(*pictures, rtol=0, atol=5e-3)
     with (output / "history.csv").open() as file:
@@ -157,7 +159,9 @@ def test_a_single_photo_and_photos_that_are_all_the_same(collection, tmp_path):
 @pytest.mark.parametrize("points", [1, 50])
 def test_points_in_one_place_allow_gaussians_around_them(collection, tmp_path, points):
     same = [np.repeat(array[:1], points, axis=0) for array in (collection.points, collection.point_colours)]
-    trainer, _ = run(replace(collection, points=same[0], point_colours=same[1]), tmp_path / "run", prune_contribution=0.0)
+    trainer, _ = run(
+        replace(collection, points=same[0], point_colours=same[1]), tmp_path / "run", prune_contribution=0.0
+    )
     assert trainer.gaussians.solid > 0
 
 
@@ -197,7 +201,9 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     assert trainer.mask_mean < losses.COLLAPSED
     mask = trainer.model.look(trainer.pictures[0].encoder_input, 0).mask
     weights = losses.pixel_weights(mask, HEIGHT, WIDTH, float(mask.detach().mean()))
-    assert float(weights.mean()) == pytest.approx(losses.COLLAPSED, abs=0.02)  # bilinear resizing moves the mean a little
+    assert float(weights.mean()) == pytest.approx(
+        losses.COLLAPSED, abs=0.02
+    )  # bilinear resizing moves the mean a little
 
 
 # --- losses and gradients that are wrong
@@ -245,7 +251,11 @@ def test_a_step_of_no_use_is_skipped_counted_and_leaves_no_trace(collection, tmp
     spoil(trainer, 1, WRONG[words])
     (message,) = trainer.step().messages
     assert message.startswith("Step 13 was skipped: its ") and words in message and "(photo photo_" in message
-    after = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
+    after = {
+        **trainer.gaussians.tensors(),
+        **trainer.model.state_dict(),
+        **checkpoint.optimizer_tensors(trainer.optimizer),
+    }
     for name, tensor in before.items():
         assert torch.equal(tensor, after[name]), name
     assert trainer.step().messages == () and (trainer.skipped, trainer.skipped_in_a_row) == (1, 0)

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 350
-# wegs_cli -> pipeline -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
+# wegs_cli -> pipeline, doctor -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
 LAYERS = [
     {"core", "core.errors", "core.report", "core.threads"},  # "core" itself: the version
     {"core.config"},

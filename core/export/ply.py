@@ -44,7 +44,9 @@ def _undrawable(table: Float32[np.ndarray, "n p"], names: list[str]) -> Bool[np.
     quaternions = table[:, names.index("rot_0") : names.index("rot_3") + 1]
     norm2 = np.einsum("nk,nk->n", quaternions, quaternions, dtype=np.float64)
     # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
-    return ~np.isfinite(table.sum(axis=1, dtype=np.float64)) | (norm2 < _MIN_NORM2)
+    with np.errstate(invalid="ignore"):  # Inf - Inf
+        total = table.sum(axis=1, dtype=np.float64)
+    return ~np.isfinite(total) | (norm2 < _MIN_NORM2)
 
 
 def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:

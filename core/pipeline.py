@@ -109,7 +109,8 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
         raise BadInput(f"The photos in {before.root} are not those that {folder} began with.", "Train a new run.")
     report.say(f"Going on with {folder} from step {saved.facts['step']}")
     run.rewind_history(folder, saved.facts["step"])
-    trainer.resume(saved)
+    with checkpoint.fitting(path):
+        trainer.resume(saved)
     return _train(trainer, report)
 
 

@@ -58,7 +58,11 @@ class SceneFrame:
 
     @staticmethod
     def from_json(values: dict) -> "SceneFrame":
-        return SceneFrame(np.asarray(values["centre"], dtype=np.float64), float(values["radius"]))
+        """The inverse of `to_json`; raises KeyError or ValueError for what is no frame."""
+        centre, radius = np.asarray(values["centre"], dtype=np.float64).reshape(3), float(values["radius"])
+        if not (np.isfinite(centre).all() and 0 < radius < np.inf):
+            raise ValueError(f"no frame: centre {values['centre']}, radius {values['radius']}")
+        return SceneFrame(centre, radius)
 
     @staticmethod
     def around(points: np.ndarray, quantile: float = 0.97) -> "SceneFrame":

@@ -128,10 +128,14 @@ def rewind_history(folder: Path, step: int) -> None:
     path = folder / HISTORY
     if not path.is_file():
         return
-    with path.open(encoding="utf-8", newline="") as file:
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
         lines = file.readlines()
-    done = [line for line in lines[1:] if line.endswith("\n") and int(line.partition(",")[0]) <= step]
-    write_text(path, "".join([*lines[:1], *done]))
+
+    def is_done(line: str) -> bool:
+        number = line.partition(",")[0]  # none in a garbled line, which goes too
+        return line.endswith("\n") and number.isdecimal() and int(number) <= step
+
+    write_text(path, "".join([*lines[:1], *filter(is_done, lines[1:])]))
 
 
 # --- config.json
@@ -187,8 +191,9 @@ def _photo_to_json(photo: Photo, root: Path) -> dict:
 
 
 def _photo_from_json(values: dict, root: Path) -> Photo:
+    shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     camera = values["camera"] | {
-        name: np.asarray(values["camera"][name], dtype=np.float64) for name in ("world_to_camera", "centre")
+        name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()
     }
     nothing = np.zeros(0, dtype=np.int64)
     path = root / values["path"]  # an absolute path stays as it is

@@ -50,10 +50,10 @@ class Collection:
         return tuple(photo for photo in self.photos if photo.split == name)
 
 
-def astray(photos: Sequence[Photo]) -> np.ndarray:
-    """(n,) bool: whose camera stands more than FAR times as far from the scene's centre as the median one.
+def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:
+    """(n,) bool: whose camera stands more than `far` times as far from the scene's centre as the median one.
 
     Structure from motion makes such mistakes; nothing that is fitted around the cameras may follow them.
     """
     distances = np.array([np.linalg.norm(photo.camera.centre) for photo in photos])
-    return distances > FAR * np.median(distances)
+    return distances > far * np.median(distances)

@@ -11,6 +11,7 @@ from core.doctor import views
 from core.doctor.finding import Finding, part
 from core.doctor.gaussians import finite_rows, look_at_gaussians
 from core.errors import BadInput, command
+from core.export.ply import BYTES_A_GAUSSIAN
 from core.report import Report
 from core.training import checkpoint
 from core.training.losses import COLLAPSED
@@ -31,7 +32,12 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     facts = checkpoint.load(checkpoint.newest(folder)).facts
     sky, frame = facts["sky"], trained.collection.frame
     neutral = bake(trained, find_appearance(trained, "neutral"))
-    findings = [*_progress(trained, facts["trainer"]), _settings(trained.settings)]
+    size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
+    findings = [
+        Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply"),
+        *_progress(trained, facts["trainer"]),
+        _settings(trained.settings),
+    ]
     findings += look_at_gaussians(neutral, frame, sky)
     photos = trained.collection.split("train")
     cameras = [trained.camera(photo) for photo in photos]

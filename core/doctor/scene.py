@@ -6,7 +6,7 @@ import numpy as np
 
 from core.data import find_kind, find_photos, load_collection
 from core.data import photos as files
-from core.data.collection import FAR, Collection, Photo, astray
+from core.data.collection import Collection, Photo, astray
 from core.data.colmap import USUAL_FOCAL_LENGTHS
 from core.data.photo_file import list_photos, named_with_fault
 from core.data.split import counted, list_names
@@ -18,6 +18,7 @@ from core.report import Report
 LEFT_OUT = ("not used", "missing", "left out")  # in the words of the reader's notes
 FEW_POINTS = 20  # a photo that sees fewer is held by little; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
+ODD_DISTANCE = 10.0  # times the median camera's from the middle of the scene
 SHOWN = 0.5  # share of a photo's own points that its camera has to see
 ASPECT = 0.05  # fx and fy differ by more in no camera that was sold
 OFF_CENTRE = 0.15  # of a side: the principal point of a photo that was cropped
@@ -60,7 +61,7 @@ def _cameras(collection: Collection) -> list[Finding]:
     crooked = [
         name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
     ]
-    far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
+    far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
     away = [photo.name for photo in photos if _shown(photo, collection.points) < SHOWN]
     lengths = np.array(list(focal.values()))
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
@@ -74,7 +75,7 @@ def _cameras(collection: Collection) -> list[Finding]:
         _named("odd focal lengths", odd, total, f"outside {low} to {high}: SfM gave up on them", remove),
         _named("unequal focal lengths", squeezed, total, f"fx and fy over {ASPECT:.0%} apart: squeezed photos", square),
         _named("principal points", crooked, total, f"over {OFF_CENTRE:.0%} of a side off the middle: crops", middle),
-        _named("cameras astray", far, total, f"over {FAR:.0f} times as far off as the median one", remove),
+        _named("cameras astray", far, total, f"over {ODD_DISTANCE:.0f} times as far off as the median one", remove),
         _named("cameras that look away", away, total, "see less than half of the points said to be theirs", remove),
     ]
 

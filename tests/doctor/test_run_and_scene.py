@@ -38,6 +38,7 @@ def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
     assert {"steps", "skipped steps", "held-out quality", "settings", "not finite", "needles", "float32 positions"} < findings.keys()
     assert {"never seen", "residuals", "looks", "masks"} < findings.keys()
     assert findings["steps"].figure.startswith("30 of 30 in ")
+    assert "(60 of them sky) of SH degree 1" in findings["file"].figure
     assert "sky_gaussians=60" in findings["settings"].figure and "steps=30" in findings["settings"].figure
     assert "over 7 looks" in findings["residuals"].figure  # of nine photos two are held out
     assert findings["giants"].figure == "0 in the scene, 0 beyond 3 radii"  # the sky is no giant

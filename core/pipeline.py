@@ -110,7 +110,8 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
         raise BadInput(f"The photos in {before.root} are not those that {folder} began with.", "Train a new run.")
     report.say(f"Going on with {folder} from step {saved.facts['step']}")
     run.rewind_history(folder, saved.facts["step"])
-    trainer.resume(saved)
+    with checkpoint.fitting(path):
+        trainer.resume(saved)
     return _train(trainer, report)
 
 
@@ -195,6 +196,8 @@ def export(
         raise BadInput(f"{kept} exists.", "Add --force to replace it, or choose another name.")
     appearance = find_appearance(trained, word)
     report.say(f"{trained.folder}, step {trained.step}: look of {appearance.source}")
+    for note in trained.collection.frame.offset_notes():
+        report.warn(note)
     if trained.settings.appearance == "off":
         report.warn("This run was trained without appearance: all its looks are one.")
     start = time.perf_counter()
@@ -210,8 +213,9 @@ def export(
 def _write_look(trained: Run, appearance: Appearance, path: Path, report: Report) -> Splats:
     """Bake and write one look; returns it in the scene frame."""
     splats = bake(trained, appearance)
-    comment = f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}"
-    dropped = core.export.write(path, splats.in_world(trained.collection.frame), comment)
+    frame = trained.collection.frame
+    comment = ". ".join([f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}", *frame.offset_notes()])
+    dropped = core.export.write(path, splats.in_world(frame.for_files()), comment)
     if dropped:
         report.warn(
             f"{path}: {dropped} Gaussians could not be drawn (NaN, Inf or a zero quaternion) and were left out."

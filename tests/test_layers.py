@@ -10,14 +10,14 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 350
-# wegs_cli -> bench -> pipeline -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
+# wegs_cli -> bench -> pipeline, doctor -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
 LAYERS = [
     {"core", "core.errors", "core.report", "core.threads"},  # "core" itself: the version
     {"core.config"},
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},
-    {"core.pipeline"},
+    {"core.pipeline", "core.doctor"},
     {"core.bench"},
     {"wegs_cli"},
 ]

@@ -16,31 +16,11 @@ from core import pipeline
 from core.data import found_cameras
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
-from core.report import Report
 from core.training import run
+from tests.heard import Heard
 from tests.small import damage, small_collection, small_settings
 
 STEPS = 12
-
-
-class Heard(Report):
-    """Keeps what it is told."""
-
-    def __init__(self):
-        self.lines: list[str] = []
-        self.steps: list[tuple[int, int]] = []
-
-    def say(self, line: str) -> None:
-        self.lines.append(line)
-
-    def warn(self, line: str) -> None:
-        self.lines.append(f"! {line}")
-
-    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
-        self.steps.append((done, total))
-
-    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
-        self.lines += [f"{name}: {value}" for name, value in rows]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -332,10 +312,10 @@ def test_cameras_of_plain_photos_are_found_once(small_scene, tmp_path, monkeypat
     photos = tmp_path / "photos"
     shutil.copytree(small_scene, photos)
     wanted = tmp_path / "runs" / "photos-scene"
-    assert found_cameras.scene_of_photos(photos, wanted, Report()) == wanted
-    assert found_cameras.scene_of_photos(photos, wanted, Report()) == wanted
+    assert found_cameras.scene_of_photos(photos, wanted, Heard()) == wanted
+    assert found_cameras.scene_of_photos(photos, wanted, Heard()) == wanted
     assert calls == ["photos-scene"]
     (photos / "photo_0.png").unlink()  # other photos: the scene that is there is not theirs
-    assert found_cameras.scene_of_photos(photos, wanted, Report()).name == "photos-scene-2"
-    assert found_cameras.scene_of_photos(photos, wanted, Report()).name == "photos-scene-2"
+    assert found_cameras.scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
+    assert found_cameras.scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
     assert calls == ["photos-scene", "photos-scene-2"]

@@ -17,6 +17,7 @@ COMMANDS = {
     "eval": "wegs_cli.evaluate:evaluate",
     "bench": "wegs_cli.bench:bench",
     "sfm": "wegs_cli.sfm:sfm",
+    "doctor": "wegs_cli.doctor:doctor",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
 INTERRUPTED = 130  # what shells report for Ctrl-C

@@ -13,6 +13,7 @@ from core.errors import BadInput
 
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms a photo on one core
 WEAK_COMPONENT = 0.1  # of the strongest: what varies less between photos is amplified less
+ALIKE = 0.01  # of the mean feature: what varies less is no light; photos of real collections vary by 0.1 and more
 
 
 def shrink(photo: Float[Tensor, "3 h w"], side_px: int) -> Float[Tensor, "3 h2 w2"]:
@@ -74,14 +75,16 @@ class Enc2(nn.Module):
         """Start the last layer so that the embeddings of these photos have mean zero, about unit variance, no correlation.
 
         Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run. Data-dependent
-        initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less.
+        initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and those of
+        a single photo or of equal ones not by the inverse of nothing.
         """
         centre = pooled.mean(dim=0)
         _, strengths, directions = torch.linalg.svd(pooled - centre, full_matrices=False)
         kept = min(len(strengths), len(self.embedding.bias))
         deviations = strengths[:kept] / len(pooled) ** 0.5
         weight = torch.zeros_like(self.embedding.weight)
-        weight[:kept] = directions[:kept] / (deviations + WEAK_COMPONENT * deviations[0] + 1e-6)[:, None]
+        least = torch.maximum(WEAK_COMPONENT * deviations[0], ALIKE * centre.norm())
+        weight[:kept] = directions[:kept] / (deviations + least + 1e-6)[:, None]
         self.embedding.weight.copy_(weight)
         self.embedding.bias.copy_(-weight @ centre)
 

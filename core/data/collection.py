@@ -1,5 +1,6 @@
 """What every kind of photo collection is read into."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import numpy as np
 
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+
+FAR = 100.0  # times the median camera's distance from the scene's centre
 
 
 @dataclass(frozen=True)
@@ -45,3 +48,12 @@ class Collection:
     def split(self, name: str) -> tuple[Photo, ...]:
         """The photos of one split, in order of name."""
         return tuple(photo for photo in self.photos if photo.split == name)
+
+
+def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:
+    """(n,) bool: whose camera stands more than `far` times as far from the scene's centre as the median one.
+
+    Structure from motion makes such mistakes; nothing that is fitted around the cameras may follow them.
+    """
+    distances = np.array([np.linalg.norm(photo.camera.centre) for photo in photos])
+    return distances > far * np.median(distances)

@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 
 from core.data import lens as lenses
-from core.data.collection import Collection, Photo
+from core.data.collection import FAR, Collection, Photo, astray
 from core.data.model_file import holds_model, read_model
 from core.data.photo_file import Header, list_photos, named_with_fault, probe
 from core.data.split import counted, name_them, split_photos
@@ -18,6 +18,8 @@ from core.scene.frame import SceneFrame
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project and its data sets keep
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
+LARGEST = 1e100  # a coordinate; the square of a larger one may be infinite
+STRAY = 1e6  # median distances from the middle; SfM puts points near infinity, and float32 ends there
 USUAL_FOCAL_LENGTHS = (0.1, 10.0)  # in lengths of the longer side: COLMAP's own bounds
 
 
@@ -50,6 +52,7 @@ def load_colmap(root: Path, model: Path, kind: str) -> Collection:
     splits, split_notes = split_photos(root, sorted(posed), {image.name for image in found})
     notes += split_notes
     frame = SceneFrame.around(points)
+    notes += frame.offset_notes()
     nothing = np.empty(0, np.int64)
     photos = tuple(
         Photo(
@@ -65,19 +68,25 @@ def load_colmap(root: Path, model: Path, kind: str) -> Collection:
     )
     blind = [photo.name for photo in photos if not len(photo.points)]
     notes += name_them("that see no SfM point", blind)
+    far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
+    notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far)
     return Collection(root.resolve().name, root, kind, photos, frame.to_scene(points), colours, frame, tuple(notes))
 
 
 def _points(
     reconstruction: pycolmap.Reconstruction, model: Path
 ) -> tuple[np.ndarray, np.ndarray, dict[int, np.ndarray], list[str]]:
-    """Finite points (P, 3) in world units, colours (P, 3) in [0, 1], the points each image id sees, notes."""
+    """Usable points (P, 3) in world units, colours (P, 3) in [0, 1], the points each image id sees, notes."""
     # By id: pycolmap's own order is that of a hash table, and a run must begin the same each time.
     points = [point for _, point in sorted(reconstruction.points3D.items(), key=lambda item: item[0])]
     positions = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
-    finite = np.isfinite(positions).all(axis=1)
+    finite = (np.abs(positions) < LARGEST).all(axis=1)  # so that NaN fails it
+    if finite.any():
+        frame = SceneFrame.around(positions[finite], quantile=0.5)
+        finite[finite] = np.linalg.norm(frame.to_scene(positions[finite]), axis=1) < STRAY
     if not finite.any():
-        raise BadInput(f"{model} has no 3D points.", "Run COLMAP's triangulation, or type: wegs sfm PHOTOS -o SCENE")
+        usable = f" at usable coordinates, of {len(points)}" if points else ""
+        raise BadInput(f"{model} has no 3D points{usable}.", "Run COLMAP's triangulation, or type: wegs sfm PHOTOS -o SCENE")
     kept = [point for point, good in zip(points, finite, strict=True) if good]
     colours = np.array([point.color for point in kept], np.float32) / 255
     seen: dict[int, list[int]] = {}
@@ -85,7 +94,7 @@ def _points(
         for element in point.track.elements:
             seen.setdefault(element.image_id, []).append(index)
     dropped = len(points) - len(kept)
-    notes = [f"{counted(dropped, 'point')} with NaN or infinite coordinates left out."] if dropped else []
+    notes = [f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out."] if dropped else []
     # An image may see a point twice.
     return positions[finite], colours, {image: np.unique(indices) for image, indices in seen.items()}, notes
 
@@ -140,7 +149,7 @@ class _Reading:
             self.unreadable.append(named_with_fault(image.name, path, problem))
             return None
         pose = image.cam_from_world().matrix()
-        if not lenses.usable(image.camera) or not np.isfinite(pose).all():
+        if not lenses.usable(image.camera) or not (np.abs(pose) < LARGEST).all():
             self.broken.append(image.name)
             return None
         return self._fit(image, header, pose)

@@ -21,7 +21,7 @@ def split_photos(root: Path, names: list[str], in_model: set[str]) -> tuple[dict
         splits, notes = _by_table(tables[0], names, in_model)
         if len(tables) > 1:
             notes.append(
-                f"Several .tsv files: {tables[0].name} is used, {_list([path.name for path in tables[1:]])} not."
+                f"Several .tsv files: {tables[0].name} is used, {list_names([path.name for path in tables[1:]])} not."
             )
         source = tables[0].name
     elif (root / TEST_LIST).is_file():
@@ -46,10 +46,10 @@ def counted(count: int, what: str) -> str:
 
 def name_them(what: str, names: list[str]) -> list[str]:
     """A note that counts and names photos, or none where there are none: "3 photos WHAT: a.jpg, b.jpg, c.jpg"."""
-    return [f"{counted(len(names), 'photo')} {what}: {_list(names)}"] if names else []
+    return [f"{counted(len(names), 'photo')} {what}: {list_names(names)}"] if names else []
 
 
-def _list(names: list[str]) -> str:
+def list_names(names: list[str]) -> str:
     """The first names, and how many more there are."""
     shown = ", ".join(names[:NAMES_SHOWN])
     return shown if len(names) <= NAMES_SHOWN else f"{shown} and {len(names) - NAMES_SHOWN} more"

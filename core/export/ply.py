@@ -36,6 +36,7 @@ def _properties(rest: int) -> list[str]:
 
 
 PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
+BYTES_A_GAUSSIAN = 4 * len(PROPERTIES)
 
 
 def _undrawable(table: Float32[np.ndarray, "n p"], names: list[str]) -> Bool[np.ndarray, " n"]:
@@ -43,7 +44,9 @@ def _undrawable(table: Float32[np.ndarray, "n p"], names: list[str]) -> Bool[np.
     quaternions = table[:, names.index("rot_0") : names.index("rot_3") + 1]
     norm2 = np.einsum("nk,nk->n", quaternions, quaternions, dtype=np.float64)
     # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
-    return ~np.isfinite(table.sum(axis=1, dtype=np.float64)) | (norm2 < _MIN_NORM2)
+    with np.errstate(invalid="ignore"):  # Inf - Inf
+        total = table.sum(axis=1, dtype=np.float64)
+    return ~np.isfinite(total) | (norm2 < _MIN_NORM2)
 
 
 def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
@@ -87,26 +90,45 @@ def read_ply(path: Path) -> Splats:
     Raises BadInput naming what is wrong: no such file, not a .ply, cut short, a column missing, a number of f_rest
     columns that fits no degree, a row that cannot be drawn.
     """
-    vertices = _vertices(path)
-    names = vertices.dtype.names
-    rest = sum(name.startswith("f_rest_") for name in names)
-    degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
-    if degree is None:
-        raise BadInput(f"{path} has {rest} f_rest columns.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them.")
-    wanted = [name for name in _properties(rest) if name not in ("nx", "ny", "nz")]
-    missing = [name for name in wanted if name not in names]
-    if missing:
-        raise BadInput(f"{path} lacks the column {missing[0]}.", "It is not a 3DGS .ply; export it as one.")
-    table = np.empty((len(vertices), len(wanted)), dtype=np.float32)
-    for column, name in enumerate(wanted):
-        table[:, column] = vertices[name]
-    bad = np.flatnonzero(_undrawable(table, wanted))
+    table, degree = _table(path)
+    bad = np.flatnonzero(_undrawable(table, _read_columns(degree)))
     if bad.size:
         raise BadInput(
             f"{path}: row {bad[0]} (of {bad.size} bad ones) holds NaN, Inf or a zero quaternion.",
             "Export the file again without such Gaussians.",
         )
     return _splats(torch.from_numpy(table), coefficient_count(degree))
+
+
+def read_every_row(path: Path) -> Splats:
+    """As `read_ply`, rows that cannot be drawn included: for a look at what is wrong with a file."""
+    table, degree = _table(path)
+    return _splats(torch.from_numpy(table), coefficient_count(degree))
+
+
+def _read_columns(degree: int) -> list[str]:
+    """The names of the columns that are read, in the order of `_splats`."""
+    return [name for name in _properties(_REST_OF_DEGREE[degree]) if name not in ("nx", "ny", "nz")]
+
+
+def _table(path: Path) -> tuple[Float32[np.ndarray, "n p"], int]:
+    """The rows of a .ply in the columns of `_read_columns`, and the SH degree."""
+    vertices = _vertices(path)
+    names = vertices.dtype.names
+    rest = sum(name.startswith("f_rest_") for name in names)
+    degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
+    if degree is None:
+        raise BadInput(f"{path} has {rest} f_rest columns.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them.")
+    wanted = _read_columns(degree)
+    for name in wanted:
+        if name not in names or vertices.dtype[name].kind not in "fiu":
+            fault = f"lacks the column {name}" if name not in names else f"holds lists in the column {name}"
+            raise BadInput(f"{path} {fault}.", "It is not a 3DGS .ply; export it as one.")
+    table = np.empty((len(vertices), len(wanted)), dtype=np.float32)
+    with np.errstate(over="ignore"):  # a double beyond float32 becomes Inf, and is told as that
+        for column, name in enumerate(wanted):
+            table[:, column] = vertices[name]
+    return table, degree
 
 
 def _splats(table: Float[Tensor, "n p"], coefficients: int) -> Splats:

@@ -132,7 +132,9 @@ def touches_picture(projection: Projection, camera: Camera) -> Bool[Tensor, " n"
     extents = (2 * torch.log(projection.opacities / ALPHA_MIN).clamp_min(0)[:, None] * projection.variances).sqrt()
     size = extents.new_tensor([camera.width, camera.height])
     inside = (projection.centres + extents >= 0) & (projection.centres - extents <= size)
-    return inside.all(dim=1) & torch.isfinite(projection.conics).all(dim=1)
+    # A determinant beyond the dtype leaves conics of 0, whose gradient is not finite.
+    positive = (projection.conics[:, [0, 2]] > 0).all(dim=1)
+    return inside.all(dim=1) & positive & torch.isfinite(projection.conics).all(dim=1)
 
 
 # ------------------------------------------------------------------------------------------------------------- project
@@ -274,4 +276,6 @@ def coverage(
     """opacity * exp(-d' S^-1 d / 2) of each splat at each pixel, before any threshold."""
     x, y = (pixels[:, None, :] - centres[None, :, :]).unbind(dim=2)
     xx, xy, yy = conics.unbind(dim=1)
-    return opacities * torch.exp(-0.5 * (xx * x * x + yy * y * y) - xy * x * y)
+    power = -0.5 * (xx * x * x + yy * y * y) - xy * x * y
+    # Never positive but for rounding: a million pixels from a needle's centre float32 would say e^1000.
+    return opacities * torch.exp(power.clamp_max(0))

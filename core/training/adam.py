@@ -13,6 +13,8 @@ from core.threads import in_parallel
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # 3DGS: gradients of means over pixels are tiny
 ROWS_A_BLOCK = 4096
+# Gradients are cut there: the square of a larger one is infinite in float32, and its row would never move again.
+LARGEST_GRADIENT = 1e18
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -23,7 +25,7 @@ def _update(values, first, second, counts, rows, gradient, rates, begin, end):
         unbias_1 = np.float32(1.0 / (1.0 - BETA_1 ** counts[row]))
         unbias_2 = np.float32(1.0 / (1.0 - BETA_2 ** counts[row]))
         for j in range(columns):
-            g = gradient[i, j]
+            g = min(max(gradient[i, j], np.float32(-LARGEST_GRADIENT)), np.float32(LARGEST_GRADIENT))
             m = np.float32(BETA_1) * first[row, j] + np.float32(1 - BETA_1) * g
             v = np.float32(BETA_2) * second[row, j] + np.float32(1 - BETA_2) * g * g
             first[row, j] = m
@@ -37,8 +39,10 @@ def adam_rows(
     """One Adam step (Kingma & Ba 2015) on some rows, in place.
 
     values, first, second: (N, ...) float32 parameters and moments. counts: (N,) int32 updates of each row, this one included.
-    rows: (V,) int64. gradient: (V, ...). rates: one learning rate for each element of a row.
+    rows: (V,) int64. gradient: (V, ...), finite. rates: one learning rate for each element of a row.
     """
+    if not len(rows):
+        return  # a view of nothing
     if values.device.type != "cpu":
         _adam_rows_torch(values, first, second, counts, rows, gradient, rates)
         return
@@ -52,6 +56,7 @@ def adam_rows(
 
 
 def _adam_rows_torch(values, first, second, counts, rows, gradient, rates):
+    gradient = gradient.clamp(-LARGEST_GRADIENT, LARGEST_GRADIENT)
     m = BETA_1 * first[rows] + (1 - BETA_1) * gradient
     v = BETA_2 * second[rows] + (1 - BETA_2) * gradient**2
     first[rows], second[rows] = m, v

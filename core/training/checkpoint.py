@@ -2,6 +2,8 @@
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,6 +66,19 @@ def load(path: Path) -> Checkpoint:
     if facts.get("version") != VERSION:
         raise BadInput(f"{path} has version {facts.get('version')}, this is version {VERSION}.", "Train again.")
     return Checkpoint(tensors, facts)
+
+
+@contextmanager
+def fitting(path: Path) -> Iterator[None]:
+    """What is built from the checkpoint `path` inside; BadInput where its parts are missing or of other sizes."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, RuntimeError) as problem:
+        reason = " ".join(str(problem).split())[:200]
+        raise BadInput(
+            f"{path} does not fit its run: {type(problem).__name__}: {reason}.",
+            "It was changed, or is of another version of wegs: train the run again.",
+        ) from None
 
 
 def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:

@@ -33,14 +33,17 @@ class Surroundings:
     def __init__(self, points: np.ndarray, reach: float):
         self.tree = cKDTree(points)
         distances = self.tree.query(points, k=min(5, len(points)))[0].reshape(len(points), -1)[:, -1]
-        self.radii = reach * np.clip(distances, np.median(distances), None)
+        # Where most points coincide, with those that do not; where all do, they say nothing of where Gaussians may be.
+        apart = distances[distances > 0]
+        usual = np.median(distances) or (np.median(apart) if len(apart) else np.inf)
+        self.radii = reach * np.clip(distances, usual, None)
 
     def outside(self, means: Tensor) -> Tensor:
         """Which of the centres (N, 3) lie in no ball around one of their eight nearest points."""
         # The tree refuses NaN; such a Gaussian goes for not being finite, wherever it is taken to be.
-        distances, nearest = self.tree.query(torch.nan_to_num(means).numpy(), k=min(8, len(self.radii)))
-        nearest = nearest.reshape(len(means), -1)
-        return torch.from_numpy((distances.reshape(len(means), -1) > self.radii[nearest]).all(axis=1))
+        found = self.tree.query(torch.nan_to_num(means).numpy(), k=min(8, len(self.radii)))
+        distances, nearest = (array.reshape(len(means), min(8, len(self.radii))) for array in found)
+        return torch.from_numpy((distances > self.radii[nearest]).all(axis=1))
 
 
 def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings | None = None) -> int:
@@ -51,7 +54,7 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
     if surroundings is not None:
         bad |= surroundings.outside(splats.means)
     for tensor in splats.tensors().values():
-        bad |= ~torch.isfinite(tensor.reshape(len(tensor), -1)).all(dim=1)
+        bad |= ~torch.isfinite(tensor[..., None]).flatten(1).all(dim=1)  # also of no Gaussian at all
     bad[gaussians.solid :] = False
     gaussians.keep(~bad)
     return int(bad.sum())

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from core.config import Settings
-from core.data.collection import Collection
+from core.data.collection import Collection, astray
 from core.scene.harmonics import coefficient_count, dc_of_colour
 from core.scene.splats import Splats
 from core.training.adam import adam_rows
@@ -115,11 +115,14 @@ class Gaussians:
 
     @staticmethod
     def from_tensors(flat: dict[str, Tensor], sky: int) -> "Gaussians":
-        """The inverse of `tensors`."""
+        """The inverse of `tensors`; raises KeyError or ValueError for a set that is incomplete or does not fit together."""
         groups = {
             group: {key.split(".", 1)[1]: tensor for key, tensor in flat.items() if key.startswith(group + ".")}
             for group in ("parameters", *MOMENTS)
         }
+        rows = {len(tensor) for tensor in flat.values()}
+        if len(rows) != 1 or any(tensor.dtype != torch.float32 for tensor in groups["parameters"].values()):
+            raise ValueError(f"{sorted(rows)} Gaussians in tensors of one set, or parameters that are not float32")
         return Gaussians(
             **groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky=sky
         )
@@ -170,7 +173,9 @@ def sky_dome(collection: Collection, settings: Settings) -> Splats:
     is behind shines through.
     """
     count = settings.sky_gaussians
-    farthest = max(float(np.linalg.norm(photo.camera.centre)) for photo in collection.photos)
+    # Around a camera that stands a million units off by mistake a dome would have holes: log scales are clamped.
+    centres = np.stack([photo.camera.centre for photo in collection.photos])[~astray(collection.photos)]
+    farthest = float(np.linalg.norm(centres, axis=1).max())
     radius = max(settings.sky_radius, 4.0 * farthest)
     index = np.arange(count) + 0.5
     height = 1.0 - 2.0 * index / count

@@ -49,7 +49,9 @@ def pixel_weights(
 
 
 def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
-    """L_regSH: the mean over Gaussians of |residual|; a mean, because a sum would drown the picture."""
+    """L_regSH: the mean over Gaussians of |residual|; a mean, because a sum would drown the picture. 0 without Gaussians."""
+    if not len(residual):
+        return residual.sum()
     return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
 
 

@@ -103,7 +103,7 @@ def create(folder: Path, collection: Collection, settings: Settings) -> None:
     except OSError as problem:
         raise BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.") from None
     try:
-        world = collection.frame.to_world(collection.points)
+        world = collection.frame.for_files().to_world(collection.points)
         write_points(folder / "input.ply", world, collection.point_colours)
         write_json(folder / "cameras.json", _cameras_json(collection))
         write_text(folder / "cfg_args", _cfg_args(folder, collection))
@@ -128,10 +128,14 @@ def rewind_history(folder: Path, step: int) -> None:
     path = folder / HISTORY
     if not path.is_file():
         return
-    with path.open(encoding="utf-8", newline="") as file:
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
         lines = file.readlines()
-    done = [line for line in lines[1:] if line.endswith("\n") and int(line.partition(",")[0]) <= step]
-    write_text(path, "".join([*lines[:1], *done]))
+
+    def is_done(line: str) -> bool:
+        number = line.partition(",")[0]  # none in a garbled line, which goes too
+        return line.endswith("\n") and number.isdecimal() and int(number) <= step
+
+    write_text(path, "".join([*lines[:1], *filter(is_done, lines[1:])]))
 
 
 # --- config.json
@@ -187,8 +191,9 @@ def _photo_to_json(photo: Photo, root: Path) -> dict:
 
 
 def _photo_from_json(values: dict, root: Path) -> Photo:
+    shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     camera = values["camera"] | {
-        name: np.asarray(values["camera"][name], dtype=np.float64) for name in ("world_to_camera", "centre")
+        name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()
     }
     nothing = np.zeros(0, dtype=np.int64)
     path = root / values["path"]  # an absolute path stays as it is
@@ -202,7 +207,7 @@ def _cameras_json(collection: Collection) -> list[dict]:
     """Training views first, as in the original; position and rotation lead from camera (OpenCV axes) to world."""
     entries = []
     for number, photo in enumerate((*collection.split("train"), *collection.split("test"))):
-        camera = photo.camera.in_world(collection.frame)
+        camera = photo.camera.in_world(collection.frame.for_files())
         entries.append(
             {
                 "id": number,

@@ -76,12 +76,13 @@ def load_run(folder: Path) -> Run:
     if path is None:
         raise BadInput(f"{folder} has no checkpoint yet.", "Wait for its first one, or name another run.")
     saved = checkpoint.load(path)
-    gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
-    model = AppearanceModel(settings, saved.facts["photos"])
-    model.load_state_dict(saved.part("model"))
+    with checkpoint.fitting(path):
+        gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
+        model = AppearanceModel(settings, saved.facts["photos"])
+        model.load_state_dict(saved.part("model"))
+        step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
+        splats = gaussians.splats.detached()
     model.eval()
-    splats = gaussians.splats.detached()
-    step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
     return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.latents, model)
 
 

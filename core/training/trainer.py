@@ -19,14 +19,14 @@ from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
 from core.scene.splats import Splats
 from core.threads import one_torch_thread
-from core.training import checkpoint, densify, losses, schedule
+from core.training import checkpoint, densify, guards, losses, schedule
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Picture, Pictures, auto_factor
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
 GAUGE_ROWS = 1024  # Gaussians drawn each step to hold the neutral look
-SKIPS_ALLOWED = 10  # non-finite steps in a row before training stops
+SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4
 LARGEST_GAIN = 1.4  # of the exposure jitter; a photo has nothing above 1 to be brightened
 HISTORY = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr", "held_out_ssim")
@@ -74,6 +74,7 @@ class Trainer:
         self.seconds = 0.0
         self.order: list[int] = []
         self.mask_mean = 1.0
+        self.last_losses: list[float | None] = [None] * len(self.pictures)
         self.skipped = 0
         self.skipped_in_a_row = 0
         self.collapse_told = False
@@ -106,12 +107,14 @@ class Trainer:
             if not file.tell():
                 history.writeheader()
             while self.done < settings.steps:
-                start = time.perf_counter()
+                start, before = time.perf_counter(), self.gaussians.solid
                 report = self.step()
                 if self.done in densify_at:
                     self.control_density()
                 if self.done in drop_at:
                     self.drop_unneeded()
+                if before and not self.gaussians.solid:
+                    report = dataclasses.replace(report, messages=(*report.messages, guards.ALL_GONE))
                 self.seconds += time.perf_counter() - start
                 if self.done in checks:
                     psnr, ssim = self.held_out_quality()
@@ -146,13 +149,18 @@ class Trainer:
         loss = picture_loss + self._regularisers(look, residual, seen, camera, progress)
         self.done += 1
         messages = []
-        total = float(loss.detach() + mask_loss.detach())
-        if not math.isfinite(total):
-            messages.append(self._skip(picture))
-        else:
-            self.skipped_in_a_row = 0
+        total, shown_loss = float(loss.detach() + mask_loss.detach()), float(picture_loss.detach())
+        fault = guards.fault_of_loss(total, shown_loss, index, self.last_losses)
+        if fault is None:
             loss.backward()
             self._teach_encoder(look, embedding, mask_loss)
+            gradients = (tensor.grad for tensor in (*leaves.values(), *self.model.parameters()))
+            fault = None if guards.finite(gradients) else "gradient was not finite"
+        if fault is not None:
+            messages.append(self._skip(picture, fault))
+        else:
+            self.skipped_in_a_row = 0
+            self.last_losses[index] = shown_loss
             self._update(rows, leaves, progress)
             densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
             messages += self._remember(look, progress)
@@ -161,9 +169,9 @@ class Trainer:
             seconds=self.seconds,
             gaussians=self.gaussians.solid,
             loss=total,
-            picture_loss=float(picture_loss.detach()),
+            picture_loss=shown_loss,
             mask_mean=self.mask_mean,
-            residual=0.0 if residual is None else float(residual.detach().abs().mean()),
+            residual=0.0 if residual is None or not len(rows) else float(residual.detach().abs().mean()),
             messages=tuple(messages),
         )
 
@@ -253,7 +261,7 @@ class Trainer:
             + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 
-    def _skip(self, picture: Picture) -> str:
+    def _skip(self, picture: Picture, fault: str) -> str:
         self.skipped += 1
         self.skipped_in_a_row += 1
         if self.optimizer is not None:
@@ -261,10 +269,11 @@ class Trainer:
         if self.skipped_in_a_row >= SKIPS_ALLOWED:
             path = self.save()
             raise TrainingStopped(
-                f"The loss was not finite for {SKIPS_ALLOWED} steps in a row (last photo {picture.photo.name}); saved {path}.",
+                f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {picture.photo.name}). "
+                f"Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
-        return f"Step {self.done} was skipped: its loss was not finite (photo {picture.photo.name})."
+        return f"Step {self.done} was skipped: its {fault} (photo {picture.photo.name})."
 
     def _next_photo(self) -> int:
         if not self.order:
@@ -312,7 +321,7 @@ class Trainer:
         if self.optimizer is not None:
             tensors |= {f"optimizer.{name}": t for name, t in checkpoint.optimizer_tensors(self.optimizer).items()}
         tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
-        names = ("done", "seconds", "order", "mask_mean", "skipped", "skipped_in_a_row", "collapse_told")
+        names = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")
         facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in names}}
         facts |= {
             "settings": self.settings.to_json(),

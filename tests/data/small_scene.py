@@ -40,6 +40,7 @@ class SmallScene:
     params: list[float] | None = None
     points: np.ndarray = field(default_factory=grid_points)
     offset: np.ndarray = field(default_factory=lambda: np.zeros(3))  # moves the whole world
+    unit: float = 1.0  # scales the whole world
     scale: float = 1.0  # size of the photos on disk against the model's
 
     def lens(self) -> pycolmap.Camera:
@@ -49,7 +50,7 @@ class SmallScene:
     def pose(self, index: int) -> pycolmap.Rigid3d:
         """Camera from world, for a camera at (0.05 index, 0, 0) + offset that looks along z, a little rolled."""
         rotation = pycolmap.Rotation3d(np.array([0.0, 0.0, 0.02 * index]))
-        centre = np.array([0.05 * index, 0.0, 0.0]) + self.offset
+        centre = self.unit * np.array([0.05 * index, 0.0, 0.0]) + self.offset
         return pycolmap.Rigid3d(rotation, -rotation.matrix() @ centre)
 
     def reconstruction(self) -> pycolmap.Reconstruction:
@@ -64,13 +65,14 @@ class SmallScene:
             track = pycolmap.Track()
             for index in range(len(self.names)):
                 track.add_element(index + 1, row)
-            made.add_point3D(point + self.offset, track, np.array([row * 10, 255 - row, 7], np.uint8))
+            made.add_point3D(self.unit * point + self.offset, track, np.array([row * 10 % 256, (255 - row) % 256, 7], np.uint8))
         return made
 
     def seen(self, index: int) -> np.ndarray:
         """Where photo `index` shows the points: (P, 2) px of the model's size, through the lens."""
         pose = self.pose(index)
-        local = (self.points + self.offset) @ pose.rotation.matrix().T + pose.translation
+        world = self.unit * self.points + self.offset
+        local = world @ pose.rotation.matrix().T + pose.translation
         return self.lens().img_from_cam(local)
 
     def write(self, root: Path, images: str = "images", sparse: str = "sparse/0") -> Path:

@@ -154,6 +154,21 @@ def rewritten(tmp_path, change):
     return root
 
 
+def test_points_beyond_reason_are_dropped_and_counted(tmp_path):
+    """Too large to be squared, and so far off that the scene would be a dot in float32."""
+    places = {3: [1e300, -1e300, 0.0], 7: [0.0, 1e9, 0.0]}
+
+    def spoil(model):
+        for number, place in places.items():
+            model.points3D[number].xyz = np.array(place)
+
+    collection = load_collection(rewritten(tmp_path, spoil))
+    assert len(collection.points) == 18 and np.linalg.norm(collection.points, axis=1).max() < 10
+    assert notes_with(collection, "2 points at NaN, infinite or absurd coordinates")
+    with pytest.raises(BadInput, match="no 3D points at usable coordinates, of 20"):
+        load_collection(SmallScene(unit=1e200).write(tmp_path / "all"))
+
+
 def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path):
     def spoil(model):
         model.points3D[3].xyz = np.array([np.nan, 0, 0])
@@ -161,7 +176,7 @@ def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path):
 
     collection = load_collection(rewritten(tmp_path, spoil))
     assert len(collection.points) == 18 and np.isfinite(collection.points).all()
-    assert notes_with(collection, "2 points with NaN or infinite coordinates")
+    assert notes_with(collection, "2 points at NaN, infinite or absurd coordinates")
     scene = SmallScene()
     kept = np.delete(np.arange(20), [2, 6])  # ids begin at 1
     for index, photo in enumerate(collection.photos):

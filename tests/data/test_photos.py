@@ -153,6 +153,15 @@ def test_shrunk_jpegs_stay_aligned(tmp_path, size, orientation):
         assert np.abs(centroid(picture.pixels, dot, 0.2 * small[0] / 2) - dot).max() < 0.15
 
 
+def test_a_hundred_megapixels_are_read_at_a_fraction(tmp_path):
+    """A JPEG is decoded at an eighth: 4.7 MB instead of 300."""
+    halves = np.full((8192, 12288), 40, np.uint8)
+    halves[:, 6144:] = 200
+    picture = load(photo_at(save(tmp_path / "a.jpg", halves), 12288, 8192), 192, 128)
+    assert picture.pixels.shape == (128, 192, 3)
+    assert np.abs(picture.pixels[:, [10, 180]].astype(int) - [[[40], [200]]]).max() <= 1  # JPEG's own rounding
+
+
 def test_shrinking_averages(tmp_path):
     pixels = np.zeros((64, 64, 3), np.uint8)
     pixels[::2] = 255

@@ -1,6 +1,7 @@
 """The vanilla 3DGS .ply: what is written byte for byte, what is read back, and what is refused by name."""
 
 import errno
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,8 @@ import numpy as np
 import plyfile
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from core.errors import BadInput, WegsError
 from core.export import check_format, write
@@ -77,6 +80,35 @@ def test_undrawable_gaussians_are_dropped_and_counted(tmp_path):
     splats.means[4] = 3e38  # finite in float32, though three of them are not when added there
     assert write_ply(tmp_path / "a.ply", splats) == 4
     torch.testing.assert_close(read_ply(tmp_path / "a.ply").means, splats.means[4:].float(), rtol=0, atol=0)
+
+
+@settings(max_examples=40, derandomize=True, deadline=None, database=None)
+@given(
+    spoilt=st.lists(
+        st.tuples(
+            st.sampled_from(["means", "quaternions", "log_scales", "logit_opacities", "sh"]),
+            st.integers(0, 5),
+            st.sampled_from([np.nan, np.inf, -np.inf, 0.0, 1e-45, 3e38, 1e300, -1e300]),
+        ),
+        max_size=8,
+    )
+)
+def test_no_file_holds_what_cannot_be_drawn(spoilt):
+    splats = some_splats(6, dtype=torch.float64)
+    for name, row, value in spoilt:
+        getattr(splats, name)[row] = value
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.ply"
+        try:
+            dropped = write_ply(path, splats)
+        except BadInput:
+            assert len({row for _, row, _ in spoilt}) == 6 and not path.exists()
+            return
+        back = read_ply(path)  # refuses anything that cannot be drawn
+    assert len(back) == 6 - dropped
+    untouched = [row for row in range(6) if row not in {row for _, row, _ in spoilt}]
+    kept = {tuple(mean) for mean in back.means.tolist()}
+    assert {tuple(mean) for mean in splats.means[untouched].float().tolist()} <= kept
 
 
 def test_nothing_is_written_when_no_gaussian_is_left(tmp_path):

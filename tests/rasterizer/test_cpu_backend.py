@@ -8,6 +8,7 @@ from core.rasterizer import create
 from core.rasterizer.cpu.backend import CpuRasterizer, check
 from core.scene.splats import Splats
 from tests.rasterizer.scenes import camera, cloud
+from tests.rasterizer.tolerances import FLIPPED_PIXEL, PICTURE
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +80,20 @@ def test_transmittance_is_what_the_background_gets(scene):
     shows = (white.image - black.image).amax(dim=2)
     assert (shows - black.transmittance).abs().max() < 1e-6  # a sum of order 1 and its difference, rounded
     assert not black.transmittance.requires_grad
+
+
+def test_ten_thousand_on_one_pixel_and_the_rest_of_the_picture():
+    """One tile holds all of them; the picture is right everywhere."""
+    view = camera(3, 3, focal=4.0)
+    crowd = cloud(view, 10_000, seed=18, degree=0, sizes_px=(0.5, 1.0), opacities=(0.005, 0.02), spread=0.2)
+    truth = create("reference").render(crowd.map(torch.Tensor.double), view).image
+    error = (create("cpu").render(crowd, view).image - truth).abs().amax(dim=2)
+    assert (error <= FLIPPED_PIXEL).all() and (error > PICTURE).sum() <= 1  # of nine pixels one may be at a threshold
+
+    wide = camera(80, 64, focal=4.0, cx=view.cx, cy=view.cy)
+    few = cloud(wide, 100, seed=19, degree=0, depths=(5.0, 9.0))
+    alone, together = (create("cpu").render(each, wide).image for each in (few, Splats.concatenate([crowd, few])))
+    assert torch.equal(alone[:, 40:], together[:, 40:]) and alone[:, 40:].any()
 
 
 @pytest.mark.parametrize("name", ["means", "quaternions", "log_scales", "logit_opacities", "sh", "probe"])

@@ -19,7 +19,7 @@ from core.rasterizer.contract import (
 )
 from core.rasterizer.reference import blend_weights, coverage, project
 from core.scene.camera import Camera
-from core.scene.harmonics import SH_0, SH_1
+from core.scene.harmonics import SH_0, SH_1, colour
 from core.scene.splats import Splats
 from tests.rasterizer.scenes import SCENES, camera, cloud, in_world
 
@@ -266,6 +266,28 @@ def test_projection_gradients_beside_the_picture():
 
     inputs = [splats.means, splats.quaternions, splats.log_scales]
     assert torch.autograd.gradcheck(stage, [tensor.requires_grad_() for tensor in inputs], atol=1e-6, rtol=1e-5)
+
+
+def test_every_stage_passes_gradcheck():
+    """Projection in the picture, colour, coverage and blending, each on its own."""
+    view = camera()
+    splats = double(cloud(view, 6, seed=16, degree=3, spread=0.6))
+
+    def projected(means, quaternions, log_scales, logit_opacities):
+        seen = project(Splats(means, quaternions, log_scales, logit_opacities, splats.sh), view)
+        return seen.centres, seen.conics, seen.variances, seen.directions, seen.opacities
+
+    geometry = [tensor.requires_grad_() for name, tensor in splats.tensors().items() if name != "sh"]
+    seen = project(splats.detached(), view)
+    pixels = seen.centres[:3] + torch.tensor([0.4, -0.3])
+    flat, bright = [seen.centres, seen.conics, seen.opacities], splats.sh + torch.eye(16, 3)
+    assert torch.autograd.gradcheck(projected, geometry, atol=1e-6, rtol=1e-5)
+    for stage, inputs in (
+        (colour, [bright, seen.directions]),  # away from the clamp at black
+        (lambda *values: coverage(pixels, *values), flat),
+        (lambda *values: blend_weights(pixels, *values), flat),
+    ):
+        assert torch.autograd.gradcheck(stage, [tensor.clone().requires_grad_() for tensor in inputs], atol=1e-6, rtol=1e-5)
 
 
 def test_clamped_alpha_has_no_gradient():

@@ -114,6 +114,15 @@ def test_the_mask_pays_for_what_it_hides():
     assert float(mask[0, :1].max()) < 0.05 and float(mask[0, 2:].min()) > 0.95
 
 
+def test_losses_beside_the_pictures_pass_gradcheck():
+    generator = torch.Generator().manual_seed(0)
+    mask, image, photo = (torch.rand(shape, generator=generator).double() for shape in ((1, 3, 4), (12, 16, 3), (3, 12, 16)))
+    residual = torch.randn(5, 4, 3, generator=generator).double()
+    check = torch.autograd.gradcheck
+    assert check(lambda mask: losses.mask_loss(mask, image, photo, 0.1), mask.requires_grad_())
+    assert check(losses.residual_norm, residual.requires_grad_())
+
+
 def test_collapsed_masks_are_raised_to_the_floor():
     mask = torch.full((1, 5, 5), 0.2)
     assert float(losses.pixel_weights(mask, 20, 20, mean_mask=0.2).mean()) == pytest.approx(losses.COLLAPSED)

@@ -104,7 +104,7 @@ def test_the_run_that_is_taken_when_none_is_named(here):
     assert run.is_default(here / "runs" / "a") and not run.is_default(Path("elsewhere"))
 
 
-@pytest.mark.parametrize("end", ["", "40,1", "40,1.0\r\n50,1.2\r\n50"])
+@pytest.mark.parametrize("end", ["", "40,1", "40,1.0\r\n50,1.2\r\n50", "abc\r\n,\r\n\0\0"])
 def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
     kept = "step,seconds\r\n10,0.5\r\n20,0.7\r\n"
     (tmp_path / "history.csv").write_text(kept + end, newline="")

@@ -1,0 +1,31 @@
+"""`wegs doctor`: what is the matter with a .ply, a run or a scene, a line a finding, each with what to do."""
+
+from pathlib import Path
+
+from core.doctor.finding import Finding, verdict
+from core.doctor.ply import examine_ply
+from core.doctor.run import examine_run
+from core.doctor.scene import examine_scene
+from core.report import Report
+from core.training import run
+
+__all__ = ["Finding", "examine"]
+
+
+def examine(path: Path | None, report: Report) -> list[Finding]:
+    """Look at a .ply, a run or a scene (None: the newest run), and say every finding and a verdict.
+
+    Raises BadInput where it cannot be read at all.
+    """
+    path = run.find_run(None) if path is None else path
+    clouds = path.glob("point_cloud/iteration_*/point_cloud.ply")
+    if run.is_run(path):
+        findings = examine_run(path, report)
+    elif newest := max(clouds, key=lambda cloud: cloud.stat().st_mtime_ns, default=None):
+        findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
+    else:
+        findings = (examine_scene if path.is_dir() else examine_ply)(path, report)
+    for finding in findings:
+        (report.warn if finding.advice else report.say)(finding.line())
+    report.say(f"{path}: {verdict(findings)}")
+    return findings

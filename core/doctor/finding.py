@@ -1,0 +1,32 @@
+"""What the doctor says: one line for each thing looked at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Finding:
+    """figure: what was found. meaning: why it matters. advice: what to do, empty where nothing needs doing."""
+
+    name: str
+    figure: str
+    meaning: str
+    advice: str = ""
+
+    def line(self) -> str:
+        """The finding in one line, marked `ok` or `!!`."""
+        mark, advice = ("!!", f" {self.advice}") if self.advice else ("ok", "")
+        return f"{mark} {self.name}: {self.figure} - {self.meaning}.{advice}"
+
+
+def verdict(findings: Sequence[Finding]) -> str:
+    """The last line: how many findings ask for something, and which."""
+    open_ones = [finding.name for finding in findings if finding.advice]
+    if not open_ones:
+        return f"Verdict: sound; {len(findings)} things looked at, nothing to do."
+    return f"Verdict: {len(open_ones)} of {len(findings)} things ask for a look: {', '.join(open_ones)}."
+
+
+def part(count: int, total: int) -> str:
+    """`count` and its share: "12 (0.4 %)"."""
+    return f"{count:,} ({100 * count / max(total, 1):.2g} %)" if count else "0"

@@ -1,0 +1,142 @@
+"""The Gaussians of one look: which are broken, wasted, out of shape or out of place."""
+
+import numpy as np
+import torch
+
+from core.doctor.finding import Finding, part
+from core.export.ply import BYTES_A_GAUSSIAN
+from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, LOG_SCALE_RANGE, QUATERNION_MIN_NORM2
+from core.scene.frame import SceneFrame
+from core.scene.harmonics import SH_0, coefficient_count
+from core.scene.splats import Splats
+
+NEEDLE = 10.0  # longest axis over the middle one
+NEEDLES_SHARE = 0.3  # more of them show as spikes from places where no photo was taken
+# Longest axis over the shortest. Above, a c - b^2 in float32 (half a step is 6e-8) is wrong by 1 %: 6e-8 * 400^2.
+STIFF = 400.0
+GIANT = 0.5  # longest axis, in radii of the scene
+FAR = 3.0  # radii of the scene; giants beyond are a background
+STRAY = 1000.0  # radii of the scene; a viewer that fits the whole file into its window shows a dot
+WASTE = 0.02  # share of Gaussians that do nothing
+COLOURS = (-0.5, 1.5)  # of the DC term; [0, 1] can be shown, and view dependence adds and subtracts some
+BURNT_SHARE = 0.02
+SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
+
+
+def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int = 0) -> list[Finding]:
+    """Findings about Gaussians in the scene frame. sky: the last rows, a dome that is meant to be large and far."""
+    total = len(splats)
+    finite, turned = finite_rows(splats), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2
+    findings = [
+        _count("not finite", ~finite, "rows with NaN or Inf, which viewers drop, draw as garbage or crash on"),
+        _count("zero quaternions", finite & ~turned, "rows without a rotation, which viewers draw in different ways"),
+    ]
+    good = finite & turned
+    if not good.any():
+        return [*findings, Finding("drawable", "0", "the file shows nothing", "Train or export it again.")]
+    body = splats[good & (torch.arange(total) < total - sky)]
+    if len(body):
+        findings += [*_opacities(body), *_shapes(body), _sizes(body), _extent(body, frame)]
+    return [*findings, *_colours(splats[good])]
+
+
+def finite_rows(splats: Splats) -> torch.Tensor:
+    """(N,) bool: the Gaussians without NaN and Inf."""
+    rows = [torch.isfinite(tensor[..., None]).flatten(1).all(dim=1) for tensor in splats.tensors().values()]
+    return torch.stack(rows).all(dim=0)
+
+
+def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
+    count = int(flags.sum())
+    advice = "Export the file again; `wegs bake` leaves them out." if count else ""
+    return Finding(name, part(count, len(flags)), meaning, advice)
+
+
+def _opacities(splats: Splats) -> list[Finding]:
+    opacities = torch.sigmoid(splats.logit_opacities.double())
+    faint, full = int((opacities < ALPHA_MIN).sum()), int((opacities > ALPHA_MAX).sum())
+    advice = f"Remove them, {faint * BYTES_A_GAUSSIAN / 1e6:.1f} MB." if faint > WASTE * len(splats) else ""
+    return [
+        Finding("invisible", part(faint, len(splats)), "opacity below 1/255: never drawn", advice),
+        Finding(
+            "saturated",
+            part(full, len(splats)),
+            f"opacity above {ALPHA_MAX:.2f}: drawn as that, and no longer learning it; opaque surfaces are like this",
+        ),
+    ]
+
+
+def _shapes(splats: Splats) -> list[Finding]:
+    axes = np.sort(splats.log_scales.double().clamp(*LOG_SCALE_RANGE).numpy(), axis=1)
+    ratios, lengths = np.exp(axes[:, 2] - axes[:, 0]), np.exp(axes[:, 2] - axes[:, 1])
+    middle, high, most = np.quantile(ratios, [0.5, 0.99, 1.0])
+    stiff, needles = int((ratios > STIFF).sum()), int((lengths > NEEDLE).sum())
+    clamp = "Make their thinnest axis thicker, or take a viewer with a safe determinant."
+    more = "Add photos from other sides, or train with a lower scale_rate."
+    return [
+        Finding(
+            "axis ratios",
+            f"longest to shortest {middle:.3g} (median), {high:.3g} (99 %), {most:.3g} (most)",
+            f"condition numbers of covariances are the squares, up to {most**2:.1e}",
+        ),
+        Finding(
+            "stiff",
+            part(stiff, len(splats)),
+            f"ratio above {STIFF:.0f}: viewers that form a c - b^2 in float32 draw them wrong from near",
+            clamp if stiff > WASTE * len(splats) else "",
+        ),
+        Finding(
+            "needles",
+            part(needles, len(splats)),
+            f"longest axis over {NEEDLE:.0f} times the middle one: spikes from new places, if many",
+            more if needles > NEEDLES_SHARE * len(splats) else "",
+        ),
+    ]
+
+
+def _sizes(splats: Splats) -> Finding:
+    largest = splats.log_scales.amax(dim=1).exp()
+    distances = splats.means.norm(dim=1)
+    giants = largest > GIANT
+    near = int((giants & (distances < FAR)).sum())
+    beyond = int(giants.sum()) - near
+    figure = f"{part(near, len(splats))} in the scene, {part(beyond, len(splats))} beyond {FAR:.0f} radii"
+    advice = "Remove them, or train with a smaller largest_scale." if near > WASTE * len(splats) else ""
+    return Finding("giants", figure, "longer than half the scene's radius: haze inside, background outside", advice)
+
+
+def _extent(splats: Splats, frame: SceneFrame) -> Finding:
+    distances = splats.means.double().norm(dim=1).numpy()
+    half, most, farthest = np.quantile(distances, [0.5, 0.97, 1.0]) * frame.radius
+    x, y, z = frame.centre
+    figure = f"50, 97, 100 % within {half:.3g}, {most:.3g}, {farthest:.3g} units of ({x:.6g}, {y:.6g}, {z:.6g})"
+    stray = int((distances > STRAY).sum())
+    advice = f"Remove the {stray:,} beyond {STRAY * frame.radius:.3g} units." if stray else ""
+    return Finding("extent", figure, "the centres, which viewers fit into their window", advice)
+
+
+def _colours(splats: Splats) -> list[Finding]:
+    dc = (0.5 + SH_0 * splats.sh[:, 0].double()).numpy()
+    low, high = np.quantile(dc, [0.01, 0.99])
+    burnt = int(((dc < COLOURS[0]) | (dc > COLOURS[1])).any(axis=1).sum())
+    used = splats.degree
+    while used and not splats.sh[:, coefficient_count(used - 1) : coefficient_count(used)].any():
+        used -= 1
+    higher = splats.sh[:, 1:].abs().flatten(1)
+    wild = int((higher > SH_RANGE).any(dim=1).sum())
+    most = float(higher.max()) if higher.numel() else 0.0
+    slower = "Train with a lower sh_rate."
+    return [
+        Finding(
+            "colours",
+            f"{low:.2f} to {high:.2f} (1 to 99 %); {part(burnt, len(dc))} beyond {COLOURS[0]} to {COLOURS[1]}",
+            "without view dependence; what lies outside 0 to 1 is cut or burns",
+            slower if burnt > BURNT_SHARE * len(dc) else "",
+        ),
+        Finding(
+            "harmonics",
+            f"degree {used} used of {splats.degree}, coefficients up to {most:.3g}",
+            f"how colours follow the view; {part(wild, len(dc))} above {SH_RANGE:g} flash as one moves",
+            f"{slower[:-1]}, or a lower --sh-degree." if wild else "",
+        ),
+    ]

@@ -1,0 +1,53 @@
+"""A .ply of Gaussians, made by wegs or by any other program."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from core.doctor import views
+from core.doctor.finding import Finding
+from core.doctor.gaussians import look_at_gaussians
+from core.errors import BadInput
+from core.export.ply import read_every_row
+from core.report import Report
+from core.scene.camera import Camera
+from core.scene.frame import SceneFrame
+
+MOST_CAMERAS = 100  # evenly spread over those known
+WIDEST_PX = 640  # what Gaussians show in is asked at this size
+
+
+def examine_ply(path: Path, report: Report) -> list[Finding]:
+    """Findings about the file; with the cameras of the run folder it lies in, where it does. BadInput if unreadable."""
+    splats = read_every_row(path)
+    findings = [
+        Finding(
+            "file",
+            f"{len(splats):,} Gaussians of SH degree {splats.degree}, {path.stat().st_size / 1e6:.1f} MB",
+            f"{path.stat().st_size / len(splats):.0f} bytes a Gaussian",
+        )
+    ]
+    centres = splats.means[torch.isfinite(splats.means).all(dim=1)].double().numpy()
+    if not len(centres):
+        return [*findings, *look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0))]
+    # Not the radius that holds 97 %: skies are made of Gaussians too, and of more than 3 %.
+    half = SceneFrame.around(centres, quantile=0.5)
+    frame = SceneFrame(half.centre, 2 * half.radius)
+    in_scene = splats.in_scene(frame)
+    findings += look_at_gaussians(in_scene, frame)
+    cameras = []
+    try:
+        cameras = views.cameras_beside(path)
+    except BadInput as problem:
+        findings.append(Finding("cameras", "damaged", problem.what.rstrip("."), problem.fix))
+    cameras = [camera.in_scene(frame) for camera in cameras[:: -(-len(cameras) // MOST_CAMERAS) or 1]]
+    findings.append(views.float32_error(frame, frame.to_scene(centres), cameras))
+    if cameras:
+        findings.append(views.never_seen(in_scene, [_small(camera) for camera in cameras], 0, report))
+    return findings
+
+
+def _small(camera: Camera) -> Camera:
+    scale = min(1.0, WIDEST_PX / camera.width)
+    return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))

@@ -1,0 +1,175 @@
+"""A run: its Gaussians in the neutral look, its looks, its masks and how its training went."""
+
+import csv
+from dataclasses import fields
+from pathlib import Path
+
+import torch
+
+from core.config import Settings
+from core.doctor import views
+from core.doctor.finding import Finding, part
+from core.doctor.gaussians import finite_rows, look_at_gaussians
+from core.errors import BadInput, command
+from core.export.ply import BYTES_A_GAUSSIAN
+from core.report import Report
+from core.training import checkpoint
+from core.training.losses import COLLAPSED
+from core.training.run import HISTORY
+from core.training.trained import Run, bake, find_appearance, load_run
+
+MOST_PHOTOS = 64  # whose looks are asked for, evenly spread
+NEAR_BOUND = 0.95  # of the largest residual: there the transfer has no gradient left
+AT_BOUND_SHARE = 0.01
+SAME_LOOK = 0.007  # spread of DC residuals that changes colours (by 0.28 of it) by half an 8-bit step
+FELL_DB = 0.5  # held-out quality that fell by more was better before
+OFTEN = 0.01  # share of steps that were skipped
+
+
+def examine_run(folder: Path, report: Report) -> list[Finding]:
+    """Findings about the newest checkpoint of a run. BadInput if it has none, or none that can be read."""
+    trained = load_run(folder)
+    facts = checkpoint.load(checkpoint.newest(folder)).facts
+    sky, frame = facts["sky"], trained.collection.frame
+    neutral = bake(trained, find_appearance(trained, "neutral"))
+    size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
+    findings = [
+        Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply"),
+        *_progress(trained, facts["trainer"]),
+        _settings(trained.settings),
+    ]
+    findings += look_at_gaussians(neutral, frame, sky)
+    photos = trained.collection.split("train")
+    cameras = [trained.camera(photo) for photo in photos]
+    solid = neutral.means[: len(neutral) - sky]
+    centres = solid[torch.isfinite(solid).all(dim=1)].double().numpy()
+    if len(centres):
+        findings.append(views.float32_error(frame.for_files(), centres, cameras))
+    findings.append(views.never_seen(neutral, cameras, sky, report))
+    return [*findings, *_looks(trained, facts["trainer"], report)]
+
+
+def _progress(trained: Run, facts: dict) -> list[Finding]:
+    """How far the run came, what was skipped, and whether quality rose."""
+    steps, wanted = trained.step, trained.settings.steps
+    advice = f"Type: {command('wegs', 'train', '--resume', '-o', trained.folder)}" if steps < wanted else ""
+    skipped = facts["skipped"]
+    slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
+    findings = [
+        Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", "what was asked for", advice),
+        Finding(
+            "skipped steps",
+            part(skipped, steps),
+            "a loss or gradient that was not finite, or a spike",
+            slower if skipped > OFTEN * steps else "",
+        ),
+    ]
+    course = _held_out(trained.folder / HISTORY)
+    if course:
+        best, last = max(course), course[-1]
+        fell = last < best - FELL_DB
+        advice = "It learnt its photos by heart: train for fewer steps or with fewer Gaussians." if fell else ""
+        figure = f"{last:.2f} dB, {best:.2f} at best"
+        findings.append(Finding("held-out quality", figure, "of a few test photos, by history.csv", advice))
+    return findings
+
+
+def _held_out(path: Path) -> list[float]:
+    """The held-out PSNRs (dB) of a history.csv, in order. Garbled rows do not count; no file, no rows."""
+    values = []
+    if path.is_file():
+        with path.open(encoding="utf-8", errors="replace", newline="") as file:
+            for row in csv.DictReader(file):
+                try:
+                    values.append(float(row["held_out_psnr"]))
+                except (KeyError, TypeError, ValueError):
+                    continue
+    return values
+
+
+def _settings(settings: Settings) -> Finding:
+    values = {item.name: getattr(settings, item.name) for item in fields(settings)}
+    changed = [f"{item.name}={values[item.name]}" for item in fields(settings) if values[item.name] != item.default]
+    return Finding("settings", ", ".join(changed) or "all defaults", "what differs from the defaults of this version")
+
+
+def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
+    """What the training photos' looks add to the base, and how much their masks hide."""
+    photos = trained.collection.split("train")
+    photos = photos[:: -(-len(photos) // MOST_PHOTOS)]
+    names = trained.model.photo_names
+    masks: dict[str, float] = {}
+    unreadable: list[str] = []
+    splats, added = trained.splats, _Residuals(trained.settings.residual_bound)
+    good = finite_rows(splats)
+    splats, latents = splats[good], None if trained.latents is None else trained.latents[good]
+    for number, photo in enumerate(photos):
+        report.progress("Looks", number + 1, len(photos), photo.name)
+        try:
+            picture = trained.picture(photo)
+        except BadInput:
+            unreadable.append(photo.name)
+            continue
+        with torch.no_grad():
+            look = trained.model.look(picture.encoder_input, names.index(photo.name) if photo.name in names else None)
+            residual = trained.model.transfer(splats.sh, splats.means, look.embedding, latents)[1]
+        if look.mask is not None:
+            masks[photo.name] = float(look.mask.mean())
+        if residual is not None and residual.numel():
+            added.add(residual)
+    findings = []
+    if unreadable:
+        figure = f"{len(unreadable)} of {len(photos)}, such as {unreadable[0]}"
+        findings.append(
+            Finding("photos", figure, "gone or damaged since training", "Put them back to bake their looks.")
+        )
+    if added.looks:
+        findings += added.findings(trained.settings.appearance == "full")
+    if masks:
+        findings.append(_masks(masks, facts))
+    return findings
+
+
+class _Residuals:
+    """What looks add to the coefficients, gathered look by look: a million Gaussians in 64 looks would not fit."""
+
+    def __init__(self, bound: float):
+        self.bound = bound
+        self.looks, self.most, self.near_bound, self.numbers = 0, 0.0, 0, 0
+        self.total: torch.Tensor | float = 0.0
+        self.squares: torch.Tensor | float = 0.0
+
+    def add(self, residual: torch.Tensor) -> None:
+        """residual: (N, C, 3) of one look."""
+        size = residual.abs()
+        self.looks += 1
+        self.most = max(self.most, float(size.max()))
+        self.near_bound += int((size > NEAR_BOUND * self.bound).sum())
+        self.numbers += size.numel()
+        dc = residual[:, 0].double()
+        self.total, self.squares = self.total + dc, self.squares + dc**2
+
+    def findings(self, bounded: bool) -> list[Finding]:
+        """bounded: whether the transfer has a bound at all; the affine one has none."""
+        share = self.near_bound / self.numbers if bounded else 0.0
+        near = f", {100 * share:.3g} % of them near the bound of {self.bound:g}" if bounded else ""
+        advice = "Train with a larger residual_bound, or a lower network_rate." if share > AT_BOUND_SHARE else ""
+        figure = f"up to {self.most:.3g}{near}, over {self.looks} looks"
+        findings = [Finding("residuals", figure, "what looks add to SH coefficients", advice)]
+        if self.looks > 1:
+            variance = self.squares / self.looks - (self.total / self.looks) ** 2
+            spread = float(variance.clamp_min(0).sqrt().mean())
+            advice = "Train with --set appearance=off: plain Gaussians do as well." if spread < SAME_LOOK else ""
+            figure = f"DC coefficients vary by {spread:.3g}"
+            findings.append(Finding("looks", figure, "spread between photos, mean over Gaussians", advice))
+        return findings
+
+
+def _masks(masks: dict[str, float], facts: dict) -> Finding:
+    name, least = min(masks.items(), key=lambda item: item[1])
+    mean = sum(masks.values()) / len(masks)
+    collapsed = facts["collapse_told"] or mean < COLLAPSED
+    advice = "Look at masks/ in the run; raise mask_regularisation if they hide the place itself." if collapsed else ""
+    figure = f"{mean:.2f} (mean), {least:.2f} (least: {name})"
+    meaning = f"share of a photo that counts as static; below {COLLAPSED} masks have collapsed and are held there"
+    return Finding("masks", figure, meaning, advice)

@@ -1,0 +1,157 @@
+"""A scene before training: its cameras, its photos, its points, and where its world lies."""
+
+from pathlib import Path
+
+import numpy as np
+
+from core.data import find_kind, find_photos, load_collection
+from core.data import photos as files
+from core.data.collection import Collection, Photo, astray
+from core.data.colmap import USUAL_FOCAL_LENGTHS
+from core.data.photo_file import list_photos, named_with_fault
+from core.data.split import counted, list_names
+from core.doctor import views
+from core.doctor.finding import Finding
+from core.errors import BadInput, command
+from core.report import Report
+
+LEFT_OUT = ("not used", "missing", "left out")  # in the words of the reader's notes
+FEW_POINTS = 20  # a photo that sees fewer is held by little; SfM itself asks for 15 to 30
+POINTS_WANTED = 500  # to start Gaussians from
+ODD_DISTANCE = 10.0  # times the median camera's from the middle of the scene
+SHOWN = 0.5  # share of a photo's own points that its camera has to see
+ASPECT = 0.05  # fx and fy differ by more in no camera that was sold
+OFF_CENTRE = 0.15  # of a side: the principal point of a photo that was cropped
+FLAT = 3.0  # standard deviation in 8-bit steps: a photo of nothing
+SMALL_PX = 160  # photos are decoded to about this width
+
+
+def examine_scene(root: Path, report: Report) -> list[Finding]:
+    """Findings about a COLMAP or PhotoTourism folder, or about plain photos. BadInput if it is neither."""
+    if find_kind(root) == "photos":
+        return _plain_photos(root, report)
+    collection = load_collection(root)
+    train, test = (len(collection.split(name)) for name in ("train", "test"))
+    findings = [
+        Finding("scene", f"{collection.kind}, {train} training and {test} test photos", "what `wegs train` would read"),
+        *map(_note, collection.notes),
+    ]
+    return [*findings, *_cameras(collection), *_points(collection), *_world(collection), *_photos(collection, report)]
+
+
+def _note(note: str) -> Finding:
+    """What the reader noted; a photo or point that it left out asks for a look."""
+    advice = "Correct it unless it is meant." if any(words in note for words in LEFT_OUT) else ""
+    return Finding("reading", note.rstrip("."), "noted by the reader", advice)
+
+
+def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:
+    """A finding that counts and names photos."""
+    figure = f"{len(photos)} of {total}" + (f" ({list_names(photos)})" if photos else "")
+    return Finding(name, figure, meaning, advice if photos else "")
+
+
+def _cameras(collection: Collection) -> list[Finding]:
+    photos, total = collection.photos, len(collection.photos)
+    cameras = {photo.name: photo.camera for photo in photos}
+    focal = {name: max(c.fx, c.fy) / max(c.width, c.height) for name, c in cameras.items()}
+    low, high = USUAL_FOCAL_LENGTHS
+    odd = [f"{name}: {length:.3g}" for name, length in focal.items() if not low <= length <= high]
+    squeezed = [name for name, c in cameras.items() if abs(np.log(c.fx / c.fy)) > ASPECT]
+    crooked = [
+        name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
+    ]
+    far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
+    away = [photo.name for photo in photos if _shown(photo, collection.points) < SHOWN]
+    lengths = np.array(list(focal.values()))
+    figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
+    remove = "Remove them from the model unless they are what they seem."
+    square, middle = (
+        "Unless they are, run SfM with one focal length.",
+        "Unless they are, run SfM with the middle fixed.",
+    )
+    return [
+        Finding("focal lengths", figure, "in lengths of the longer side"),
+        _named("odd focal lengths", odd, total, f"outside {low} to {high}: SfM gave up on them", remove),
+        _named("unequal focal lengths", squeezed, total, f"fx and fy over {ASPECT:.0%} apart: squeezed photos", square),
+        _named("principal points", crooked, total, f"over {OFF_CENTRE:.0%} of a side off the middle: crops", middle),
+        _named("cameras astray", far, total, f"over {ODD_DISTANCE:.0f} times as far off as the median one", remove),
+        _named("cameras that look away", away, total, "see less than half of the points said to be theirs", remove),
+    ]
+
+
+def _shown(photo: Photo, points: np.ndarray) -> float:
+    """The share of the photo's own points (of all, if it has none, and then one is enough) inside its picture."""
+    own = points[photo.points] if len(photo.points) else points
+    pixels, depths = photo.camera.project(own)
+    size = (photo.camera.width, photo.camera.height)
+    inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels <= size).all(axis=1)
+    return float(inside.mean()) if len(photo.points) else float(inside.any())
+
+
+def _points(collection: Collection) -> list[Finding]:
+    photos, count = collection.photos, len(collection.points)
+    seen = {photo.name: len(photo.points) for photo in photos}
+    few = [f"{name}: {points}" for name, points in seen.items() if points < FEW_POINTS]
+    farthest = np.linalg.norm(collection.points, axis=1).max()
+    figure = f"{count:,}, {np.median(list(seen.values())):.0f} a photo (median), the farthest {farthest:.3g} radii off"
+    more = "Run SfM with more features." if count < POINTS_WANTED else ""
+    return [
+        Finding("points", figure, "Gaussians start from them", more),
+        _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders."),
+    ]  # fmt: skip
+
+
+def _world(collection: Collection) -> list[Finding]:
+    frame = collection.frame
+    distance = float(np.linalg.norm(frame.centre))
+    cameras = [photo.camera for photo in collection.photos]
+    plain = views.float32_error(frame, collection.points, cameras)
+    cost = f"float32 without recentring would cost {plain.figure}; training recentres in float64"
+    moved = ", and files are written around the scene" if frame.file_offset.any() else ""
+    figure = f"a radius of {frame.radius:.4g} units, {distance:.4g} units from the origin"
+    return [Finding("world", figure, f"{cost}{moved}")]
+
+
+def _photos(collection: Collection, report: Report) -> list[Finding]:
+    unreadable, flat = [], []
+    for number, photo in enumerate(collection.photos):
+        report.progress("Photos", number + 1, len(collection.photos), photo.name)
+        width = min(SMALL_PX, photo.camera.width)
+        height = max(1, round(photo.camera.height * width / photo.camera.width))
+        try:
+            pixels = files.load(photo, width, height).pixels
+        except BadInput as problem:
+            unreadable.append(named_with_fault(photo.name, photo.path, problem))
+            continue
+        if pixels.std() < FLAT:
+            flat.append(f"{photo.name}: {pixels.mean():.0f} of 255")
+    return _photo_findings(unreadable, flat, len(collection.photos))
+
+
+def _photo_findings(unreadable: list[str], flat: list[str], total: int) -> list[Finding]:
+    return [
+        _named(
+            "unreadable photos", unreadable, total, "missing or damaged; training leaves them out", "Copy them again."
+        ),
+        _named("photos of one colour", flat, total, "black, white or covered: nothing to learn from", "Remove them."),
+    ]
+
+
+def _plain_photos(root: Path, report: Report) -> list[Finding]:
+    """Photos without any poses: whether they can be read."""
+    folder = find_photos(root)
+    paths, unreadable, flat, sizes = list_photos(folder), [], [], []
+    for number, path in enumerate(paths):
+        report.progress("Photos", number + 1, len(paths), path.name)
+        try:
+            pixels = files.read(path)
+        except BadInput as problem:
+            unreadable.append(named_with_fault(path.name, path, problem))
+            continue
+        sizes.append(pixels.shape[0] * pixels.shape[1] / 1e6)
+        if pixels.std() < FLAT:
+            flat.append(f"{path.name}: {pixels.mean():.0f} of 255")
+    figure = f"{counted(len(paths), 'photo')}" + (f" of {min(sizes):.2g} to {max(sizes):.2g} MP" if sizes else "")
+    fix = f"`{command('wegs', 'train', root)}` finds their cameras first."
+    return [Finding("scene", figure, "photos without cameras", fix), *_photo_findings(unreadable, flat, len(paths))]

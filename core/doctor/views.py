@@ -1,0 +1,78 @@
+"""What cameras say about Gaussians: how far float32 moves them in a picture, and which are in none."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+
+import core.rasterizer
+from core.doctor.finding import Finding, part
+from core.errors import BadInput
+from core.rasterizer.contract import ALPHA_MIN
+from core.report import Report
+from core.scene.camera import Camera
+from core.scene.frame import SceneFrame
+from core.scene.splats import Splats
+
+VISIBLE_PX = 0.1  # a shift that begins to show in sharp detail
+PICTURE_PX = 500.0  # of a scene radius, where no camera says more
+UNSEEN = 0.1  # share of Gaussians that no photo shows
+SAMPLE = 2000  # centres that are looked at for the depth of a view
+
+
+def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -> Finding:
+    """By how much float32 moves a coordinate of the scene. means, cameras: scene frame; frame: that of the file."""
+    error = frame.rounding / frame.radius
+    sizes = [error * max(camera.fx, camera.fy) / depth for camera in cameras if (depth := _depth(camera, means))]
+    pixels = float(np.median(sizes)) if sizes else error * PICTURE_PX
+    where = f"in the median of {len(sizes)} cameras" if sizes else f"where the scene's radius takes {PICTURE_PX:.0f} px"
+    most = f", {max(sizes):.2g} px at most" if sizes else ""
+    advice = "Recentre the file; what `wegs bake` writes is." if pixels > VISIBLE_PX else ""
+    figure = f"{frame.rounding:.2g} units, {pixels:.2g} px {where}{most}"
+    return Finding("float32 positions", figure, "how far coordinates of this size are rounded", advice)
+
+
+def _depth(camera: Camera, means: np.ndarray) -> float | None:
+    """The median depth of what the camera sees of the centres, or None if that is nothing."""
+    pixels, depths = camera.project(means[:: max(1, len(means) // SAMPLE)])
+    inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels <= (camera.width, camera.height)).all(axis=1)
+    return float(np.median(depths[inside])) if inside.any() else None
+
+
+def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) -> Finding:
+    """Which Gaussians reach 1/255 of no pixel of any camera; the last `sky` rows do not count. Scene frame."""
+    rasterizer = core.rasterizer.create("auto")
+    largest = torch.zeros(len(splats))
+    for number, camera in enumerate(cameras):
+        torch.maximum(largest, rasterizer.contributions(splats, camera), out=largest)
+        report.progress("Views", number + 1, len(cameras))
+    solid = len(splats) - sky
+    unseen = int((largest[:solid] < ALPHA_MIN).sum())
+    advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
+    meaning = f"below 1/255 of every pixel of {len(cameras)} cameras: no photo holds them in place"
+    return Finding("never seen", part(unseen, solid), meaning, advice)
+
+
+def cameras_beside(path: Path) -> list[Camera]:
+    """The cameras (world frame) of the run folder that a .ply lies in, from the original project's cameras.json.
+
+    Empty where there is none; raises BadInput where it is damaged.
+    """
+    near = [*path.absolute().parents][:3]
+    # Beside the .ply, or above its point_cloud/iteration_N/.
+    folders = [near[0], *near[2:]] if path.absolute().parts[-3:-2] == ("point_cloud",) else near[:1]
+    file = next((folder / "cameras.json" for folder in folders if (folder / "cameras.json").is_file()), None)
+    if file is None:
+        return []
+    try:
+        return [_camera(values) for values in json.loads(file.read_text(encoding="utf-8"))]
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        raise BadInput(f"{file} cannot be used: {type(problem).__name__}: {problem}.", "Export it again.") from None
+
+
+def _camera(values: dict) -> Camera:
+    rotation = np.array(values["rotation"], dtype=np.float64).reshape(3, 3).T
+    width, height = int(values["width"]), int(values["height"])
+    lens = float(values["fx"]), float(values["fy"]), width / 2, height / 2
+    return Camera(rotation, np.array(values["position"], dtype=np.float64).reshape(3), *lens, width, height)

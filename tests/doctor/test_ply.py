@@ -1,0 +1,144 @@
+"""A .ply on the table: planted faults are counted, whoever wrote the file."""
+
+import json
+
+import numpy as np
+import plyfile
+import pytest
+
+from core.doctor import examine
+from core.errors import BadInput
+from tests.heard import Heard
+
+ROWS = 400
+
+
+def columns(rest: int = 45) -> list[str]:
+    """Of a 3DGS .ply as other programs write it: any order, no normals, a column of their own."""
+    names = [*(f"rot_{i}" for i in range(4)), *(f"scale_{i}" for i in range(3)), "opacity", "x", "y", "z", "segment"]
+    return [*names, *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))]
+
+
+def sound_rows(rest: int = 45, kind: str = "<f4") -> np.ndarray:
+    """Small round grey Gaussians, half transparent, in a ball of radius 1."""
+    random = np.random.default_rng(0)
+    rows = np.zeros(ROWS, dtype=[(name, kind) for name in columns(rest)])
+    places = random.normal(size=(ROWS, 3))
+    places *= random.random((ROWS, 1)) / np.linalg.norm(places, axis=1, keepdims=True)
+    for axis, name in enumerate("xyz"):
+        rows[name] = places[:, axis]
+    for axis in range(3):
+        rows[f"scale_{axis}"] = np.log(0.01)
+    rows["rot_0"] = 1
+    return rows
+
+
+def write(path, rows):
+    plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex")]).write(str(path))
+    return path
+
+
+def examined(path) -> tuple[dict, Heard]:
+    heard = Heard()
+    return {finding.name: finding for finding in examine(path, heard)}, heard
+
+
+def asked_for(findings: dict) -> set[str]:
+    return {name for name, finding in findings.items() if finding.advice}
+
+
+@pytest.mark.parametrize("rest, degree", [(0, 0), (9, 1), (24, 2), (45, 3)])
+@pytest.mark.parametrize("kind", ["<f4", ">f8"])
+def test_a_sound_file_of_any_program_is_sound(tmp_path, rest, degree, kind):
+    rows = sound_rows(rest, kind)
+    if rest:
+        rows["f_rest_0"] = 0.5
+    findings, heard = examined(write(tmp_path / "a.ply", rows))
+    assert asked_for(findings) == set()
+    assert f"{ROWS} Gaussians of SH degree {degree}" in findings["file"].figure
+    assert findings["harmonics"].figure.startswith(f"degree {min(degree, 1)} used of {degree}")
+    assert heard.lines[-1].endswith(f"Verdict: sound; {len(findings)} things looked at, nothing to do.")
+    assert len(heard.lines) == len(findings) + 1 and not any("\n" in line for line in heard.lines)
+
+
+def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
+    rows = sound_rows()
+    rows["x"][0], rows["f_rest_44"][1] = np.nan, np.inf
+    rows["rot_0"][2:5] = 0
+    rows["opacity"][10:30] = -9.0
+    rows["opacity"][30:40] = 9.0
+    rows["scale_0"][100:300] += np.log(20.0)  # needles of 1 : 20
+    rows["scale_2"][100:120] -= np.log(1000.0)  # discs and needles of 1 : 1000 and more
+    rows["scale_1"][40:60] = rows["scale_2"][40:60] = rows["scale_0"][40:60] = 2.0
+    rows["y"][60] = 5000.0
+    rows["f_dc_1"][70:90] = 9.0
+    rows["f_rest_20"][90] = 12.0
+    findings, heard = examined(write(tmp_path / "a.ply", rows))
+    figures = {
+        "not finite": "2 (0.5 %)",
+        "zero quaternions": "3 (0.75 %)",
+        "invisible": "20 (5.1 %)",
+        "saturated": "10 (2.5 %)",
+        "stiff": "20 (5.1 %)",
+        "needles": "200 (51 %)",
+        "giants": "20 (5.1 %) in the scene, 0 beyond 3 radii",
+    }
+    for name, figure in figures.items():
+        assert findings[name].figure == figure, name
+    assert "20000 (most)" in findings["axis ratios"].figure.replace("2e+04", "20000")
+    assert "20 (5.1 %) beyond -0.5 to 1.5" in findings["colours"].figure
+    assert "coefficients up to 12" in findings["harmonics"].figure
+    expected = {*figures, "extent", "colours", "harmonics"} - {"saturated"}
+    assert asked_for(findings) == expected
+    assert heard.lines[-1].endswith(f"ask for a look: {', '.join(n for n in findings if n in expected)}.")
+
+
+def test_coordinates_too_large_for_float32_are_told_in_units_and_pixels(tmp_path):
+    rows = sound_rows()
+    rows["x"] += 5e6
+    findings, _ = examined(write(tmp_path / "a.ply", rows))
+    # Half a step of float32 at five millions is a quarter; spread over a radius of about one.
+    assert findings["float32 positions"].figure.startswith("0.3 units")
+    assert "Recentre" in findings["float32 positions"].advice
+
+
+def cameras_json(*positions) -> str:
+    """Cameras of the original project at these places, looking along z."""
+    lens = {"width": 64, "height": 48, "fx": 50.0, "fy": 50.0}
+    return json.dumps([{"position": list(p), "rotation": np.eye(3).tolist(), **lens} for p in positions])
+
+
+@pytest.mark.parametrize("folder", [".", "point_cloud/iteration_7"])
+def test_cameras_of_the_run_folder_tell_pixels_and_what_no_photo_shows(tmp_path, folder):
+    (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+    rows = sound_rows()
+    rows["z"][:100] = -9.0  # behind the camera
+    rows["opacity"] = -3.0  # nothing hides another
+    path = write(tmp_path / folder / "point_cloud.ply", rows)
+    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
+    for given in (path, tmp_path) if folder != "." else (path,):
+        findings, _ = examined(given)
+        assert findings["never seen"].figure == "100 (25 %)" and findings["never seen"].advice
+        assert "px in the median of 1 cameras" in findings["float32 positions"].figure
+
+
+@pytest.mark.parametrize("text", ["", "[{}]", '[{"position": 3}]'])
+def test_damaged_cameras_are_a_finding_and_the_rest_goes_on(tmp_path, text):
+    (tmp_path / "cameras.json").write_text(text)
+    findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
+    assert asked_for(findings) == {"cameras"} and "never seen" not in findings
+
+
+def test_a_file_of_nothing_but_poison_is_read(tmp_path):
+    rows = sound_rows()
+    rows["x"] = np.nan
+    findings, _ = examined(write(tmp_path / "a.ply", rows))
+    assert asked_for(findings) == {"not finite", "drawable"}
+
+
+def test_points_and_other_files_are_refused_in_one_line(tmp_path):
+    points = np.zeros(3, dtype=[(name, "<f4") for name in "xyz"])
+    with pytest.raises(BadInput, match="lacks the column f_dc_0. It is not a 3DGS .ply"):
+        examine(write(tmp_path / "points.ply", points), Heard())
+    with pytest.raises(BadInput, match="There is no file"):
+        examine(tmp_path / "nothing.ply", Heard())

@@ -1,0 +1,176 @@
+"""A run and a scene on the table: sound ones are sound, what is wrong is named."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from core import pipeline
+from core.doctor import examine
+from core.errors import BadInput
+from core.training import checkpoint
+from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
+from tests.heard import Heard
+from tests.small import small_settings
+from wegs_cli.main import wegs
+
+
+def examined(path) -> tuple[dict, Heard]:
+    heard = Heard()
+    return {finding.name: finding for finding in examine(path, heard)}, heard
+
+
+def asked_for(findings: dict) -> set[str]:
+    return {name for name, finding in findings.items() if finding.advice}
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    root = tmp_path_factory.mktemp("trained")
+    scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)]).write(root / "scene")
+    return pipeline.train(scene, small_settings(steps=30, prune_contribution=0.0), root / "run")
+
+
+def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
+    findings, heard = examined(trained)
+    assert {"steps", "skipped steps", "held-out quality", "settings", "not finite", "needles", "float32 positions"} < findings.keys()
+    assert {"never seen", "residuals", "looks", "masks"} < findings.keys()
+    assert findings["steps"].figure.startswith("30 of 30 in ")
+    assert "(60 of them sky) of SH degree 1" in findings["file"].figure
+    assert "sky_gaussians=60" in findings["settings"].figure and "steps=30" in findings["settings"].figure
+    assert "over 7 looks" in findings["residuals"].figure  # of nine photos two are held out
+    assert findings["giants"].figure == "0 in the scene, 0 beyond 3 radii"  # the sky is no giant
+    assert heard.steps[-1] == (7, 7)
+    # So short a run has learnt no looks, and twenty points are few Gaussians; it is sound all the same.
+    assert asked_for(findings) <= {"looks"}
+
+
+def test_a_run_that_went_wrong_is_told_and_how_to_go_on(trained, tmp_path):
+    folder = tmp_path / "run"
+    saved = checkpoint.load(checkpoint.newest(trained))
+    saved.tensors["gaussians.parameters.means"][3] = float("nan")
+    saved.tensors["model.sh_transfer.layers.3.bias"][:] = 100.0
+    facts = saved.facts | {"step": 20, "trainer": saved.facts["trainer"] | {"skipped": 7, "collapse_told": True}}
+    folder.mkdir()
+    (folder / "config.json").write_bytes((trained / "config.json").read_bytes())
+    (folder / "history.csv").write_text("step,held_out_psnr\n5,21.0\n6,\ngarbage\n9,18.5\n")
+    checkpoint.save(folder, checkpoint.Checkpoint(saved.tensors, facts))
+    findings, _ = examined(folder)
+    assert "wegs train --resume -o" in findings["steps"].advice
+    assert findings["skipped steps"].figure == "7 (35 %)"
+    assert findings["held-out quality"].figure == "18.50 dB, 21.00 at best"
+    assert findings["not finite"].figure.startswith("1 (")
+    assert "up to 4, 100 % of them near the bound of 4" in findings["residuals"].figure
+    assert {"steps", "skipped steps", "held-out quality", "not finite", "residuals", "masks"} <= asked_for(findings)
+
+
+@pytest.mark.parametrize("changes", [{"appearance": "off", "transients": "off"}, {"appearance": "exposure"}])
+def test_what_a_run_did_not_learn_is_not_told(tmp_path, changes):
+    scene = SmallScene().write(tmp_path / "scene")
+    findings, _ = examined(pipeline.train(scene, small_settings(steps=3, **changes), tmp_path / "run"))
+    assert ("masks" in findings) == ("transients" not in changes)
+    assert ("residuals" in findings) == (changes["appearance"] != "off")
+
+
+def test_a_run_without_its_photos_tells_the_rest(trained, tmp_path):
+    hidden = trained.parent / "scene" / "images"
+    hidden.rename(hidden.with_name("hidden"))
+    try:
+        findings, _ = examined(trained)
+    finally:
+        hidden.with_name("hidden").rename(hidden)
+    assert findings["photos"].figure == "7 of 7, such as photo_1.png"
+    assert "masks" not in findings and "never seen" in findings
+
+
+# --- scenes
+
+
+def test_a_sound_scene(tmp_path):
+    random = np.random.default_rng(0)
+    points = random.uniform((-1, -0.7, 3), (1, 0.7, 3.5), (600, 3))
+    findings, heard = examined(SmallScene(model="SIMPLE_PINHOLE", points=points).write(tmp_path / "scene"))
+    assert asked_for(findings) == set()
+    assert findings["points"].figure.startswith("600, 600 a photo")
+    assert "float32 without recentring would cost" in findings["world"].meaning
+    assert heard.lines[-1].endswith("nothing to do.")
+
+
+def stray_scene(root):
+    """Nine photos, of which five are wrong in their own way, far from the origin."""
+    scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)], offset=np.array([5e6, 0.0, 0.0]))
+    made = scene.reconstruction()
+    scene.write(root)
+    for name, level in (("photo_1.png", 0), ("photo_2.png", 255)):
+        cv2.imwrite(str(root / "images" / name), np.full((HEIGHT, WIDTH, 3), level, np.uint8))
+    damaged = root / "images" / "photo_3.png"
+    data = bytearray(damaged.read_bytes())
+    data[60:90] = bytes(30)  # seen only when it is decoded
+    damaged.write_bytes(bytes(data))
+    (root / "images" / "photo_4.png").unlink()
+    pose, centre = scene.pose(5), scene.offset + [900.0, 0.0, 0.0]
+    made.images[6].frame.rig_from_world = type(pose)(pose.rotation, -pose.rotation.matrix() @ centre)
+    made.write_binary(str(root / "sparse/0"))
+    return root
+
+
+def test_a_scene_with_faults_names_them(tmp_path):
+    findings, heard = examined(stray_scene(tmp_path / "scene"))
+    assert findings["photos of one colour"].figure == "2 of 8 (photo_1.png: 0 of 255, photo_2.png: 255 of 255)"
+    assert findings["unreadable photos"].figure.startswith("1 of 8 (photo_3.png (")
+    assert findings["cameras astray"].figure == "1 of 8 (photo_5.png)"
+    assert findings["cameras that look away"].figure == "1 of 8 (photo_5.png)"
+    assert "files are written around the scene" in findings["world"].meaning
+    assert any("missing" in line and line.startswith("! !! reading") for line in heard.lines)  # photo_4
+    assert findings["points"].advice  # twenty
+    assert {"photos of one colour", "unreadable photos", "cameras astray", "points"} <= asked_for(findings)
+
+
+@pytest.mark.parametrize(
+    "params, name, figure",
+    [
+        ([3e6, 3e6, 80, 60], "odd focal lengths", "4 of 4 (photo_0.png: 1.88e+04,"),
+        ([150, 190, 80, 60], "unequal focal lengths", "4 of 4"),
+        ([150, 150, 10, 60], "principal points", "4 of 4"),
+    ],
+)
+def test_cameras_out_of_the_ordinary(tmp_path, params, name, figure):
+    findings, _ = examined(replace(SmallScene(), params=params).write(tmp_path / "scene"))
+    assert findings[name].figure.startswith(figure) and findings[name].advice
+
+
+def test_photos_without_points_or_cameras(tmp_path):
+    scene = SmallScene(points=np.array([[0.0, 0.0, 3.0]]))
+    findings, _ = examined(scene.write(tmp_path / "scene"))
+    assert findings["photos with few points"].figure.startswith("4 of 4 (photo_0.png: 1,")
+    (tmp_path / "scene" / "images" / "photo_1.png").write_bytes(b"no photo")
+    findings, _ = examined(tmp_path / "scene" / "images")
+    assert "wegs train" in findings["scene"].advice
+    assert findings["unreadable photos"].figure.startswith("1 of 4 (photo_1.png (is not")
+
+
+# --- the command line
+
+
+def test_the_command_says_findings_and_leaves_with_0(trained, tmp_path):
+    result = CliRunner().invoke(wegs, ["doctor", str(trained)])
+    assert result.exit_code == 0, result.output
+    lines = result.output.strip().splitlines()
+    assert any(line.startswith("ok steps: 30 of 30") for line in lines) and "Verdict: " in lines[-1]
+
+
+@pytest.mark.parametrize("content", [None, b"", b"ply\n", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 2\n"])  # fmt: skip
+def test_what_cannot_be_read_is_one_line_and_1(tmp_path, content):
+    path = tmp_path / "a.ply"
+    if content is not None:
+        path.write_bytes(content)
+    result = CliRunner().invoke(wegs, ["doctor", str(path)])
+    assert result.exit_code == 1 and len(result.stderr.strip().splitlines()) == 1 and "a.ply" in result.stderr
+
+
+def test_without_a_path_the_newest_run_is_meant(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadInput, match="There is no run"):
+        examine(None, Heard())

@@ -1,0 +1,23 @@
+"""A listener for tests."""
+
+from core.report import Report
+
+
+class Heard(Report):
+    """Keeps what it is told; warnings begin with `! `."""
+
+    def __init__(self):
+        self.lines: list[str] = []
+        self.steps: list[tuple[int, int]] = []
+
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+    def warn(self, line: str) -> None:
+        self.lines.append(f"! {line}")
+
+    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
+        self.steps.append((done, total))
+
+    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
+        self.lines += [f"{name}: {value}" for name, value in rows]

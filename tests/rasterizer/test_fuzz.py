@@ -1,0 +1,82 @@
+"""Values and cameras that no one would draw on purpose: nothing crashes, hangs, or lets one NaN through."""
+
+import numpy as np
+import torch
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from core.rasterizer import BACKENDS, create
+from core.rasterizer.cpu import backend, footprint
+from core.rasterizer.cpu.bin import SLOT, SPLAT
+from tests.rasterizer.scenes import camera, cloud
+
+COUNT = 12
+POISON = [float("nan"), float("inf"), float("-inf"), 0.0, 1e-45, -1e-38, 1e-6, 88.0, -104.0, 1e6, -1e12, 3e38]
+few = settings(max_examples=25, derandomize=True, deadline=None, database=None)
+poisons = st.lists(
+    st.tuples(
+        st.sampled_from(["means", "quaternions", "log_scales", "logit_opacities", "sh"]),
+        st.integers(0, COUNT - 1),
+        st.integers(0, 2),
+        st.sampled_from(POISON),
+    ),
+    max_size=8,
+)
+focal_lengths = st.sampled_from([1e-3, 1.0, 40.0, 3e6])
+places = st.sampled_from([-1e6, -3.0, 8.0, 1e6])
+cameras = st.builds(
+    lambda width, height, fx, fy, cx, cy, x: camera(width, height, fx=fx, fy=fy, cx=cx, cy=cy, centre=np.array([x, -0.25, 1.0])),
+    st.integers(1, 35),
+    st.integers(1, 20),
+    focal_lengths,
+    focal_lengths,
+    places,
+    places,
+    st.sampled_from([0.5, -1e-40, 1e5, 1e12]),
+)
+
+
+def poisoned(values):
+    splats = cloud(camera(17, 9), COUNT, seed=31, degree=1, sizes_px=(0.5, 60.0))
+    for parameter, row, column, value in values:
+        # Colours are linear in the picture: beyond 1e6 a finite picture has gradients that float32 cannot hold.
+        value = min(max(value, -1e6), 1e6) if parameter == "sh" and abs(value) < float("inf") else value
+        tensor = getattr(splats, parameter)
+        tensor[row].view(-1)[column * (tensor.dim() > 1)] = value
+    return splats
+
+
+@few
+@given(view=cameras, values=poisons)
+# Float32 made a positive exponent of this needle, a million pixels off; and an infinite determinant of this one.
+@example(view=camera(1, 1, fx=1e-3, fy=1.0, cx=-1e6, cy=-1e6), values=[("log_scales", 0, 0, 88.0)])
+@example(view=camera(17, 9, fx=3e6, fy=3e6), values=[("log_scales", 0, axis, 88.0) for axis in range(3)])
+def test_no_camera_makes_a_picture_or_a_gradient_non_finite(view, values):
+    for name in BACKENDS:
+        rasterizer, splats = create(name), poisoned(values).map(lambda tensor: tensor.requires_grad_())
+        rendering = rasterizer.render(splats, view, (0.1, 0.2, 0.3))
+        assert rendering.image.shape == (view.height, view.width, 3) and torch.isfinite(rendering.image).all()
+        assert ((rendering.transmittance >= 0) & (rendering.transmittance <= 1)).all()
+        rendering.image.sum().backward()
+        for parameter, tensor in splats.tensors().items():
+            assert torch.isfinite(tensor.grad).all(), (name, parameter)
+        contributions = rasterizer.contributions(splats.detached(), view)
+        assert ((contributions >= 0) & (contributions <= 1)).all()
+        unseen = torch.ones(COUNT, dtype=torch.bool)
+        unseen[rasterizer.visible(splats.detached(), view)] = False
+        assert (contributions[unseen] == 0).all()
+
+
+@few
+@given(view=cameras, values=poisons)
+def test_footprints_are_finite_and_tile_lists_hold_what_they_announce(view, values):
+    """The two stages between which integers are made of floats."""
+    lists = backend.tile_lists(backend.arrays_of(poisoned(values)), backend.NOTHING, view)
+    drawn = np.flatnonzero(np.diff(lists.slot_starts))
+    assert np.isfinite(lists.footprints[drawn]).all()
+    assert (lists.footprints[drawn][:, [footprint.SHARPNESS, footprint.FALL, footprint.HALF_WIDTH, footprint.HALF_HEIGHT]] > 0).all()  # fmt: skip
+    tiles = -(-view.width // footprint.TILE) * -(-view.height // footprint.TILE)
+    assert len(lists.tile_starts) == tiles + 1 and (np.diff(lists.tile_starts) >= 0).all()
+    assert lists.tile_starts[-1] == lists.slot_starts[-1] == len(lists.entries) <= tiles * COUNT
+    assert set(lists.entries[:, SPLAT]) == set(drawn)
+    assert np.array_equal(np.sort(lists.entries[:, SLOT]), np.arange(len(lists.entries)))

@@ -1,0 +1,141 @@
+"""Losses, Adam and density control on values that no one would draw on purpose."""
+
+import math
+
+import numpy as np
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from core.training import densify, losses
+from core.training.adam import _adam_rows_torch, adam_rows
+from core.training.gaussians import Gaussians
+from core.training.guards import fault_of_loss
+from core.training.photometric import Target, photometric, photometric_definition, photometric_paper
+from tests.small import ring_camera, small_settings
+
+FINITE = [0.0, -0.0, 1e-45, -1e-38, 0.5, 1.0, -1e3, 1e9, -1e18, 3e38]
+POISON = [float("nan"), float("inf"), float("-inf")]
+few = settings(max_examples=40, derandomize=True, deadline=None, database=None)
+spots = st.tuples(st.integers(0, 8), st.integers(0, 10), st.integers(0, 2))
+
+
+def picture(spoilt=()) -> torch.Tensor:
+    image = torch.rand(9, 11, 3, generator=torch.Generator().manual_seed(2))
+    for spot, value in spoilt:
+        image[spot] = value
+    return image
+
+
+@few
+@given(
+    spoilt=st.lists(st.tuples(spots, st.sampled_from(FINITE + POISON)), max_size=4),
+    level=st.sampled_from([None, 0.0, 1.0]),
+    function=st.sampled_from([photometric, photometric_definition, photometric_paper]),
+)
+def test_a_finite_picture_loss_has_a_finite_gradient(spoilt, level, function):
+    """And a render that is not finite never has a finite loss: the step is skipped."""
+    photo = picture() if level is None else torch.full((9, 11, 3), level)
+    image = picture(spoilt).requires_grad_()
+    weight = torch.rand(9, 11, generator=torch.Generator().manual_seed(3))
+    loss, error = function(image, Target(photo), weight, 0.2)
+    if math.isfinite(float(loss.detach())):
+        assert torch.isfinite(image).all() and torch.isfinite(error).all()
+        loss.backward()
+        assert torch.isfinite(image.grad).all()
+
+
+@few
+@given(
+    spoilt=st.lists(st.tuples(spots, st.sampled_from(FINITE[:-1])), max_size=4),
+    level=st.sampled_from([0.0, 1e-45, 0.3, 1.0]),
+    mean=st.sampled_from([0.0, 0.3, 0.59999, 0.6, 1.0]),
+    points=st.lists(st.sampled_from([0.0, 1e-30, -3.0, 1e6, 1e18]), min_size=6, max_size=6),
+)
+def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
+    mask = torch.full((1, 3, 4), level).requires_grad_()
+    photo = torch.zeros(3, 9, 11)
+    losses.mask_loss(mask, picture(spoilt), photo, 0.05).backward()
+    assert torch.isfinite(mask.grad).all()
+    weights = losses.pixel_weights(mask, 9, 11, mean)
+    assert torch.isfinite(weights).all() and (weights <= 1).all()
+    means = torch.tensor(points).view(2, 3)
+    rows = losses.transient_rows(means, torch.tensor([0.5, 0.05]), mask, ring_camera(0.0))
+    assert rows.shape == (2,) and not rows[1]  # far too faint, wherever it lies
+    residual = torch.tensor(points[:3]).view(1, 1, 3).clamp(-4, 4).requires_grad_()  # bounded by G_phi
+    losses.residual_norm(residual).backward()
+    assert torch.isfinite(residual.grad).all()
+
+
+@few
+@given(
+    gradients=st.lists(st.sampled_from([value for f in FINITE for value in (f, -f)]), min_size=1, max_size=30),
+    update=st.sampled_from([adam_rows, _adam_rows_torch]),
+)
+def test_adam_stays_finite_and_its_steps_small(gradients, update):
+    values, first, second = torch.zeros(1, 1), torch.zeros(1, 1), torch.zeros(1, 1)
+    counts, rate = torch.zeros(1, dtype=torch.int32), 0.25
+    for gradient in gradients:
+        counts += 1
+        before = values.clone()
+        update(values, first, second, counts, torch.tensor([0]), torch.tensor([[gradient]]), torch.tensor([rate]))
+        assert all(torch.isfinite(tensor).all() for tensor in (values, first, second))
+        # Kingma & Ba, section 2.1: at most (1 - beta_1) / sqrt(1 - beta_2) rates; float32 squares of denormals are 0.
+        assert float((values - before).abs()) <= 3.2 * rate
+
+
+def test_a_row_that_met_a_huge_gradient_learns_on():
+    """Its square, infinite in float32, would stop the row for good."""
+    values, first, second = torch.zeros(1, 1), torch.zeros(1, 1), torch.zeros(1, 1)
+    counts, rows, rate = torch.zeros(1, dtype=torch.int32), torch.tensor([0]), torch.tensor([0.1])
+    for gradient in (3e38, *[1e17] * 50):
+        counts += 1
+        adam_rows(values, first, second, counts, rows, torch.tensor([[gradient]]), rate)
+    before = values.clone()
+    adam_rows(values, first, second, counts + 1, rows, torch.tensor([[1e17]]), rate)
+    assert float((before - values).abs()) > 1e-3
+
+
+@few
+@given(
+    spoilt=st.lists(
+        st.tuples(st.sampled_from(["means", "quaternions", "log_scales", "logit_opacities", "sh"]), st.integers(0, 6), st.sampled_from(FINITE + POISON)),
+        max_size=6,
+    ),
+    budget=st.sampled_from([0, 3, 100]),
+)  # fmt: skip
+def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, budget):
+    generator = torch.Generator().manual_seed(4)
+    parameters = {
+        "means": torch.randn(7, 3, generator=generator),
+        "quaternions": torch.randn(7, 4, generator=generator),
+        "log_scales": torch.full((7, 3), -4.0),
+        "logit_opacities": torch.zeros(7),
+        "sh": torch.randn(7, 4, 3, generator=generator),
+    }
+    for name, row, value in spoilt:
+        parameters[name][row].view(-1)[0] = value
+    gaussians = Gaussians.of(parameters, sky=0)
+    gaussians.gradient_sum, gaussians.seen = torch.rand(7, generator=generator), torch.ones(7)
+    points = np.random.default_rng(0).normal(size=(30, 3))
+    densify.prune(gaussians, small_settings(), densify.Surroundings(points, 4.0))
+    left = gaussians.solid
+    born = densify.grow(gaussians, small_settings(), budget, generator)
+    assert gaussians.solid == left + born and born <= budget
+    for name, tensor in gaussians.tensors().items():
+        assert torch.isfinite(tensor).all(), name
+
+
+@few
+@given(
+    known=st.lists(st.sampled_from([None, 0.0, 1e-30, 0.2, 1.9]), min_size=1, max_size=6),
+    loss=st.sampled_from([0.0, 0.2, 1.9, 2.1, 30.0, 1e30, *POISON]),
+)
+def test_no_loss_within_the_range_of_photos_is_a_spike(known, loss):
+    fault = fault_of_loss(loss, loss, 0, known)
+    if not math.isfinite(loss):
+        assert fault == "loss was not finite"
+    elif loss < 2 or known == [None] * len(known):
+        assert fault is None
+    elif loss >= 20:
+        assert "spike" in fault

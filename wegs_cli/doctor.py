@@ -1,0 +1,25 @@
+"""wegs doctor"""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(short_help="Say what is the matter with a .ply, a run or a scene.")
+@click.argument("what", required=False, type=click.Path(path_type=Path))
+def doctor(what) -> None:
+    """Look at WHAT and say in one line a finding what was found, what it means and what to do.
+
+    WHAT is a .ply of Gaussians (of any program), a run, a scene or a folder of photos; without it, the newest run.
+
+    \b
+    Examples:
+      wegs doctor photos/
+      wegs doctor runs/plaza
+      wegs doctor dusk.ply
+    """
+    from core.doctor import examine
+    from wegs_cli.terminal import Terminal
+
+    with Terminal() as terminal:
+        examine(what, terminal)

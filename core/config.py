@@ -41,6 +41,8 @@ class Settings:
     # --- sizes
     embedding_size: int = setting(16, "Numbers in a photo's embedding.", low=1)
     latent_size: int = setting(0, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position.", low=0)
+    embedding_enters: str = setting("output", "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).", choices=("output", "input"))
+    transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2)
     transfer_width: int = setting(64, "Width of the SH transfer MLP.", low=1)
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0)
     sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0)
@@ -132,6 +134,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "max_gaussians": 3_000_000,
         "sh_degree": 3,
         "sky": "none",
+        "embedding_enters": "input",
+        "transfer_layers": 4,
         "transfer_width": 128,
         "encoder_side_px": 256,
         "mask_loss": "paper",

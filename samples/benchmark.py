@@ -186,10 +186,12 @@ def measure_bake(scale: float) -> dict:
         export.write(path, baked, "benchmark")
         stopwatch.lap("write .ply")
 
-    layers = [(torch.ones(ROWS, layer.in_features), layer.weight.T) for layer in model.sh_transfer.layers]
+    _, _, layers = model.sh_transfer.inputs(splats.sh[:1], splats.means[:1], model.mean_embedding)
+    weights = [layers.learned_weight, layers.fixed_weight, *layers.hidden_weights, layers.output_weight, layers.skip_weight]
+    products = [(torch.ones(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
     with tempfile.TemporaryDirectory() as folder:
         parts = stopwatch.repeat(partial(bake, Path(folder) / "look.ply"), 1, BAKES)
-    multiply = partial(in_parallel, lambda begin, end: [torch.mm(*layer) for layer in layers], count, ROWS)
+    multiply = partial(in_parallel, lambda begin, end: [torch.mm(*product) for product in products], count, ROWS)
     parts["matrix products alone"] = stopwatch.repeat(multiply, 1, BAKES)["whole"]
     return {"parts": parts, "facts": {"gaussians": count, "sh_degree": DEGREE}}
 

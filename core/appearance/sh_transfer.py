@@ -12,38 +12,47 @@ from core.scene.harmonics import coefficient_count
 from core.threads import one_torch_thread
 
 LAST_LAYER_SPREAD = 1e-3  # near zero: a run starts at the base look, and yet every layer has a gradient
+MIXING_GAIN = 0.25  # an embedding moves all weights of the last layer at once: lets it learn as slowly as the others
 
 
 class SHTransfer(nn.Module):
-    """delta = bound * tanh(G(gamma(sh), gamma(mu), l) / bound): the paper's eq. for Delta sh_jk, a four-layer MLP.
+    """delta = bound * tanh(G(gamma(sh), gamma(mu), l) / bound): the paper's eq. for Delta sh_jk, an MLP.
 
     gamma(sh): the coefficients, with `sh_octaves` octaves. gamma(mu): centres contracted into [-1, 1], with
     `position_octaves` octaves. An optional latent of `latent_size` numbers a Gaussian is a further input. The view
     direction is none: only so can a look be baked into a file.
 
+    `embedding_enters` "input": l is an input of the first layer, as in the paper; its share of that layer is the same for
+    all Gaussians and computed once. "output": the hidden layers do not know the photo, and l gives the weights of
+    the last one, a linear map V(l) of the hidden layer, of gamma(sh) and of 1. Residuals are then linear in l before the bound,
+    sums of patterns that all photos share, as light is of its sources; a photo shows one side of a place, and what it tells
+    of the other side is better founded so.
+
     Deliberate differences from the paper: the output is bounded; no gradient flows into the centres (colour is no
-    reason to move a Gaussian, and a third of the first layer's backward pass is saved). The photo's share of the first
-    layer is the same for all Gaussians and computed once.
+    reason to move a Gaussian, and a third of the first layer's backward pass is saved).
     """
 
     def __init__(self, settings: Settings):
         super().__init__()
         self.settings = settings
         self.coefficients = 3 * coefficient_count(settings.sh_degree)
-        self.columns = (
-            encoded_size(self.coefficients, settings.sh_octaves) + settings.latent_size,
-            encoded_size(3, settings.position_octaves),
-            settings.embedding_size,
-        )
+        self.learned_columns = encoded_size(self.coefficients, settings.sh_octaves) + settings.latent_size
+        self.mixes = settings.embedding_enters == "output"
+        fixed_columns = encoded_size(3, settings.position_octaves)
+        first_inputs = self.learned_columns + fixed_columns + (0 if self.mixes else settings.embedding_size)
         width = settings.transfer_width
         self.layers = nn.ModuleList(
-            nn.Linear(*size) for size in ((sum(self.columns), width), (width, width), (width, width))
+            nn.Linear(inputs, width) for inputs in (first_inputs, *(width,) * (settings.transfer_layers - 2))
         )
-        self.layers.append(nn.Linear(width, self.coefficients))
         for layer in self.layers:
             nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
             nn.init.zeros_(layer.bias)
-        nn.init.normal_(self.layers[-1].weight, std=LAST_LAYER_SPREAD)
+        if self.mixes:
+            self.last = nn.Linear(settings.embedding_size, self.coefficients * (width + self.learned_columns + 1))
+        else:
+            self.last = nn.Linear(width, self.coefficients)
+        nn.init.normal_(self.last.weight, std=LAST_LAYER_SPREAD)
+        nn.init.zeros_(self.last.bias)
 
     def forward(
         self,
@@ -72,7 +81,7 @@ class SHTransfer(nn.Module):
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
     ) -> tuple[Float[Tensor, "v learned"], Float[Tensor, "v fixed"], Layers]:
-        """What the MLP is evaluated on: columns with a gradient, columns without, layers with the embedding in bias 1."""
+        """What the MLP is evaluated on: columns with a gradient, columns without, the layers of this photo."""
         latent_size = 0 if latents is None else latents.shape[1]
         for what, given, expected in (
             ("SH coefficients", sh.shape[1] * 3, self.coefficients),
@@ -89,17 +98,29 @@ class SHTransfer(nn.Module):
         if latents is not None:
             learned = torch.cat([learned, latents], dim=1)
         fixed = encode(contract(means.detach()), self.settings.position_octaves)
-        first, second, third, last = self.layers
-        learned_weight, fixed_weight, embedding_weight = first.weight.split(self.columns, dim=1)
+        first, *more = self.layers
+        columns = self.learned_columns, fixed.shape[1], first.in_features - self.learned_columns - fixed.shape[1]
+        learned_weight, fixed_weight, embedding_weight = first.weight.split(columns, dim=1)
+        width = len(first.bias)
+        if self.mixes:
+            first_bias = first.bias
+            mixed = MIXING_GAIN * self.last(embedding).view(self.coefficients, -1)
+            output_weight, skip_weight, output_bias = mixed.split((width, self.learned_columns, 1), dim=1)
+            output_bias = output_bias.squeeze(1)
+        else:
+            first_bias = embedding_weight @ embedding + first.bias
+            output_weight, output_bias = self.last.weight, self.last.bias
+            skip_weight = output_weight.new_empty(self.coefficients, 0)
+        hidden_weights = torch.stack([layer.weight for layer in more]) if more else first.weight.new_empty(0, width, width)
+        hidden_biases = torch.stack([layer.bias for layer in more]) if more else first.bias.new_empty(0, width)
         layers = Layers(
             learned_weight,
             fixed_weight,
-            embedding_weight @ embedding + first.bias,
-            second.weight,
-            second.bias,
-            third.weight,
-            third.bias,
-            last.weight,
-            last.bias,
+            first_bias,
+            hidden_weights,
+            hidden_biases,
+            output_weight,
+            skip_weight,
+            output_bias,
         )
         return learned, fixed, layers

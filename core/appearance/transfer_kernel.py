@@ -1,7 +1,7 @@
 """The MLP inside the SH transfer: the definition in plain torch, and the same in blocks for the CPU.
 
-y = bound * tanh((h_3 W_4' + b_4) / bound), h_i = relu(h_(i-1) W_i' + b_i), with the first layer's input in two parts:
-`learned` columns, which receive a gradient, and `fixed` ones, which do not.
+h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i), y = bound * tanh((h_n V' + x_learned S' + b) / bound). The input x comes
+in two parts: `learned` columns, which receive a gradient and may also skip to the output, and `fixed` ones, which do neither.
 
 Blocks keep what is at work in cache and let threads share the rows. Every block has ROWS rows, the last one padded, because a BLAS rounds a row differently in a matrix of another height: so a row's result does not depend on
 what it is evaluated with, and bakes equal live renders bit for bit. Weight gradients are summed a block at a time and
@@ -22,27 +22,30 @@ ROWS = 2048  # fewer cost more calls, more leave the cache; from 1024 to 4096 al
 
 
 class Layers(NamedTuple):
-    """Weights (outputs, inputs) and biases of the four layers; `bias_1` already holds the embedding's part."""
+    """Weights (outputs, inputs) and biases: the first layer's for either part of the input, the further hidden ones', the
+    output's. `skip_weight` has no columns where nothing skips the hidden layers."""
 
     learned_weight: Float[Tensor, "width learned"]
     fixed_weight: Float[Tensor, "width fixed"]
-    bias_1: Float[Tensor, " width"]
-    weight_2: Float[Tensor, "width width"]
-    bias_2: Float[Tensor, " width"]
-    weight_3: Float[Tensor, "width width"]
-    bias_3: Float[Tensor, " width"]
-    weight_4: Float[Tensor, "out width"]
-    bias_4: Float[Tensor, " out"]
+    first_bias: Float[Tensor, " width"]
+    hidden_weights: Float[Tensor, "more width width"]
+    hidden_biases: Float[Tensor, "more width"]
+    output_weight: Float[Tensor, "out width"]
+    skip_weight: Float[Tensor, "out skipping"]
+    output_bias: Float[Tensor, " out"]
 
 
 def plain_mlp(
     learned: Float[Tensor, "n learned"], fixed: Float[Tensor, "n fixed"], layers: Layers, bound: float
 ) -> Float[Tensor, "n out"]:
     """The definition: any dtype, any device, differentiable by autograd. Outputs lie in [-bound, bound]."""
-    hidden = torch.relu(learned @ layers.learned_weight.T + fixed @ layers.fixed_weight.T + layers.bias_1)
-    hidden = torch.relu(hidden @ layers.weight_2.T + layers.bias_2)
-    hidden = torch.relu(hidden @ layers.weight_3.T + layers.bias_3)
-    return bound * torch.tanh((hidden @ layers.weight_4.T + layers.bias_4) / bound)
+    hidden = torch.relu(learned @ layers.learned_weight.T + fixed @ layers.fixed_weight.T + layers.first_bias)
+    for weight, bias in zip(layers.hidden_weights, layers.hidden_biases):
+        hidden = torch.relu(hidden @ weight.T + bias)
+    output = hidden @ layers.output_weight.T + layers.output_bias
+    if layers.skip_weight.shape[1]:
+        output = output + learned @ layers.skip_weight.T
+    return bound * torch.tanh(output / bound)
 
 
 def blockwise_mlp(
@@ -56,32 +59,36 @@ class _BlockwiseMLP(torch.autograd.Function):
     @staticmethod
     def forward(ctx, training: bool, learned: Tensor, fixed: Tensor, bound: float, *weights: Tensor) -> Tensor:
         layers = Layers(*weights)
-        output = learned.new_empty(len(learned), len(layers.bias_4))
-        # Kept for the backward pass: 12 * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
-        hidden = learned.new_empty(3, _blocks(len(learned)) * ROWS if training else 0, len(layers.bias_1))
+        output = learned.new_empty(len(learned), len(layers.output_bias))
+        depth, width = 1 + len(layers.hidden_weights), len(layers.first_bias)
+        # Kept for the backward pass: 4 * depth * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
+        kept = learned.new_empty(depth, _blocks(len(learned)) * ROWS if training else 0, width)
 
         def evaluate(begin: int, end: int) -> None:
             rows = slice(begin, end)
-            first, second, third = _hidden_blocks(hidden, rows)
-            torch.addmm(layers.bias_1, _padded("learned", learned[rows]), layers.learned_weight.T, out=first)
-            first.addmm_(_padded("fixed", fixed[rows]), layers.fixed_weight.T).relu_()
-            torch.addmm(layers.bias_2, first, layers.weight_2.T, out=second).relu_()
-            torch.addmm(layers.bias_3, second, layers.weight_3.T, out=third).relu_()
+            inputs = _padded("learned", learned[rows])
+            hidden = _hidden_blocks(kept, rows)
+            torch.addmm(layers.first_bias, inputs, layers.learned_weight.T, out=hidden[0])
+            hidden[0].addmm_(_padded("fixed", fixed[rows]), layers.fixed_weight.T).relu_()
+            for number, (weight, bias) in enumerate(zip(layers.hidden_weights, layers.hidden_biases)):
+                torch.addmm(bias, hidden[number], weight.T, out=hidden[number + 1]).relu_()
             block = _buffer("output", output.shape[1])
-            torch.addmm(layers.bias_4, third, layers.weight_4.T, out=block)
+            torch.addmm(layers.output_bias, hidden[-1], layers.output_weight.T, out=block)
+            if layers.skip_weight.shape[1]:
+                block.addmm_(inputs, layers.skip_weight.T)
             block.div_(bound).tanh_()
             torch.mul(block[: rows.stop - rows.start], bound, out=output[rows])
 
         in_parallel(evaluate, len(learned), ROWS)
         if training:
-            ctx.save_for_backward(learned, fixed, hidden, output, *weights)
+            ctx.save_for_backward(learned, fixed, kept, output, *weights)
             ctx.bound = bound
         return output
 
     @staticmethod
     @once_differentiable
     def backward(ctx, output_gradient: Tensor):
-        learned, fixed, hidden, output, *weights = ctx.saved_tensors
+        learned, fixed, kept, output, *weights = ctx.saved_tensors
         layers = Layers(*weights)
         wants_learned, wants = ctx.needs_input_grad[1], ctx.needs_input_grad[4:]
         output_gradient = output_gradient.contiguous()
@@ -96,52 +103,51 @@ class _BlockwiseMLP(torch.autograd.Function):
         def differentiate(begin: int, end: int) -> None:
             rows = slice(begin, end)
             into = by_weight(partial_sums[rows.start // ROWS])
-            inputs_1 = _padded("learned", learned[rows]), _padded("fixed", fixed[rows])
-            first, second, third = _hidden_blocks(hidden, rows)
-            before_4 = _before_bound(output[rows], output_gradient[rows], ctx.bound)
-            before_3 = _before_layer("before 3", before_4, third, layers.weight_4)
-            before_2 = _before_layer("before 2", before_3, second, layers.weight_3)
-            before_1 = _before_layer("before 1", before_2, first, layers.weight_2)
-            for gradient, inputs, weight_sum in (
-                (before_4, third, into.weight_4),
-                (before_3, second, into.weight_3),
-                (before_2, first, into.weight_2),
-                (before_1, inputs_1[0], into.learned_weight),
-                (before_1, inputs_1[1], into.fixed_weight),
-            ):
-                if weight_sum is not None:
-                    torch.mm(gradient.T, inputs, out=weight_sum)
-            for gradient, bias_sum in (
-                (before_4, into.bias_4),
-                (before_3, into.bias_3),
-                (before_2, into.bias_2),
-                (before_1, into.bias_1),
-            ):
-                if bias_sum is not None:
-                    torch.sum(gradient, 0, out=bias_sum)
+            inputs = _padded("learned", learned[rows])
+            hidden = _hidden_blocks(kept, rows)
+            before_output = _before_bound(output[rows], output_gradient[rows], ctx.bound)
+            _add_up(before_output, hidden[-1], into.output_weight, into.output_bias)
+            _add_up(before_output, inputs, into.skip_weight)
+            before = _before_layer("before output", before_output, hidden[-1], layers.output_weight)
+            for number in reversed(range(len(layers.hidden_weights))):
+                sums = (part if part is None else part[number] for part in (into.hidden_weights, into.hidden_biases))
+                _add_up(before, hidden[number], *sums)
+                before = _before_layer(f"before {number}", before, hidden[number], layers.hidden_weights[number])
+            _add_up(before, inputs, into.learned_weight, into.first_bias)
+            _add_up(before, _padded("fixed", fixed[rows]), into.fixed_weight)
             if wants_learned:
                 block = _buffer("learned gradient", learned.shape[1])
-                torch.mm(before_1, layers.learned_weight, out=block)
+                torch.mm(before, layers.learned_weight, out=block)
+                if layers.skip_weight.shape[1]:
+                    block.addmm_(before_output, layers.skip_weight)
                 learned_gradient[rows] = block[: rows.stop - rows.start]
 
         in_parallel(differentiate, len(learned), ROWS)
         return None, learned_gradient, None, None, *by_weight(_sum_in_order(partial_sums))
 
 
+def _add_up(gradient: Tensor, inputs: Tensor, weight: Tensor | None, bias: Tensor | None = None) -> None:
+    """One block's gradient of a layer's weight and bias, where they are wanted."""
+    if weight is not None and weight.numel():
+        torch.mm(gradient.T, inputs, out=weight)
+    if bias is not None:
+        torch.sum(gradient, 0, out=bias)
+
+
 def _blocks(rows: int) -> int:
     return -(-rows // ROWS)
 
 
-def _hidden_blocks(hidden: Tensor, rows: slice) -> tuple[Tensor, Tensor, Tensor]:
-    """One block of the three hidden layers (3, padded rows, width), or scratch where none are kept."""
-    if hidden.shape[1]:
-        return hidden[:, rows.start : rows.start + ROWS].unbind(0)
-    return tuple(_buffer(name, hidden.shape[2]) for name in ("hidden 1", "hidden 2", "hidden 3"))
+def _hidden_blocks(kept: Tensor, rows: slice) -> tuple[Tensor, ...]:
+    """One block of every hidden layer (depth, padded rows, width), or scratch where none are kept."""
+    if kept.shape[1]:
+        return kept[:, rows.start : rows.start + ROWS].unbind(0)
+    return tuple(_buffer(f"hidden {number}", kept.shape[2]) for number in range(len(kept)))
 
 
 def _before_bound(output: Tensor, output_gradient: Tensor, bound: float) -> Tensor:
     """d/dy of bound * tanh(y / bound) = 1 - (output / bound)^2, times the incoming gradient; zero in padded rows."""
-    block = _buffer("before 4", output.shape[1])
+    block = _buffer("before bound", output.shape[1])
     block[len(output) :] = 0
     torch.mul(output, output, out=block[: len(output)])
     block[: len(output)].mul_(-1 / bound**2).add_(1).mul_(output_gradient)

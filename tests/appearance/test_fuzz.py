@@ -18,7 +18,7 @@ def model(**changes) -> AppearanceModel:
     torch.manual_seed(0)
     made = AppearanceModel(Settings(sh_degree=1, latent_size=3, encoder_side_px=16, **changes), ["a", "b"])
     if made.sh_transfer is not None and hasattr(made.sh_transfer, "layers"):
-        torch.nn.init.normal_(made.sh_transfer.layers[-1].weight, std=0.5)  # as if trained
+        torch.nn.init.normal_(made.sh_transfer.last.weight, std=0.5)  # as if trained
     return made
 
 

@@ -23,7 +23,7 @@ def model_of(**changes) -> AppearanceModel:
     if changes.get("appearance") == "exposure":
         torch.nn.init.normal_(model.sh_transfer.map.weight, std=0.3)
     elif model.sh_transfer is not None:
-        torch.nn.init.normal_(model.sh_transfer.layers[-1].weight, std=0.3)
+        torch.nn.init.normal_(model.sh_transfer.last.weight, std=0.3)
     return model
 
 
@@ -80,8 +80,9 @@ def test_only_what_is_needed_is_built(changes, expected):
 
 def test_parameter_counts_of_the_default_transfer():
     model = AppearanceModel(Settings(), PHOTOS)
-    inputs = 12 + 27 + 16  # four coefficients of three channels, gamma(mu) of 3 * (1 + 2 * 4), the embedding
-    expected = inputs * 64 + 64 + 2 * (64 * 64 + 64) + 64 * 12 + 12
+    width, inputs = 64, 12 + 27  # four coefficients of three channels, gamma(mu) of 3 * (1 + 2 * 4)
+    hidden = inputs * width + width + width * width + width
+    expected = hidden + (16 + 1) * 12 * (width + 12 + 1)  # an embedding of 16 gives the output layer's weights
     assert sum(parameter.numel() for parameter in model.sh_transfer.parameters()) == expected
 
 

@@ -22,8 +22,8 @@ def transfer_of(**changes) -> SHTransfer:
     """A transfer whose last layer is awake, so that gradients of every layer count."""
     torch.manual_seed(3)
     transfer = SHTransfer(Settings(**{"transfer_width": 32, "sh_degree": 1, "embedding_size": 5} | changes))
-    torch.nn.init.normal_(transfer.layers[-1].weight, std=0.3)
-    for layer in transfer.layers:
+    torch.nn.init.normal_(transfer.last.weight, std=0.3)
+    for layer in (*transfer.layers, transfer.last):
         torch.nn.init.normal_(layer.bias, std=0.2)
     return transfer
 
@@ -59,6 +59,9 @@ def values_and_gradients(transfer: SHTransfer, inputs: dict) -> dict[str, torch.
 VARIANTS = [
     {"sh_degree": 0},
     {"sh_degree": 3, "transfer_width": 64},
+    {"embedding_enters": "input", "transfer_layers": 4, "sh_degree": 2},
+    {"embedding_enters": "input", "transfer_layers": 2},
+    {"transfer_layers": 2, "latent_size": 3},
     {"latent_size": 3},
     {"sh_octaves": 2, "position_octaves": 0},
     {"detach_sh": True, "latent_size": 2},
@@ -83,8 +86,10 @@ def test_fast_path_equals_the_definition(changes, rows):
         assert torch.allclose(fast[name].double(), expected, rtol=0, atol=limit), name
 
 
-def test_definition_passes_gradcheck():
-    transfer = transfer_of(latent_size=2, sh_octaves=1, transfer_width=6, position_octaves=1, embedding_size=2).double()
+@pytest.mark.parametrize("enters", ["output", "input"])
+def test_definition_passes_gradcheck(enters):
+    small = {"latent_size": 2, "sh_octaves": 1, "transfer_width": 6, "position_octaves": 1, "embedding_size": 2}
+    transfer = transfer_of(embedding_enters=enters, **small).double()
     inputs = inputs_of(transfer, 3, torch.float64)
     names = [name for name, _ in transfer.named_parameters()]
 

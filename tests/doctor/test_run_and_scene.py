@@ -51,7 +51,7 @@ def test_a_run_that_went_wrong_is_told_and_how_to_go_on(trained, tmp_path):
     folder = tmp_path / "run"
     saved = checkpoint.load(checkpoint.newest(trained))
     saved.tensors["gaussians.parameters.means"][3] = float("nan")
-    saved.tensors["model.sh_transfer.layers.3.bias"][:] = 100.0
+    saved.tensors["model.sh_transfer.last.bias"][:] = 100.0
     facts = saved.facts | {"step": 20, "trainer": saved.facts["trainer"] | {"skipped": 7, "collapse_told": True}}
     folder.mkdir()
     (folder / "config.json").write_bytes((trained / "config.json").read_bytes())

@@ -9,10 +9,22 @@ from typing import Any
 
 from core.errors import BadSetting
 
+AUTO = "auto"  # the word for: decided from the data before training (core.training.needs)
+UNDECIDED = -1  # what stands for that word where a setting is a number
 
-def setting(default: Any, help: str, *, low: float | None = None, high: float | None = None, choices: tuple = ()) -> Any:
-    """A field of Settings: its default, its help, and the values it accepts."""
-    return field(default=default, metadata={"help": help, "low": low, "high": high, "choices": choices})
+
+def setting(
+    default: Any,
+    help: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple = (),
+    auto: bool = False,
+) -> Any:
+    """A field of Settings: its default, its help, and the values it accepts. auto: a number may be UNDECIDED as well."""
+    rules = {"help": help, "low": low, "high": high, "choices": choices, "auto": auto}
+    return field(default=default, metadata=rules)
 
 
 @dataclass(frozen=True)
@@ -26,11 +38,11 @@ class Settings:
     backend: str = setting("auto", "Rasterizer.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(-1, "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 decides.", low=-1)
     max_gaussians: int = setting(30_000, "Never more Gaussians than this (without the sky's).", low=1)
-    sh_degree: int = setting(1, "Degree of the spherical harmonics.", low=0, high=3)
+    sh_degree: int = setting(UNDECIDED, "Degree of the spherical harmonics; auto asks the photos whether colours depend on the viewing direction.", low=0, high=3, auto=True)
 
     # --- the parts of the method, each a switch of the paper's ablation
-    appearance: str = setting("full", "How looks differ: not at all, by an affine colour map, by SH transfer.", choices=("off", "exposure", "full"))
-    transients: str = setting("on", "Whether passers-by are masked.", choices=("off", "on"))
+    appearance: str = setting(AUTO, "How looks differ: not at all, by an affine colour map, by SH transfer; auto asks the photos.", choices=(AUTO, "off", "exposure", "full"))
+    transients: str = setting(AUTO, "Whether passers-by are masked; auto asks the photos.", choices=(AUTO, "off", "on"))
     sky: str = setting("dome", "What stands behind everything: a far dome of Gaussians, or nothing (black).", choices=("none", "dome"))
     embedding: str = setting("encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo"))
     mask: str = setting("attention", "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).", choices=("attention", "cnn", "mlp"))
@@ -73,16 +85,16 @@ class Settings:
     encoder_rate: float = setting(5e-4, "Of encoder and mask, decaying to a tenth.", low=0)
     embedding_rate: float = setting(1e-2, "Of GLO embeddings and latents, decaying to a tenth.", low=0)
 
-    geometry_from: float = setting(0.1, "Fraction at which the geometry begins to move; until then only looks are learnt.", low=0, high=1)
+    geometry_from: float = setting(UNDECIDED, "Fraction at which the geometry begins to move; until then only looks are learnt. auto: 0.1, or 0 without looks.", low=0, high=1, auto=True)
 
     # --- density control
-    densify_from: float = setting(0.12, "Fraction at which growth starts.", low=0, high=1)
+    densify_from: float = setting(UNDECIDED, "Fraction at which growth starts. auto: 0.12, or 0.02 without looks.", low=0, high=1, auto=True)
     densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
     densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(4.0, "Gaussians farther from SfM points than these lie apart, times this, are removed; 0 keeps all.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
-    prune_contribution: float = setting(0.1, "After growth: Gaussians below this share of every pixel are removed.", low=0, high=1)
+    prune_contribution: float = setting(UNDECIDED, "After growth: Gaussians below this share of every pixel are removed. auto: 0.1, or 0 without looks.", low=0, high=1, auto=True)
 
     # --- schedule
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
@@ -99,11 +111,24 @@ class Settings:
 
     def changed(self, **values: Any) -> "Settings":
         """A copy with other values; unknown names and values out of range raise BadSetting."""
-        known = {item.name for item in fields(self)}
+        known = {item.name: item.metadata["auto"] for item in fields(self)}
         for name in values:
             if name not in known:
                 raise BadSetting(f"There is no setting {name!r}.", "`wegs train --help` lists them.")
-        return replace(self, **values)
+        typed = {name: UNDECIDED if known[name] and value == AUTO else value for name, value in values.items()}
+        return replace(self, **typed)
+
+    def decided(self, appearance: str, transients: str, sh_degree: int) -> "Settings":
+        """A copy in which what was left to be decided has these values, and the schedules those that follow from them."""
+        answers = {"appearance": appearance, "transients": transients, "sh_degree": sh_degree}
+        has_looks = (appearance if self.appearance == AUTO else self.appearance) != "off"
+        answers |= SCHEDULE_WITH_LOOKS if has_looks else SCHEDULE_WITHOUT
+        return replace(self, **{name: answers[name] for name in self.undecided})
+
+    @property
+    def undecided(self) -> tuple[str, ...]:
+        """The settings that the data have yet to decide."""
+        return tuple(name for name in DECIDED if getattr(self, name) in (AUTO, UNDECIDED))
 
     def to_json(self) -> dict:
         return asdict(self)
@@ -117,6 +142,8 @@ def check(item, value: Any) -> None:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not good:
         raise BadSetting(f"{item.name}={value!r} is not of type {item.type.__name__}.", item.metadata["help"])
+    if rules["auto"] and value == UNDECIDED:
+        return
     if rules["choices"] and value not in rules["choices"]:
         raise BadSetting(f"{item.name}={value!r} is not a choice.", f"Choose one of: {', '.join(rules['choices'])}.")
     if rules["low"] is not None and value < rules["low"]:
@@ -125,6 +152,12 @@ def check(item, value: Any) -> None:
         raise BadSetting(f"{item.name}={value!r} is too large.", f"The most is {rules['high']}.")
 
 
+# With looks these are learnt first: else dark or bright Gaussians before single cameras explain the light, and they have to go
+# later. Without, there is nothing to wait for: as in plain 3DGS.
+SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.1}
+SCHEDULE_WITHOUT = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
+DECIDED = ("appearance", "transients", "sh_degree", *SCHEDULE_WITHOUT)  # what may be left to the data
+
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
@@ -132,6 +165,8 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
         "steps": 150_000,
         "max_gaussians": 3_000_000,
+        "appearance": "full",
+        "transients": "on",
         "sh_degree": 3,
         "sky": "none",
         "embedding_enters": "input",
@@ -147,13 +182,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "prune_contribution": 0.0,
         "gauge": 0.0,
     },
-    "vanilla": {
-        "appearance": "off",
-        "transients": "off",
-        "geometry_from": 0.0,
-        "densify_from": 0.02,
-        "prune_contribution": 0.0,
-    },
+    "vanilla": {"appearance": "off", "transients": "off"},
 }
 
 

@@ -24,12 +24,13 @@ from core.evaluation.truth import load_truth
 from core.export.atomic import check_file, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
-from core.scene.splats import Splats
 from core.training import checkpoint, run, saved_look
 from core.training.interrupt import StopRequest
+from core.training.look_file import write_look
 from core.training.masks import write_masks
-from core.training.trained import Appearance, Run, bake, blend, find_appearance, load_run
+from core.training.trained import Run, bake, blend, find_appearance, load_run
 from core.training.trainer import Trainer
+from core.training.trim import trim_of
 
 __all__ = [
     "bake",
@@ -81,7 +82,7 @@ def train(
     collection = load_collection(scene)
     _tell_collection(collection, report)
     trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, settings)
+    run.create(folder, collection, trainer.settings, trainer.decisions)
     return _train(trainer, report)
 
 
@@ -132,7 +133,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
                 raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")
     trained = load_run(folder)
     neutral = run.point_cloud_path(folder, trained.step)
-    _write_look(trained, find_appearance(trained, "neutral"), neutral, report)
+    write_look(trained, find_appearance(trained, "neutral"), neutral, report, trim_of(trained, report))
     masks = write_masks(folder, trainer.model, trainer.pictures)
     rows = [
         ("run", str(folder)),
@@ -169,6 +170,8 @@ def _tell_sizes(trainer: Trainer, report: Report) -> None:
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     settings = trainer.settings
     report.say(f"Training {settings.steps} steps at {spread} px, at most {settings.max_gaussians} Gaussians")
+    for decision in trainer.decisions:
+        report.say(f"{decision.setting}={decision.value}: {decision.because}")
     looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
     parts = [looks[settings.appearance]]
     parts += ["masks of passers-by"] * (settings.transients == "on") + ["a sky dome"] * (settings.sky == "dome")
@@ -185,8 +188,12 @@ def export(
     report: Report = QUIET,
     force: bool = False,
     save_as: str | None = None,
+    prune: bool = True,
 ) -> Path:
-    """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well."""
+    """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
+
+    prune: leave out what no training view shows.
+    """
     core.export.check_format(output)
     check_file(output)
     if output.exists() and not force:
@@ -201,26 +208,13 @@ def export(
     if trained.settings.appearance == "off":
         report.warn("This run was trained without appearance: all its looks are one.")
     start = time.perf_counter()
-    _write_look(trained, appearance, output, report)
+    written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None)
     if save_as is not None:
         look = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity)
         report.say(f"Look kept as {saved_look.save(trained.folder, look)}")
     seconds = time.perf_counter() - start
-    report.say(f"{output}: {len(trained.splats)} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
+    report.say(f"{output}: {written} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
     return output
-
-
-def _write_look(trained: Run, appearance: Appearance, path: Path, report: Report) -> Splats:
-    """Bake and write one look; returns it in the scene frame."""
-    splats = bake(trained, appearance)
-    frame = trained.collection.frame
-    comment = ". ".join([f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}", *frame.offset_notes()])
-    dropped = core.export.write(path, splats.in_world(frame.for_files()), comment)
-    if dropped:
-        report.warn(
-            f"{path}: {dropped} Gaussians could not be drawn (NaN, Inf or a zero quaternion) and were left out."
-        )
-    return splats
 
 
 def interpolate(
@@ -244,16 +238,15 @@ def interpolate(
     output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
     camera = trained.camera(photo)
     rasterizer = core.rasterizer.create(trained.settings.backend)
+    trim = trim_of(trained, report) if ply else None
     report.say(f"{trained.folder}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
     with filling(output, FADE, force) as work:
         frames = []
         for step in range(steps):
             appearance = blend(*ends, step / (steps - 1))
             if ply:
-                splats = _write_look(trained, appearance, work / f"step_{step:03d}.ply", report)
-            else:
-                splats = bake(trained, appearance)
-            frames.append(to_8_bit(rasterizer.render(splats, camera).image))
+                write_look(trained, appearance, work / f"step_{step:03d}.ply", report, trim)
+            frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera).image))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(frames))

@@ -77,7 +77,7 @@ class Stopwatch:
 def measure_step(scale: float, appearance: str, transients: str) -> dict:
     """Whole steps of a Trainer in the middle of its run: full size, masks at work; density control is not in them."""
     stopwatch, most = Stopwatch(), round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
-    settings = Settings(resolution=1, max_gaussians=most, appearance=appearance, transients=transients)
+    settings = Settings(resolution=1, max_gaussians=most, appearance=appearance, transients=transients, sh_degree=1)
     trainer = Trainer(plaza(scale), settings, Path())
     trainer.done = settings.steps // 2
     watch_step(trainer, stopwatch)
@@ -178,7 +178,7 @@ def measure_bake(scale: float) -> dict:
     """A scene in one look, and its .ply; beside it the matrix products that the SH transfer cannot do without."""
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
-    model = AppearanceModel(Settings(sh_degree=DEGREE), ())
+    model = AppearanceModel(Settings().decided("full", "on", DEGREE), ())
 
     def bake(path: Path) -> None:
         baked = model.bake(splats, model.mean_embedding)

@@ -1,7 +1,7 @@
 """Make samples/plaza: render the photos, their truth and their COLMAP model. Everything follows from fixed seeds.
 
-python samples/make_plaza.py                          # the collection, into samples/plaza
-python samples/make_plaza.py --calm --output /tmp/calm  # the same views in one light, with nobody about
+python samples/make_plaza.py                                    # the collection, into samples/plaza
+python samples/make_plaza.py --variant calm --output /tmp/calm  # the same views in one light, with nobody about
 """
 
 import os
@@ -80,12 +80,12 @@ def _record(shot: Shot, **more) -> dict:
     return {**more, "look": shot.look.describe(), "camera": camera}
 
 
-def make(output: Path, calm: bool, grid: int, processes: int) -> None:
-    """Write the whole collection into a new folder."""
+def make(output: Path, variant: str | None, grid: int, processes: int) -> None:
+    """Write the whole collection, or a variant of it, into a new folder."""
     collection, test = shots.plan()
-    styles = [] if calm else shots.styles()
-    if calm:
-        collection = shots.calm(collection)
+    styles = [] if variant else shots.styles()
+    if variant:
+        collection = shots.variant(collection, variant)
     tested = [shot for shot in collection if shot.name in test]
     central = sorted(tested, key=lambda shot: abs(shot.view.centre[0]))[:STYLE_VIEWS]
     takes = [
@@ -128,20 +128,21 @@ def main() -> None:
     parser.add_argument(
         "--output", type=Path, default=Path(__file__).parent / "plaza", help="folder to write (default: samples/plaza)"
     )
-    parser.add_argument("--calm", action="store_true", help="one light, one exposure, nobody about; needs --output")
+    kinds = "; ".join(f"{name}: {what}" for name, what in shots.VARIANTS.items())
+    parser.add_argument("--variant", choices=shots.VARIANTS, help=f"{kinds}; needs --output")
     parser.add_argument(
         "--grid", type=int, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)"
     )
     parser.add_argument("--processes", type=int, default=2, help="processes to work in (default: 2)")
     parser.add_argument("--force", action="store_true", help="replace the folder if it exists")
     given = parser.parse_args()
-    if given.calm and given.output == parser.get_default("output"):
-        parser.error("--calm would replace the committed sample; name another folder with --output")
+    if given.variant and given.output == parser.get_default("output"):
+        parser.error("--variant would replace the committed sample; name another folder with --output")
     if given.output.exists():
         if not given.force:
             parser.error(f"{given.output} exists; --force replaces it")
         shutil.rmtree(given.output)
-    make(given.output, given.calm, given.grid, given.processes)
+    make(given.output, given.variant, given.grid, given.processes)
 
 
 if __name__ == "__main__":

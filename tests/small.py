@@ -15,10 +15,14 @@ WIDTH, HEIGHT = 48, 36
 
 
 def small_settings(**changes) -> Settings:
-    """A run of seconds that still goes through growth, masks and coarse-to-fine."""
-    return Settings(
-        steps=40, max_gaussians=600, sky_gaussians=60, densify_rounds=4, encoder_side_px=32, checkpoints=2, sh_degree=1
-    ).changed(**changes)
+    """A run of seconds that still goes through growth, masks and coarse-to-fine; nothing is left to the data to decide."""
+    small = {"steps": 40, "max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encoder_side_px": 32, "checkpoints": 2}
+    return whole_settings(**small | changes)
+
+
+def whole_settings(**changes) -> Settings:
+    """The defaults, for a scene that needs everything."""
+    return Settings(**changes).decided("full", "on", 1)
 
 
 def small_collection(folder: Path, photos: int = 6) -> Collection:

@@ -56,11 +56,11 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
         "Next: wegs bake",
     ):
         assert words in said
-    assert heard.steps == [(step + 1, STEPS) for step in range(STEPS)]
+    assert heard.steps[:STEPS] == [(step + 1, STEPS) for step in range(STEPS)]
     names = {path.name for path in folder.iterdir()}
     assert {"cfg_args", "cameras.json", "input.ply", "point_cloud", "config.json", "history.csv", "masks"} <= names
     neutral = read_ply(folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply")
-    assert len(neutral) == len(pipeline.load_run(folder).splats)
+    assert 0 < len(neutral) <= len(pipeline.load_run(folder).splats)
     assert len(list((folder / "masks").iterdir())) == 4
 
 
@@ -211,6 +211,7 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
     for word, step in zip(ends, (0, 2), strict=True):
         pipeline.export(folder, word, tmp_path / "end.ply", force=True)
         assert (tmp_path / "end.ply").read_bytes() == (output / f"step_{step:03d}.ply").read_bytes()
+        assert len(read_ply(tmp_path / "end.ply")) < len(live.splats)  # both without what no view shows
         baked = pipeline.bake(live, pipeline.find_appearance(live, word))
         image = core.rasterizer.create("auto").render(baked, camera).image
         frame = cv2.imread(str(output / f"frame_{step:03d}.png"))[..., ::-1]

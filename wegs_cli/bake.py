@@ -16,7 +16,14 @@ import click
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Replace OUTPUT, and the look that is kept, if they exist.")
 @click.option("--save-appearance", metavar="NAME", help="Keep the look in the run as appearance/NAME.json.")
-def bake(appearance, output, run_folder, force, save_appearance) -> None:
+@click.option(
+    "--prune",
+    type=click.Choice(["auto", "off"]),
+    default="auto",
+    show_default=True,
+    help="Leave out Gaussians and SH bands that change no training view by more than half an 8-bit step, or keep all.",
+)
+def bake(appearance, output, run_folder, force, save_appearance, prune) -> None:
     """Write the scene in the light of a photo, as a .ply that every 3DGS viewer opens.
 
     \b
@@ -29,4 +36,4 @@ def bake(appearance, output, run_folder, force, save_appearance) -> None:
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance)
+        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance, prune == "auto")

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from core.config import PRESETS, Settings, preset
+from core.config import AUTO, PRESETS, UNDECIDED, Settings, preset
 from core.errors import BadInput, BadSetting
 
 FIELDS = {item.name: item for item in fields(Settings)}
@@ -18,10 +18,23 @@ FLAGS = {
     "resolution": ("-r", "--resolution"),
     "max_gaussians": ("--max-gaussians",),
     "sh_degree": ("--sh-degree",),
+    "appearance": ("--appearance",),
+    "transients": ("--transients",),
     "seed": ("--seed",),
     "device": ("--device",),
     "backend": ("--backend",),
 }
+
+
+class AutoOrWhole(click.Choice):
+    """The word `auto`, or a whole number of a short range."""
+
+    def __init__(self, low: int, high: int):
+        super().__init__([AUTO, *map(str, range(low, high + 1))])
+
+    def convert(self, value, param, context):
+        word = super().convert(str(value), param, context)
+        return word if word == AUTO else int(word)
 
 
 def setting_option(name: str, *flags: str) -> Callable:
@@ -30,9 +43,17 @@ def setting_option(name: str, *flags: str) -> Callable:
     rules = item.metadata
     if rules["choices"]:
         kind = click.Choice(rules["choices"])
+    elif rules["auto"]:
+        kind = AutoOrWhole(rules["low"], rules["high"])
     else:
         kind = {int: click.IntRange, float: click.FloatRange}[item.type](rules["low"], rules["high"])
-    return click.option(*flags, name, type=kind, default=None, help=f"{rules['help']}  [default: {item.default}]")
+    return click.option(*flags, name, type=kind, default=None, help=f"{rules['help']}  [default: {shown_default(name)}]")
+
+
+def shown_default(name: str) -> Any:
+    """The default of a setting as one would type it."""
+    item = FIELDS[name]
+    return AUTO if item.metadata["auto"] and item.default == UNDECIDED else item.default
 
 
 def settings_options(command: Callable) -> Callable:
@@ -78,7 +99,7 @@ def settings_table() -> str:
     lines = ["\b", "Settings, for --set and --config:"]
     for name, item in FIELDS.items():
         choices = f" ({' | '.join(item.metadata['choices'])})" if item.metadata["choices"] else ""
-        lines.append(f"  {name} = {item.default}{choices}")
+        lines.append(f"  {name} = {shown_default(name)}{choices}")
         lines.append(f"      {item.metadata['help']}")
     return "\n".join(lines)
 
@@ -102,6 +123,8 @@ def _parse(assignment: str) -> tuple[str, Any]:
     item = FIELDS.get(name)
     if item is None:
         raise BadSetting(f"There is no setting {name!r}.", "`wegs train --help` lists them.")
+    if item.metadata["auto"] and text.strip() == AUTO:
+        return name, AUTO
     if item.type is bool:
         words = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
         if text.strip().lower() not in words:

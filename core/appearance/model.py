@@ -12,7 +12,7 @@ from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
 from core.appearance.sh_transfer import SHTransfer
 from core.config import Settings
-from core.errors import BadInput
+from core.errors import BadInput, BadSetting
 from core.scene.splats import Splats
 from core.threads import one_torch_thread
 
@@ -37,6 +37,8 @@ class AppearanceModel(nn.Module):
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
         super().__init__()
+        if settings.undecided:
+            raise BadSetting(f"{settings.undecided[0]} is not decided yet.", "Give it, or let core.training.needs decide.")
         self.settings = settings
         self.photo_names = tuple(photo_names)
         with_appearance, with_masks = settings.appearance != "off", settings.transients == "on"

@@ -7,6 +7,7 @@ history.csv, masks/, curves/, results.json and per_view.json are ours.
 import hashlib
 import json
 import shutil
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -22,6 +23,7 @@ from core.export.ply import write_points
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import MAX_DEGREE
+from core.training.needs import Decision
 
 CONFIG = "config.json"
 HISTORY = "history.csv"
@@ -91,7 +93,7 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     return output
 
 
-def create(folder: Path, collection: Collection, settings: Settings) -> None:
+def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
     """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
 
     Where that fails, nothing is left.
@@ -107,7 +109,7 @@ def create(folder: Path, collection: Collection, settings: Settings) -> None:
         write_points(folder / "input.ply", world, collection.point_colours)
         write_json(folder / "cameras.json", _cameras_json(collection))
         write_text(folder / "cfg_args", _cfg_args(folder, collection))
-        write_config(folder, collection, settings)
+        write_config(folder, collection, settings, decisions)
     except BaseException:
         _clear(folder)
         if is_new:
@@ -141,12 +143,16 @@ def rewind_history(folder: Path, step: int) -> None:
 # --- config.json
 
 
-def write_config(folder: Path, collection: Collection, settings: Settings) -> None:
-    """Write what made the run: settings, scene, frame, photos with splits and cameras (scene frame, exact)."""
+def write_config(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
+    """Write what made the run: settings, scene, frame, photos with splits and cameras (scene frame, exact).
+
+    The settings are those that came of the decisions, which are written for the reader: a run is never decided again.
+    """
     facts = {
         "scene": {"name": collection.name, "path": str(collection.root.resolve()), "kind": collection.kind},
         "frame": collection.frame.to_json(),
         "settings": settings.to_json(),
+        "decisions": [decision.to_json() for decision in decisions],
         "photos": [_photo_to_json(photo, collection.root) for photo in collection.photos],
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn.

@@ -19,7 +19,7 @@ from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
 from core.scene.splats import Splats
 from core.threads import one_torch_thread
-from core.training import checkpoint, densify, guards, losses, schedule
+from core.training import checkpoint, densify, guards, losses, needs, schedule
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Picture, Pictures, auto_factor
@@ -49,11 +49,14 @@ class StepReport:
 
 
 class Trainer:
-    """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed."""
+    """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed.
+
+    settings: with nothing left to be decided. decisions: those that the photos took; none for a run that goes on.
+    """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path):
         torch.manual_seed(settings.seed)
-        self.collection, self.settings, self.folder = collection, settings, folder
+        self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.rasterizer = core.rasterizer.create(settings.backend)
         factor = auto_factor(collection.photos, "cpu")
@@ -61,6 +64,8 @@ class Trainer:
         self.pictures = Pictures(collection.split("train"), *size)
         if not len(self.pictures):
             raise BadInput(f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}.", "Copy them again.")
+        settings, self.decisions = needs.decide(settings, collection.points, self.pictures.pictures)
+        self.settings = settings
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
         names = [picture.photo.name for picture in self.pictures.pictures]
         self.model = AppearanceModel(settings, names)

@@ -151,6 +151,8 @@ _WEATHER = {
     ),
 }
 
+WEATHER_EXPOSURE = {kind: weather[-1] for kind, weather in _WEATHER.items()}  # before each photo's own share
+
 
 def draw_look(kind: str, rng: np.random.Generator, clouds: float | None = None) -> Look:
     """A look of a kind, with everything else left to chance."""

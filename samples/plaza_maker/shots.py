@@ -6,7 +6,7 @@ import numpy as np
 
 from plaza_maker.cameras import View, draw_view, look_at
 from plaza_maker.crowd import SHRINK, populate
-from plaza_maker.looks import KINDS, Look, draw_look
+from plaza_maker.looks import KINDS, WEATHER_EXPOSURE, Look, draw_look
 from plaza_maker.rays import Group, World, cast
 from plaza_maker.square import static_groups
 
@@ -93,10 +93,21 @@ def styles() -> list[Shot]:
     ]
 
 
-def calm(shots: list[Shot]) -> list[Shot]:
-    """The same views in one light, by one camera, with nobody about: what needs no model of looks and of passers-by."""
+VARIANTS = {
+    "calm": "one light, one exposure, nobody about",
+    "exposure": "one light, an exposure and white balance for each photo, nobody about",
+    "crowd": "one light, one exposure, the crowds of the collection",
+}
+
+
+def variant(shots: list[Shot], name: str) -> list[Shot]:
+    """The same views with less in them, a key of VARIANTS: what needs no model of looks, of light or of passers-by."""
     look = draw_look("afternoon", np.random.default_rng(SEED + 2), clouds=0.2)
-    look = replace(
-        look, exposure=1.0, balance=(1.0, 1.0, 1.0), gamma=1.0, contrast=0.2, saturation=1.0, lift=0.0, vignette=0.0
-    )
-    return [replace(shot, look=replace(look, grain=0.8), share=0.0) for shot in shots]
+    camera = {"gamma": 1.0, "contrast": 0.2, "saturation": 1.0, "lift": 0.0, "vignette": 0.0, "grain": 0.8}
+    made = []
+    for shot in shots:
+        same = replace(look, exposure=1.0, balance=(1.0, 1.0, 1.0), **camera)
+        if name == "exposure":
+            same = replace(same, exposure=shot.look.exposure / WEATHER_EXPOSURE[shot.look.kind], balance=shot.look.balance)
+        made.append(replace(shot, look=same, share=shot.share if name == "crowd" else 0.0))
+    return made

@@ -6,8 +6,8 @@ import torch
 from core.appearance.attention import ChannelAttention, MaskUNet
 from core.appearance.encoder import CHANNELS, PhotoEncoder, PlainMask, shrink
 from core.appearance.mask_table import MaskTable
-from core.config import Settings
 from core.errors import BadInput
+from tests.small import whole_settings
 
 SIZES = [(1, 1), (1, 7), (3, 301), (5, 5), (31, 33), (64, 64), (127, 170), (128, 129)]
 
@@ -23,7 +23,7 @@ def quarter(size: tuple[int, int]) -> tuple[int, int]:
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_any_size_of_photo(size):
-    embedding, mask = PhotoEncoder(Settings(embedding_size=7))(torch.rand(3, *size), True)
+    embedding, mask = PhotoEncoder(whole_settings(embedding_size=7))(torch.rand(3, *size), True)
     assert embedding.shape == (7,)
     assert mask.shape == (1, *quarter(size))
     assert PlainMask()(torch.rand(3, *size)).shape == mask.shape
@@ -33,20 +33,20 @@ def test_any_size_of_photo(size):
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_masks_start_near_one(level):
     for photo in (torch.full((3, 60, 91), level), torch.rand(3, 60, 91).mul(0.2).add(level * 0.8)):
-        for mask in (PhotoEncoder(Settings())(photo, True)[1], PlainMask()(photo), MaskTable(4)(3, 15, 23)):
+        for mask in (PhotoEncoder(whole_settings())(photo, True)[1], PlainMask()(photo), MaskTable(4)(3, 15, 23)):
             assert mask.min() > 0.8
             assert 0.93 < mask.mean() < 0.99  # sigmoid(3) = 0.953
 
 
 def test_every_part_of_the_encoder_learns_from_the_embedding():
-    encoder = PhotoEncoder(Settings())
+    encoder = PhotoEncoder(whole_settings())
     embedding, _ = encoder(torch.rand(3, 40, 50), True)
     embedding.square().sum().backward()
     assert all(parameter.grad.any() for parameter in encoder.parameters())
 
 
 def test_outside_photos_are_encoded_with_a_mask_of_one():
-    encoder = PhotoEncoder(Settings())
+    encoder = PhotoEncoder(whole_settings())
     photo = torch.rand(3, 40, 50)
     outside, mask = encoder(photo, False)
     assert not torch.equal(outside, encoder(photo, True)[0])
@@ -57,7 +57,7 @@ def test_outside_photos_are_encoded_with_a_mask_of_one():
 
 
 def test_mask_hides_a_region_from_the_embedding():
-    encoder = PhotoEncoder(Settings())
+    encoder = PhotoEncoder(whole_settings())
     features = torch.rand(1, CHANNELS[-1], 8, 8)
     encoder.unet.forward = lambda refined: (torch.arange(8) < 4).float()[None, None, None].expand(1, 1, 8, 8)
     encoder.enc1.forward = lambda photo: features

@@ -3,12 +3,12 @@
 import torch
 
 from core.appearance.exposure import ExposureTransfer
-from core.config import Settings
 from core.scene.harmonics import basis, degree_of
+from tests.small import whole_settings
 
 
 def test_identity_at_the_start():
-    transfer = ExposureTransfer(Settings())
+    transfer = ExposureTransfer(whole_settings())
     residual = transfer(torch.randn(9, 4, 3), torch.randn(9, 3), torch.randn(16))
     assert not residual.any()
 
@@ -20,7 +20,7 @@ def colours_of(sh: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
 
 def test_is_the_affine_map_on_colours():
     torch.manual_seed(0)
-    transfer = ExposureTransfer(Settings(embedding_size=4)).double()
+    transfer = ExposureTransfer(whole_settings(embedding_size=4)).double()
     torch.nn.init.normal_(transfer.map.weight)
     torch.nn.init.normal_(transfer.map.bias)
     for degree in range(4):
@@ -36,7 +36,7 @@ def test_is_the_affine_map_on_colours():
 
 def test_gradients_reach_map_embedding_and_sh():
     for detach in (False, True):
-        transfer = ExposureTransfer(Settings(detach_sh=detach))
+        transfer = ExposureTransfer(whole_settings(detach_sh=detach))
         torch.nn.init.normal_(transfer.map.weight)
         sh, embedding = torch.randn(5, 4, 3).requires_grad_(), torch.randn(16).requires_grad_()
         transfer(sh, torch.zeros(5, 3), embedding).sum().backward()

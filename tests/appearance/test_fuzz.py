@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.appearance.model import AppearanceModel
-from core.config import Settings
+from tests.small import whole_settings
 
 ROWS = 9
 EXTREMES = [0.0, -0.0, 1e-45, -1e-38, 1.0, -1e6, 1e18, -3e38]
@@ -16,7 +16,7 @@ places = st.tuples(st.sampled_from(["sh", "means", "latents"]), st.integers(0, R
 
 def model(**changes) -> AppearanceModel:
     torch.manual_seed(0)
-    made = AppearanceModel(Settings(sh_degree=1, latent_size=3, encoder_side_px=16, **changes), ["a", "b"])
+    made = AppearanceModel(whole_settings(sh_degree=1, latent_size=3, encoder_side_px=16, **changes), ["a", "b"])
     if made.sh_transfer is not None and hasattr(made.sh_transfer, "layers"):
         torch.nn.init.normal_(made.sh_transfer.last.weight, std=0.5)  # as if trained
     return made

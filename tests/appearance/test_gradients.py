@@ -8,7 +8,7 @@ from core.appearance.encoder import PhotoEncoder
 from core.appearance.encoding import encode
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
-from core.config import Settings
+from tests.small import whole_settings
 
 # fast_mode projects on random directions: one pair of evaluations instead of one a number.
 CHECK = {"fast_mode": True, "atol": 1e-6, "rtol": 1e-4}
@@ -29,7 +29,7 @@ def checked(stage, *inputs: torch.Tensor) -> bool:
 @pytest.mark.parametrize("masked", [True, False])
 def test_encoder(masked):
     torch.manual_seed(1)
-    encoder = PhotoEncoder(Settings()).double()
+    encoder = PhotoEncoder(whole_settings()).double()
     assert checked(_Masked(encoder, masked), randn(3, 13, 10).sigmoid())
 
 
@@ -53,7 +53,7 @@ def test_attention_and_mask():
 
 def test_exposure_and_encoding():
     torch.manual_seed(1)
-    transfer = ExposureTransfer(Settings()).double()
+    transfer = ExposureTransfer(whole_settings()).double()
     torch.nn.init.normal_(transfer.map.weight)
     assert checked(_Exposure(transfer), randn(5, 4, 3), randn(16))
     assert checked(lambda values: encode(values, 4), randn(5, 3))

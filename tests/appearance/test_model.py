@@ -8,9 +8,9 @@ import torch
 
 from core.appearance.encoder import shrink
 from core.appearance.model import MEAN_WINDOW_ROUNDS, AppearanceModel, interpolate
-from core.config import Settings
 from core.errors import BadInput
 from core.scene.splats import Splats
+from tests.small import whole_settings
 
 PHOTOS = [f"{index}.jpg" for index in range(5)]
 SMALL = {"sh_degree": 1, "transfer_width": 16, "encoder_side_px": 32, "embedding_size": 6}
@@ -19,7 +19,7 @@ SMALL = {"sh_degree": 1, "transfer_width": 16, "encoder_side_px": 32, "embedding
 def model_of(**changes) -> AppearanceModel:
     """A model whose transfers are awake: their last layers start at (nearly) zero."""
     torch.manual_seed(2)
-    model = AppearanceModel(Settings(**SMALL | changes), PHOTOS)
+    model = AppearanceModel(whole_settings(**SMALL | changes), PHOTOS)
     if changes.get("appearance") == "exposure":
         torch.nn.init.normal_(model.sh_transfer.map.weight, std=0.3)
     elif model.sh_transfer is not None:
@@ -79,7 +79,7 @@ def test_only_what_is_needed_is_built(changes, expected):
 
 
 def test_parameter_counts_of_the_default_transfer():
-    model = AppearanceModel(Settings(), PHOTOS)
+    model = AppearanceModel(whole_settings(), PHOTOS)
     width, inputs = 64, 12 + 27  # four coefficients of three channels, gamma(mu) of 3 * (1 + 2 * 4)
     hidden = inputs * width + width + width * width + width
     expected = hidden + (16 + 1) * 12 * (width + 12 + 1)  # an embedding of 16 gives the output layer's weights

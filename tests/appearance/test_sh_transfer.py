@@ -7,8 +7,8 @@ from torch.func import functional_call
 from core.appearance import sh_transfer
 from core.appearance.sh_transfer import SHTransfer
 from core.appearance.transfer_kernel import ROWS, plain_mlp
-from core.config import Settings
 from core.errors import BadInput
+from tests.small import whole_settings
 
 
 @pytest.fixture(autouse=True)
@@ -21,7 +21,7 @@ def threads_put_back():
 def transfer_of(**changes) -> SHTransfer:
     """A transfer whose last layer is awake, so that gradients of every layer count."""
     torch.manual_seed(3)
-    transfer = SHTransfer(Settings(**{"transfer_width": 32, "sh_degree": 1, "embedding_size": 5} | changes))
+    transfer = SHTransfer(whole_settings(**{"transfer_width": 32, "sh_degree": 1, "embedding_size": 5} | changes))
     torch.nn.init.normal_(transfer.last.weight, std=0.3)
     for layer in (*transfer.layers, transfer.last):
         torch.nn.init.normal_(layer.bias, std=0.2)
@@ -170,7 +170,7 @@ def test_extremes_stay_finite_and_bounded():
 
 def test_starts_near_zero_but_not_dead():
     torch.manual_seed(0)
-    transfer = SHTransfer(Settings())
+    transfer = SHTransfer(whole_settings())
     inputs = inputs_of(transfer, 500)
     found = values_and_gradients(transfer, inputs)
     assert found["output"].abs().max() < 0.1  # in colour 0.1 * Y_0: 7 of 255 at worst; the typical residual is 0.008

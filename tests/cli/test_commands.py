@@ -48,12 +48,20 @@ def invoke(*arguments: str):
             ("train", Path("plaza"), Settings(**PRESETS["quick"]).changed(steps=9, resolution=2), Path("out"), True),
         ),
         ("train --set sky=none --sh-degree 0", ("train", Path("."), Settings(sky="none", sh_degree=0), None, False)),
+        (
+            "train --sh-degree auto --appearance exposure --transients off",
+            ("train", Path("."), Settings(appearance="exposure", transients="off"), None, False),
+        ),
         ("train --resume", ("resume", None)),
         ("train --resume -o runs/a", ("resume", Path("runs/a"))),
-        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None)),
+        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None, True)),
+        (
+            "bake --appearance a.jpg -o a.ply --prune off",
+            ("export", None, "a.jpg", Path("a.ply"), False, None, False),
+        ),
         (
             "bake --appearance neutral -o a.ply --run r --force --save-appearance x",
-            ("export", Path("r"), "neutral", Path("a.ply"), True, "x"),
+            ("export", Path("r"), "neutral", Path("a.ply"), True, "x", True),
         ),
         ("interpolate a b", ("interpolate", None, "a", "b", 10, None, None, False, False)),
         (

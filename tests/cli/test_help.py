@@ -10,7 +10,7 @@ from click.testing import CliRunner
 import core
 from core.config import PRESETS, Settings
 from wegs_cli.main import COMMANDS, wegs
-from wegs_cli.options import FIELDS, FLAGS
+from wegs_cli.options import FIELDS, FLAGS, shown_default
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -38,7 +38,7 @@ def test_no_command_at_all_shows_help_as_a_wrong_command_line():
 def test_train_help_shows_every_setting_with_default_and_help():
     output = " ".join(CliRunner().invoke(wegs, ["train", "--help"]).output.split())
     for name, item in FIELDS.items():
-        assert f"{name} = {item.default}" in output
+        assert f"{name} = {shown_default(name)}" in output
         assert " ".join(item.metadata["help"].split()) in output
     for flags in FLAGS.values():
         assert flags[-1] in output

@@ -37,6 +37,8 @@ def test_a_falsy_value_counts_as_typed():
     "text, name, value",
     [
         ("steps=7", "steps", 7),
+        ("sh_degree=auto", "sh_degree", -1),
+        ("densify_from=auto", "densify_from", -1),
         ("mean_rate=1e-4", "mean_rate", 1e-4),
         ("gauge=1", "gauge", 1.0),
         ("channel-attention = off", "channel_attention", False),
@@ -59,6 +61,8 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
         ("steps=0", "too small"),
         ("gauge=nan", "gauge=nan"),
         ("sh_degree=4", "too large"),
+        ("sh_degree=-2", "too small"),
+        ("steps=auto", "not a whole number"),
         ("residual=maybe", "neither true nor false"),
         ("sky=blue", "not a choice"),
     ],
@@ -88,6 +92,19 @@ def test_a_bad_file_is_refused(tmp_path, text, error, words):
     with pytest.raises(error, match=words) as caught:
         settings_from(None, path, (), {})
     assert str(caught.value).startswith(str(path))
+
+
+def test_auto_in_a_file_leaves_it_to_the_photos(tmp_path):
+    path = write_toml(tmp_path, "sh_degree = 'auto'\ngeometry_from = 'auto'\nappearance = 'auto'\n")
+    settings = settings_from("paper", path, (), {})
+    assert set(settings.undecided) == {"sh_degree", "geometry_from", "appearance", "densify_from"}
+    assert settings.decided("off", "on", 2).sh_degree == 2
+
+
+def test_presets_leave_to_the_photos_what_they_do_not_say():
+    assert settings_from(None, None, (), {}).undecided[:3] == ("appearance", "transients", "sh_degree")
+    assert set(settings_from("vanilla", None, (), {}).undecided) & {"appearance", "transients"} == set()
+    assert "sh_degree" not in settings_from("paper", None, (), {"appearance": "auto"}).undecided
 
 
 def test_a_missing_file_is_named(tmp_path):

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from core.config import Settings
 from core.errors import BadInput
 from core.training import checkpoint, densify, losses, schedule
 from core.training.adam import _adam_rows_torch, adam_rows
 from core.training.gaussians import Gaussians, initial_gaussians
-from tests.small import ring_camera, small_collection, small_settings
+from tests.small import ring_camera, small_collection, small_settings, whole_settings
 
 
 @pytest.fixture
@@ -142,7 +141,7 @@ def test_transient_rows_are_those_in_front_inside_the_mask():
 
 
 def test_schedules_are_fractions_of_the_steps():
-    short, long = Settings(steps=100), Settings(steps=100_000)
+    short, long = whole_settings(steps=100), whole_settings(steps=100_000)
     assert schedule.densification_steps(long)[-1] == 1000 * schedule.densification_steps(short)[-1]
     assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until * 0.6, 0.9)] == [4, 2, 1]
     assert schedule.mask_regularisation(short, 1.0) == short.mask_regularisation

@@ -1,0 +1,187 @@
+"""Figures on how photos of the same points differ: by look, by tone alone, by where they were taken from, by who stood there.
+
+What neighbouring points of a photo share is look; what each has for itself is noise (texture, features a pixel off) and
+averages out of the product of neighbours, as the nugget does from a variogram (Matheron 1963). Nothing is learnt.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from core.training.pictures import Picture
+from core.training.sightings import FEWEST_PHOTOS, NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
+
+FEWEST_SIGHTINGS = 600
+FEWEST_IN_PHOTO = 40  # matches, against the 6 unknowns of its tone
+ROUNDS = 4  # of tones and base colours in turn; the figures move by less than 2 % after the third
+CLIP = 4.0  # medians; larger differences count as this large, so that wrong matches do not decide
+TONE_PRIOR = 0.4  # sightings' worth of belief in gain 1 and offset 0: against extrapolating from a few alike
+FEWEST_VIEWS = 7  # of a point, for the 4 unknowns of a colour linear in the viewing direction
+CLOSEST = 1000  # expected or matched places looked at for passers-by: those seen again from nearest by
+FEWEST_CLOSEST = 300
+STRANGE, STRANGE_STEPS = 4.0, 20.0  # a place is strange if off by that many medians of its photo and 8-bit steps
+STEPS = 255.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the photos say; None where they say too little.
+
+    sightings: how many were used, of `photos` photos. differ: spread of a point's colour over the photos, 8-bit steps. remain:
+    the same after a gain and an offset for each photo and channel, its tone. facing: share, up to 1, of what remains that
+    the viewing direction explains. strange: share of places that look unlike what photos from nearly the same place show.
+    """
+
+    photos: int
+    sightings: int
+    differ: float | None = None
+    remain: float | None = None
+    facing: float | None = None
+    strange: float | None = None
+
+
+def gather_evidence(points: np.ndarray, pictures: Sequence[Picture]) -> Evidence:
+    """The figures of a collection: SfM points (P, 3; scene frame) and its decoded training photos."""
+    places = _judgeable(find_sightings(points, pictures))
+    matched = places[places.matched]
+    photos = len(np.unique(matched.photo))
+    if len(matched) < FEWEST_SIGHTINGS or photos < FEWEST_PHOTOS:
+        return Evidence(photos, len(matched))
+    base, tones = fit_tones(matched)
+    left = matched.colour - in_tone(tones, matched.photo, base[matched.point])
+    return Evidence(
+        photos=photos,
+        sightings=len(matched),
+        differ=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
+        remain=shared_spread(matched, left),
+        facing=facing_share(matched, left),
+        strange=strange_share(places, places.colour - in_tone(tones, places.photo, base[places.point])),
+    )
+
+
+def _judgeable(places: Sightings) -> Sightings:
+    """Those of photos with enough matches for a tone, and of points that two such photos matched."""
+    for kind, fewest in (("photo", FEWEST_IN_PHOTO), ("point", 2)):
+        numbers = getattr(places, kind)
+        counts = np.bincount(numbers, weights=places.matched)
+        places = places[counts[numbers] >= fewest]
+    return places
+
+
+# --- tones: colour = gain * base + offset, for each photo and channel
+
+
+def fit_tones(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
+    """(base, tones): base colours (P, 3) of the points, gain and offset (K, 2, 3) of the photos.
+
+    Least squares of one and the other in turn, with Huber's weights.
+    """
+    base = _mean_colours(sightings)
+    for _ in range(ROUNDS):
+        tones = tones_of(sightings.photo, base[sightings.point], sightings.colour)
+        gain, offset = tones[sightings.photo, 0], tones[sightings.photo, 1]
+        weight = _huber(sightings.colour - gain * base[sightings.point] - offset)
+        above = _sums(sightings.point, weight * gain * (sightings.colour - offset))
+        below = _sums(sightings.point, weight * gain**2)
+        base = np.where(below > 0, above / np.maximum(below, 1e-9), base)
+    return base, tones_of(sightings.photo, base[sightings.point], sightings.colour)
+
+
+def tones_of(group: np.ndarray, base: np.ndarray, colour: np.ndarray) -> np.ndarray:
+    """Gain and offset (G, 2, 3) that lead from base colours (N, 3) to colours (N, 3) in each group (N,) of sightings."""
+    weight = np.ones((len(group), 1))
+    for _ in range(ROUNDS):
+        ones = _sums(group, weight) + TONE_PRIOR
+        x, y = _sums(group, weight * base), _sums(group, weight * colour)
+        xx = _sums(group, weight * base**2) + TONE_PRIOR
+        xy = _sums(group, weight * base * colour) + TONE_PRIOR
+        gain = (ones * xy - x * y) / (ones * xx - x**2)  # Cauchy-Schwarz and the prior keep it above 0
+        tones = np.stack([gain, (y - gain * x) / ones], axis=1)
+        weight = _huber(colour - in_tone(tones, group, base))
+    return tones
+
+
+def in_tone(tones: np.ndarray, group: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """Base colours (N, 3) in the tone of their groups (N,)."""
+    return tones[group, 0] * base + tones[group, 1]
+
+
+# --- figures
+
+
+def shared_spread(sightings: Sightings, difference: np.ndarray) -> float:
+    """Root mean product of the differences (N, 3) of neighbouring sightings, 8-bit steps a channel: what they share."""
+    first, second = neighbours(sightings)
+    counts = np.bincount(sightings.point)[sightings.point]
+    # A base colour is the mean of n sightings and hides 1/n of their variance.
+    clipped = _clipped(difference) * np.sqrt(counts / np.maximum(counts - 1, 1))[:, None]
+    shared = float((clipped[first] * clipped[second]).mean()) if len(first) else 0.0
+    return STEPS * max(shared, 0.0) ** 0.5
+
+
+def facing_share(sightings: Sightings, difference: np.ndarray) -> float | None:
+    """The share of the differences (N, 3) that a colour linear in the viewing direction explains, chance taken off.
+
+    Over the points with FEWEST_VIEWS; None if there are not FEWEST_CLOSEST sightings of such points. SS_explained minus
+    what as many random regressors would explain, as in the adjusted coefficient of determination.
+    """
+    enough = np.bincount(sightings.point)[sightings.point] >= FEWEST_VIEWS
+    if enough.sum() < FEWEST_CLOSEST:
+        return None
+    sightings, clipped = sightings[enough], _clipped(difference[enough])
+    explained = total = 0.0
+    for rows in rows_of_each(sightings.point):
+        values = clipped[rows] - clipped[rows].mean(axis=0)
+        directions = sightings.towards[rows] - sightings.towards[rows].mean(axis=0)
+        basis = np.linalg.svd(directions, full_matrices=False)[0]
+        whole = float((values**2).sum())
+        fitted = float(((basis.T @ values) ** 2).sum())
+        explained += fitted - 3 * (whole - fitted) / (len(rows) - 4)
+        total += whole
+    return max(explained / total, 0.0) if total else 0.0
+
+
+def strange_share(places: Sightings, difference: np.ndarray) -> float | None:
+    """The share of the CLOSEST places that look strange (STRANGE) together with their neighbour.
+
+    A point hidden by what stays is hidden from nearby too, the more surely the nearer; one hidden by a passer-by is not. So
+    the places that another photo matched from nearest by tell the two apart. None if there are too few.
+    """
+    size = np.linalg.norm(difference, axis=1) * STEPS / np.sqrt(3)
+    usual = np.full(int(places.photo.max()) + 1, np.inf)
+    for rows in rows_of_each(places.photo):
+        usual[places.photo[rows[0]]] = np.median(size[rows][places.matched[rows]])
+    strange = size > np.maximum(STRANGE_STEPS, STRANGE * usual[places.photo])
+    together = np.zeros(len(places), dtype=bool)
+    first, second = neighbours(places)
+    together[first] = strange[first] & strange[second]
+    near = np.flatnonzero(places.degrees <= NEAR_DEGREES)
+    if len(near) < FEWEST_CLOSEST:
+        return None
+    return float(together[near[np.argsort(places.degrees[near], kind="stable")[:CLOSEST]]].mean())
+
+
+# --- small sums
+
+
+def _sums(group: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sums (G, C) of the values (N, C) of each group (N,)."""
+    return np.stack([np.bincount(group, weights=column) for column in values.T], axis=1)
+
+
+def _mean_colours(sightings: Sightings) -> np.ndarray:
+    """(P, 3): the mean colour of each point, 0 for one without sightings."""
+    return _sums(sightings.point, sightings.colour) / np.maximum(np.bincount(sightings.point), 1)[:, None]
+
+
+def _huber(difference: np.ndarray) -> np.ndarray:
+    """Huber's weights (N, 1) of differences (N, 3): 1 up to one and a half medians, falling beyond."""
+    size = np.linalg.norm(difference, axis=1, keepdims=True)
+    return 1 / np.maximum(size / max(1.5 * float(np.median(size)), 1e-3), 1)
+
+
+def _clipped(difference: np.ndarray) -> np.ndarray:
+    """The differences (N, 3), none longer than CLIP medians."""
+    size = np.linalg.norm(difference, axis=1, keepdims=True)
+    return difference / np.maximum(size / max(CLIP * float(np.median(size)), 1e-9), 1)

@@ -1,0 +1,136 @@
+"""The colours in which photos show the SfM points: what is known about looks before anything is learnt."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from core.training.pictures import Picture
+
+MOST_PHOTOS, MOST_POINTS = 200, 5000  # spread evenly over the collection; beyond, figures hardly change and seconds do
+FEWEST_PHOTOS = 3  # that must have matched a point: of two photos that disagree none is right
+BLUR = 0.003  # of the picture's diagonal: wider than features are off, so that texture does not count as a look
+EDGE = 2 * BLUR  # of the diagonal: nearer to the border the blur invents what it averages
+NEAR_DEGREES = 10.0  # at most this far from a photo that matched it, a point should be seen as well
+NEAR_DISTANCE = 1.5  # and at most this many times as far away, or as near
+FRONT_SHARE, FRONT_POINTS, FRONT_REACH = 0.93, 8, 0.03  # a point is hidden by those beside it at less of its depth
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """N times that a photo shows a point, or should.
+
+    photo, point: (N,) numbers from 0. pixel: (N, 2) in shares of the picture's diagonal. colour: (N, 3) in [0, 1], averaged
+    over BLUR. towards: (N, 3) unit vector from the camera to the point. matched: (N,) whether the photo's features were
+    matched to it; else it is expected there. degrees: (N,) angle at the point to the nearest other photo that matched it.
+    """
+
+    photo: np.ndarray
+    point: np.ndarray
+    pixel: np.ndarray
+    colour: np.ndarray
+    towards: np.ndarray
+    matched: np.ndarray
+    degrees: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.photo)
+
+    def __getitem__(self, rows: np.ndarray) -> "Sightings":
+        """Those selected by a mask or an index array."""
+        return Sightings(**{name: values[rows] for name, values in vars(self).items()})
+
+
+def find_sightings(points: np.ndarray, pictures: Sequence[Picture]) -> Sightings:
+    """Where the pictures show the points (P, 3; scene frame) that FEWEST_PHOTOS of them matched.
+
+    Expected are points that a photo did not match though one from nearly the same place did: a passer-by may stand before
+    them. Those with other points close by in front are left out, as something that stays may.
+    """
+    pictures = [pictures[number] for number in _evenly(np.arange(len(pictures)), MOST_PHOTOS)]
+    counts = np.zeros(len(points), dtype=np.int64)
+    for picture in pictures:
+        counts[picture.photo.points] += 1
+    chosen = _evenly(np.flatnonzero(counts >= FEWEST_PHOTOS), MOST_POINTS)
+    positions = points[chosen]
+    row_of = np.full(len(points), -1)
+    row_of[chosen] = np.arange(len(chosen))
+    matched = np.zeros((len(chosen), len(pictures)), dtype=bool)
+    for column, picture in enumerate(pictures):
+        rows = row_of[picture.photo.points]
+        matched[rows[rows >= 0], column] = True
+    centres = np.array([picture.camera.centre for picture in pictures]).reshape(-1, 3)
+    rays = positions[:, None] - centres
+    distances = np.linalg.norm(rays, axis=2)
+    rays /= np.maximum(distances, 1e-12)[..., None]
+    degrees = _nearest(rays, distances, matched)
+    parts = [
+        _in_picture(number, picture, positions, rays[:, number], matched[:, number], degrees[:, number])
+        for number, picture in enumerate(pictures)
+    ]
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return Sightings(*columns)
+
+
+def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of rows (first, second): for each sighting the nearest one in the same photo whose blur does not touch its own."""
+    first, second = [], []
+    for rows in rows_of_each(sightings.photo):
+        pixels = sightings.pixel[rows]
+        distances, nearest = cKDTree(pixels).query(pixels, k=min(16, len(rows)))
+        apart = distances.reshape(len(rows), -1) >= 4 * BLUR
+        there = apart.any(axis=1)
+        first.append(rows[there])
+        second.append(rows[nearest.reshape(len(rows), -1)[np.arange(len(rows)), apart.argmax(axis=1)][there]])
+    nothing = [np.zeros(0, dtype=np.int64)]
+    return np.concatenate(first or nothing), np.concatenate(second or nothing)
+
+
+def rows_of_each(numbers: np.ndarray) -> list[np.ndarray]:
+    """The rows that share a number (photo, point), for each number that occurs."""
+    order = np.argsort(numbers, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
+
+
+def _evenly(numbers: np.ndarray, most: int) -> np.ndarray:
+    """At most `most` of the numbers, evenly spread."""
+    return numbers if len(numbers) <= most else numbers[np.linspace(0, len(numbers) - 1, most).astype(np.int64)]
+
+
+def _nearest(rays: np.ndarray, distances: np.ndarray, matched: np.ndarray) -> np.ndarray:
+    """(P, K) degrees at each point from each photo to the nearest other one that matched it, 180 for none near enough."""
+    largest = np.full(matched.shape, -1.0)
+    for number in range(matched.shape[1]):
+        rows = matched[:, number]
+        cosine = np.einsum("pkc,pc->pk", rays[rows], rays[rows, number])
+        ratio = distances[rows] / np.maximum(distances[rows, number, None], 1e-12)
+        cosine[(ratio < 1 / NEAR_DISTANCE) | (ratio > NEAR_DISTANCE)] = -1
+        cosine[:, number] = -1
+        largest[rows] = np.maximum(largest[rows], cosine)
+    return np.degrees(np.arccos(np.clip(largest, -1, 1)))
+
+
+def _in_picture(number: int, picture: Picture, positions, rays, matched, degrees) -> tuple[np.ndarray, ...]:
+    """The columns of Sightings that one picture has."""
+    height, width = picture.pixels.shape[:2]
+    diagonal = float(np.hypot(height, width))
+    pixels, depths = picture.camera.project(positions)
+    edge = EDGE * diagonal
+    inside = (depths > 0) & ((pixels >= edge) & (pixels <= np.array([width, height]) - edge)).all(axis=1)
+    rows = np.flatnonzero(inside & (matched | (degrees <= NEAR_DEGREES)))
+    if len(rows):
+        reach = FRONT_REACH * diagonal
+        beside = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=reach)[1]
+        hidden = np.append(depths[inside], np.inf)[beside] < FRONT_SHARE * depths[rows, None]
+        rows = rows[matched[rows] | ~hidden.any(axis=1)]
+    blurred = cv2.GaussianBlur(picture.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)
+    x, y = (pixels[rows] - 0.5).astype(np.float32).T[:, None]
+    colours = cv2.remap(blurred, x, y, cv2.INTER_LINEAR).reshape(-1, 3) if len(rows) else np.zeros((0, 3), np.float32)
+    if picture.valid is not None:
+        column, line = pixels[rows].astype(np.int64).T
+        shown = picture.valid[line, column]
+        rows, colours = rows[shown], colours[shown]
+    photo = np.full(len(rows), number)
+    return photo, rows, pixels[rows] / diagonal, colours.astype(np.float64), rays[rows], matched[rows], degrees[rows]

@@ -1,0 +1,114 @@
+"""What a baked look can do without: Gaussians and SH bands whose absence no training view shows."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+import core.rasterizer
+from core.rasterizer import Rasterizer
+from core.report import Report
+from core.scene.camera import Camera
+from core.scene.harmonics import coefficient_count, dc_of_colour
+from core.scene.splats import Splats
+from core.training.trained import Run
+
+HALF_STEP = 0.5 / 255  # no 8-bit picture need show a smaller change
+
+
+@dataclass(frozen=True)
+class Trimmed:
+    """What is left of a look. gaussians, bands: how many went. largest: change of any pixel of any view, 8-bit steps."""
+
+    splats: Splats
+    gaussians: int
+    bands: int
+    largest: float
+
+
+class Trim:
+    """Decides for the looks of one scene, all of one geometry.
+
+    Which Gaussians go follows from the geometry alone, so that all looks keep the same ones in the same order (viewers
+    fade between them, and a fade begins and ends with the two bakes bit for bit). Which bands go follows from the look.
+
+    kept: (N,) Gaussians that stay in every look, unless one is so bright that it must keep all of `drawn`.
+    drawn: (N,) Gaussians that reach any pixel of any view at all, and those that are not finite, which the writer of the
+    file counts.
+    """
+
+    def __init__(
+        self,
+        splats: Splats,
+        cameras: Sequence[Camera],
+        rasterizer: Rasterizer,
+        progress: Callable[[int, int], None] = lambda done, total: None,
+    ):
+        self.cameras, self.rasterizer = cameras, rasterizer
+        strongest = torch.zeros(len(splats))
+        for number, camera in enumerate(cameras):
+            torch.maximum(strongest, rasterizer.contributions(splats, camera), out=strongest)
+            progress(number + 1, len(cameras))
+        for tensor in splats.tensors().values():
+            strongest[~torch.isfinite(tensor.reshape(len(tensor), -1)).all(dim=1)] = torch.inf
+        self.drawn = strongest > 0
+        self.kept = self._kept(splats, strongest)
+
+    def _kept(self, splats: Splats, strongest: Tensor) -> Bool[Tensor, " n"]:
+        """All but the faintest, as many as together weigh at most HALF_STEP in every pixel.
+
+        Taking away a Gaussian of weight w = alpha T changes a pixel by w |c - B|, c its colour and B what is behind it. From
+        back to front, those in front keep their weights; so a set changes it by at most the sum of their w times the
+        brightest colour. The sum is drawn: it is the picture in which they are white and all others black.
+        """
+        order = torch.argsort(strongest, stable=True)
+        never = int((strongest == 0).sum())
+        more = int((strongest <= HALF_STEP).sum()) - never
+        while more and not self._weigh_little(splats, order[: never + more]):
+            more //= 2
+        kept = torch.ones(len(splats), dtype=torch.bool)
+        kept[order[: never + more]] = False
+        return kept
+
+    def _weigh_little(self, splats: Splats, rows: Tensor) -> bool:
+        """Whether the weights of these Gaussians add up to at most HALF_STEP in every pixel of every view."""
+        colours = torch.zeros(len(splats), 1, 3)
+        colours[rows] = 1
+        shown = splats.with_sh(dc_of_colour(colours))
+        return all(self.rasterizer.render(shown, camera).image.max() <= HALF_STEP for camera in self.cameras)
+
+    @torch.no_grad()
+    def __call__(self, look: Splats) -> Trimmed:
+        """The look without what no view shows: no pixel of any view changes by more than HALF_STEP, all taken together.
+
+        Proved by drawing it: the lowest degree that holds the bound in every view wins. Where the look is too bright for
+        the bound at any degree, only what is drawn nowhere goes, which changes nothing.
+        """
+        if not self.drawn.any():
+            return Trimmed(look, 0, 0, 0.0)
+        kept = look[self.kept]
+        options = [kept.with_sh(kept.sh[:, : coefficient_count(degree)].contiguous()) for degree in range(look.degree + 1)]
+        if torch.equal(self.kept, self.drawn):
+            options.pop()  # needs no proof: it is what remains
+        largest = [0.0] * len(options)
+        for camera in self.cameras:
+            if min(largest, default=1.0) > HALF_STEP:
+                break
+            whole = self.rasterizer.render(look, camera).image.clamp(0, 1)
+            for number, option in enumerate(options):
+                if largest[number] <= HALF_STEP:
+                    change = (self.rasterizer.render(option, camera).image.clamp(0, 1) - whole).abs().max()
+                    largest[number] = max(largest[number], float(change))
+        for option, change in zip(options, largest, strict=True):
+            if change <= HALF_STEP:
+                return Trimmed(option, len(look) - len(option), look.degree - option.degree, change * 255)
+        return Trimmed(look[self.drawn], int((~self.drawn).sum()), 0, 0.0)
+
+
+def trim_of(trained: Run, report: Report) -> Trim:
+    """The Trim of a run, over its training views at training size; the photos themselves are not needed."""
+    cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
+    backend = core.rasterizer.create(trained.settings.backend)
+    return Trim(trained.splats, cameras, backend, lambda done, total: report.progress("Training views", done, total))

@@ -1,0 +1,93 @@
+"""What is left out of a scene, and what that costs and saves: the run as decided beside the one that it has to equal.
+
+    python samples/make_plaza.py --variant calm --output calm
+    python samples/make_plaza.py --variant exposure --output exposure
+    python samples/unneeded.py calm exposure samples/plaza --steps 1200
+
+A scene without looks is compared with plain 3DGS (`--preset vanilla`), one that differs in exposure alone with the full transfer
+(`--appearance full`). A scene that keeps everything has nothing to be compared with. Seconds are CPU seconds of the whole
+`train`, medians of --repeats runs taken in turn; PSNR is that of the held-out photos, looks refined on their left half.
+"""
+
+import os
+import statistics
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import click
+
+from core import pipeline
+from core.config import preset
+from core.training import checkpoint, run
+from wegs_cli.terminal import Terminal
+
+RIVALS = {"off": "vanilla", "exposure": "full"}
+HEADER = "| scene | decided | PSNR dB | CPU-s | checkpoint + .ply MB | beside it: PSNR | CPU-s | MB | time | bytes |"
+
+
+@click.command()
+@click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--preset", "preset_name", default="quick", show_default=True)
+@click.option("--steps", default=1200, show_default=True)
+@click.option("--repeats", default=1, show_default=True, help="Runs of each kind; seconds are their median.")
+@click.option("-o", "--output", default=Path("runs/unneeded"), type=click.Path(path_type=Path))
+def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, output: Path) -> None:
+    """Train each of SCENES as its photos decide, and as the rival does; prints a table for the README."""
+    lines = [HEADER, "|---" * HEADER.count(" |") + "|"]
+    base = preset(preset_name).changed(steps=steps)
+    with Terminal() as terminal:
+        measure(scenes[0], base.changed(steps=5), output / "warm-up", terminal)  # kernels compile once
+        for scene in scenes:
+            auto = measure(scene, base, output / f"{scene.name}-auto", terminal)
+            choice = auto["settings"].appearance
+            cells = [scene.name, decided(auto["settings"])]
+            if choice not in RIVALS:
+                lines.append("| " + " | ".join([*cells, *figures(auto), *["-"] * 5]) + " |")
+                continue
+            # With all three given, the rival does not look at its photos first: what that takes is counted.
+            looks = {"appearance": "off", "transients": "off"} if choice == "off" else {"appearance": "full"}
+            changes = {name: getattr(auto["settings"], name) for name in ("transients", "sh_degree")} | looks
+            rival_folder, runs = output / f"{scene.name}-{RIVALS[choice]}", {"auto": [auto], "rival": []}
+            for repeat in range(repeats):
+                runs["rival"].append(measure(scene, base.changed(**changes), rival_folder, terminal))
+                if repeat:
+                    runs["auto"].append(measure(scene, base, output / f"{scene.name}-auto", terminal))
+            medians = {name: statistics.median(one["seconds"] for one in group) for name, group in runs.items()}
+            auto, rival = auto | {"seconds": medians["auto"]}, runs["rival"][0] | {"seconds": medians["rival"]}
+            ratios = [f"{auto[name] / rival[name]:.2f}" for name in ("seconds", "bytes")]
+            lines.append("| " + " | ".join([*cells, *figures(auto), *figures(rival), *ratios]) + " |")
+    click.echo("\n".join(lines))
+
+
+def measure(scene: Path, settings, folder: Path, terminal: Terminal) -> dict:
+    """One run: its settings as decided, CPU seconds, bytes, held-out PSNR."""
+    start = time.process_time()
+    pipeline.train(scene, settings, folder, terminal, force=True)
+    seconds = time.process_time() - start
+    trained = pipeline.load_run(folder)
+    files = [checkpoint.newest(folder), run.point_cloud_path(folder, trained.step)]
+    scores = pipeline.evaluate(folder, "half", refine=True).means()["photo"]
+    return {
+        "settings": trained.settings,
+        "seconds": seconds,
+        "bytes": sum(file.stat().st_size for file in files),
+        "psnr": scores.get("refined", scores["zero_shot"])["psnr"],
+    }
+
+
+def decided(settings) -> str:
+    """The three choices in one cell."""
+    return f"{settings.appearance} / {settings.transients} / degree {settings.sh_degree}"
+
+
+def figures(one: dict) -> list[str]:
+    """PSNR, seconds and megabytes of a run as cells."""
+    return [f"{one['psnr']:.2f}", f"{one['seconds']:.1f}", f"{one['bytes'] / 1e6:.2f}"]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,195 @@
+"""Figures about looks, each against sightings that were made to have a known one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.training.evidence import (
+    facing_share,
+    fit_tones,
+    gather_evidence,
+    in_tone,
+    shared_spread,
+    strange_share,
+    tones_of,
+)
+from core.training.pictures import Pictures
+from core.training.sightings import NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
+from tests.training.known_scene import crowded, known_collection, plain
+
+PHOTOS, POINTS = 20, 300
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(3)
+
+
+def sightings(random, colour=None) -> Sightings:
+    """Every photo matches every point, at a place of its own; colours grey unless given by (photo, point, pixel, towards)."""
+    photo, point = (grid.ravel() for grid in np.meshgrid(np.arange(PHOTOS), np.arange(POINTS), indexing="ij"))
+    towards = random.normal(size=(len(photo), 3))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    pixel = random.uniform(0, 0.7, (len(photo), 2))
+    colours = np.full((len(photo), 3), 0.5) if colour is None else colour(photo, point, pixel, towards)
+    nearest = random.uniform(0, NEAR_DEGREES, len(photo))
+    return Sightings(photo, point, pixel, colours, towards, np.ones(len(photo), bool), nearest)
+
+
+# --- what photos share, and what is noise
+
+
+def test_noise_of_each_place_does_not_count(random):
+    noise = 10 / 255 * random.normal(size=(PHOTOS * POINTS, 3))
+    # The mean product of independent pairs is 0 within 10^2 / sqrt(6000) = 1.3 steps^2.
+    assert shared_spread(sightings(random), noise) < 2.0
+
+
+def test_what_neighbours_share_counts_in_full(random):
+    made = sightings(random)
+    shift = 12 / 255 * random.normal(size=(PHOTOS, 3))
+    noise = 6 / 255 * random.normal(size=(len(made), 3))
+    expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(PHOTOS / (PHOTOS - 1))  # the mean over the photos is taken off
+    assert shared_spread(made, shift[made.photo] + noise) == pytest.approx(expected, rel=0.05)
+
+
+def test_a_few_wrong_matches_do_not_decide(random):
+    made = sightings(random)
+    difference = 1 / 255 * random.normal(size=(len(made), 3))
+    for rows in rows_of_each(made.photo):
+        block = rows[(made.pixel[rows] < 0.07).all(axis=1)]  # a hundredth of the photo, all of it white
+        difference[block] = 1.0
+    assert shared_spread(made, difference) < 2.0
+
+
+def test_neighbours_are_in_the_same_photo_and_do_not_share_their_blur(random):
+    made = sightings(random)
+    first, second = neighbours(made)
+    apart = np.linalg.norm(made.pixel[first] - made.pixel[second], axis=1)
+    assert (made.photo[first] == made.photo[second]).all() and apart.min() >= 4 * 0.003
+    assert len(first) > 0.95 * len(made) and np.median(apart) < 0.05
+
+
+# --- tones
+
+
+def test_tones_are_found_among_wrong_matches(random):
+    base = random.uniform(0.2, 0.8, (POINTS, 3))
+    gain, offset = random.uniform(0.6, 1.2, (PHOTOS, 3)), random.uniform(-0.1, 0.1, (PHOTOS, 3))
+
+    def colour(photo, point, pixel, towards):
+        colours = gain[photo] * base[point] + offset[photo]
+        colours[random.uniform(size=len(photo)) < 0.05] = 1.0
+        return colours
+
+    made = sightings(random, colour)
+    found = tones_of(made.photo, base[made.point], made.colour)
+    np.testing.assert_allclose(found[:, 0], gain, atol=0.03)  # the prior of 0.4 matches, against 300
+    np.testing.assert_allclose(found[:, 1], offset, atol=0.03)
+    bases, tones = fit_tones(made)  # of unknown base colours: only what they give together is known
+    left = np.abs(made.colour - in_tone(tones, made.photo, bases[made.point])).max(axis=1)
+    assert np.quantile(left, 0.9) < 3 / 255
+
+
+def test_a_photo_of_one_colour_has_a_tone_all_the_same(random):
+    made = sightings(random)  # all is grey: gain and offset cannot be told apart
+    found = tones_of(made.photo, made.colour, made.colour)
+    np.testing.assert_allclose(found[:, 0] * 0.5 + found[:, 1], 0.5, atol=1e-3)
+
+
+# --- view dependence
+
+
+@pytest.mark.parametrize("strength, noise, low, high", [(30, 5, 0.9, 1.0), (5, 30, 0.0, 0.1), (0, 10, 0.0, 0.02)])
+def test_the_share_of_the_viewing_direction(random, strength, noise, low, high):
+    made = sightings(random)
+    shine = strength * np.einsum("ni,ni->n", made.towards, random.normal(size=(POINTS, 3))[made.point])[:, None]
+    difference = (shine + noise * random.normal(size=(len(made), 3))) / 255
+    assert low <= facing_share(made, difference) <= high
+
+
+def test_points_that_few_photos_see_say_nothing_of_directions(random):
+    made = sightings(random)
+    assert facing_share(made[made.photo < 6], np.ones((6 * POINTS, 3))) is None
+
+
+# --- passers-by
+
+
+def test_places_that_look_strange_side_by_side_are_counted(random):
+    made = sightings(random)
+    difference = 1 / 255 * random.normal(size=(len(made), 3))
+    assert strange_share(made, difference) == 0
+    alone = random.permutation(len(made))[:60]
+    scattered = difference.copy()
+    scattered[alone] = 0.5  # wrong matches: one here, one there
+    assert strange_share(made, scattered) < 0.002
+    hidden = (made.pixel > 0.2).all(axis=1) & (made.pixel < 0.4).all(axis=1)
+    there = difference.copy()
+    there[hidden] = 0.5
+    # Places at the rim have a neighbour outside: up to a fifth are lost.
+    assert 0.8 * hidden.mean() < strange_share(made, there) <= 1.2 * hidden.mean()
+
+
+def test_without_photos_from_nearby_nothing_is_said_of_passers_by(random):
+    made = sightings(random)
+    far = replace(made, degrees=np.full(len(made), NEAR_DEGREES + 1))
+    assert strange_share(far, np.zeros((len(made), 3))) is None
+
+
+# --- from photos
+
+
+def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see_them(tmp_path):
+    collection = known_collection(tmp_path, photos=8)
+    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    hidden = pictures[3].photo.points[:40]
+    fewer = replace(pictures[3], photo=replace(pictures[3].photo, points=pictures[3].photo.points[40:]))
+    found = find_sightings(collection.points, [*pictures[:3], fewer, *pictures[4:]])
+    here = found[found.photo == 3]
+    # Of the 40 that photo 3 now misses, those that two more photos match are expected there; some have others in front.
+    expected = here[~here.matched]
+    again = find_sightings(collection.points, pictures)
+    before = again[(again.photo == 3) & ~again.matched]
+    assert 10 < len(expected) - len(before) <= len(hidden)
+    assert (expected.degrees <= NEAR_DEGREES).all() and expected.degrees.min() > 1
+    pixel = here.pixel * np.hypot(160, 120)
+    colours = pictures[3].pixels[pixel[:, 1].astype(int), pixel[:, 0].astype(int)] / 255
+    assert np.abs(colours - here.colour).mean() < 0.02  # noise of 2 / 255, and the blur
+    np.testing.assert_allclose(np.linalg.norm(here.towards, axis=1), 1, atol=1e-12)
+
+
+def test_a_point_behind_others_is_not_expected(tmp_path):
+    """What stays may hide it: only places that ought to be free say something of passers-by."""
+    collection = known_collection(tmp_path, photos=8)
+    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    found = find_sightings(collection.points, pictures)
+    expected = found[~found.matched]
+    possible = len(pictures) * len(np.unique(found.point)) - found.matched.sum()
+    assert len(expected) < 0.35 * possible  # a ball of points: most of those not matched lie on its far side
+
+
+def test_too_few_points_give_no_figures(tmp_path):
+    collection = known_collection(tmp_path, photos=6)
+    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in pictures]
+    assert gather_evidence(collection.points, few).differ is None
+    none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in pictures]
+    assert gather_evidence(collection.points, none).sightings == 0
+    assert gather_evidence(collection.points, pictures[:1]).differ is None
+
+
+def test_figures_do_not_change_from_call_to_call(tmp_path):
+    collection = known_collection(tmp_path, crowded, photos=12)
+    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    assert gather_evidence(collection.points, pictures) == gather_evidence(collection.points, pictures)
+
+
+def test_invalid_pixels_are_not_looked_at(tmp_path):
+    collection = known_collection(tmp_path, plain, photos=6)
+    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    valid = np.ones((120, 160), bool)
+    valid[:, :80] = False
+    half = [replace(picture, valid=valid) for picture in pictures]
+    assert find_sightings(collection.points, half).pixel[:, 0].min() * np.hypot(160, 120) >= 80

@@ -1,0 +1,54 @@
+"""A look as a file: what is left out of it, and what is said about that."""
+
+import shutil
+
+import pytest
+
+from core.export.ply import read_ply
+from core.report import Report
+from core.training import run
+from core.training.look_file import write_look
+from core.training.trained import Run, find_appearance, load_run
+from core.training.trainer import Trainer
+from core.training.trim import trim_of
+from tests.small import small_collection, small_settings
+
+ROW_BYTES = 248  # of a Gaussian in a vanilla .ply
+
+
+class Heard(Report):
+    """Keeps what it is told."""
+
+    def __init__(self):
+        self.lines: list[str] = []
+
+    def say(self, line: str) -> None:
+        self.lines.append(line)
+
+
+@pytest.fixture
+def trained(tmp_path) -> Run:
+    """A finished run whose photos are gone."""
+    scene, folder = tmp_path / "scene", tmp_path / "run"
+    scene.mkdir()
+    collection = small_collection(scene)
+    trainer = Trainer(collection, small_settings(steps=4), folder)
+    run.create(folder, collection, trainer.settings)
+    for _ in trainer.train():
+        pass
+    shutil.rmtree(scene)
+    return load_run(folder)
+
+
+def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photos(trained, tmp_path):
+    heard, neutral = Heard(), find_appearance(trained, "neutral")
+    paths = [tmp_path / "all.ply", tmp_path / "fewer.ply"]
+    assert write_look(trained, neutral, paths[0], heard, None) == len(trained.splats)
+    assert heard.lines == []
+    written = write_look(trained, neutral, paths[1], heard, trim_of(trained, heard))
+    gone = len(trained.splats) - written
+    assert gone > 0  # the part of the dome behind the cameras, at least
+    (line,) = heard.lines
+    assert line.startswith(f"fewer.ply does without {gone} Gaussians ({gone * ROW_BYTES / 1e6:.1f} MB)")
+    assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
+    assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count

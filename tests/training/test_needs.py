@@ -1,0 +1,199 @@
+"""What is left out of which scene, who may overrule it, and that nothing of it is left."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from core import pipeline
+from core.config import Settings, preset
+from core.data import load_collection
+from core.training import checkpoint, needs, run
+from core.training.evidence import Evidence
+from core.training.pictures import Pictures, auto_factor
+from core.training.trainer import Trainer
+from tests.real_data import real
+from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
+
+SAMPLE = Path(__file__).parents[2] / "samples" / "plaza"
+SMALL = {"max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encoder_side_px": 32, "checkpoints": 1}
+
+
+def decisions(collection, settings: Settings | None = None, change=lambda picture: picture) -> dict:
+    """What is decided for the training photos, by setting; `change` may alter the pictures."""
+    pictures = Pictures(collection.split("train"), -1, auto_factor(collection.photos, "cpu"), 32).pictures
+    decided, taken = needs.decide(settings or Settings(), collection.points, list(map(change, pictures)))
+    assert not decided.undecided
+    assert all(getattr(decided, decision.setting) == decision.value for decision in taken)
+    return {decision.setting: decision for decision in taken}
+
+
+def values(taken: dict) -> tuple:
+    return tuple(taken[name].value for name in ("appearance", "transients"))
+
+
+# --- what is decided
+
+
+@pytest.mark.parametrize(
+    "change, expected",
+    [(plain, ("off", "off")), (exposed, ("exposure", "off")), (lit, ("full", "off")), (crowded, ("off", "on"))],
+)
+def test_each_part_is_kept_where_photos_need_it(tmp_path, change, expected):
+    assert values(decisions(known_collection(tmp_path, change))) == expected
+
+
+def test_a_wild_collection_keeps_everything():
+    taken = decisions(load_collection(SAMPLE))
+    assert values(taken) == ("full", "on")
+    assert taken["sh_degree"].figure < 0.6 * needs.LEAST_FACING  # 4 %: light changes far more than the viewing direction
+    assert taken["appearance"].figure > 3 * needs.LEAST_REMAINDER  # 12.9
+    assert taken["transients"].figure > 2 * needs.LEAST_STRANGE  # 4.9 %
+
+
+@pytest.mark.parametrize("name", ["sacre_coeur", "statue_of_liberty"])
+def test_real_wild_collections_keep_everything(name):
+    taken = decisions(load_collection(real(name)))
+    assert values(taken) == ("full", "on") and taken["sh_degree"].value == 1
+
+
+def test_a_real_calm_collection_needs_no_looks_and_no_masks():
+    taken = decisions(load_collection(real("fountain")))
+    assert values(taken) == ("off", "off") and taken["sh_degree"].value == 1
+    assert taken["appearance"].figure < 0.7 * needs.LEAST_DIFFERENCE  # 3.6: the camera's own exposure wanders
+    assert taken["transients"].figure < 0.1 * needs.LEAST_STRANGE
+
+
+def test_a_real_calm_collection_in_other_exposures_needs_these_alone():
+    random = np.random.default_rng(0)
+
+    def exposed_again(picture):
+        pixels = picture.pixels * np.exp(0.25 * random.normal())
+        return replace(picture, pixels=pixels.clip(0, 255).astype(np.uint8))
+
+    assert values(decisions(load_collection(real("fountain")), change=exposed_again)) == ("exposure", "off")
+
+
+def test_too_little_to_judge_by_keeps_everything_and_says_so(tmp_path):
+    taken = decisions(known_collection(tmp_path, lit, photos=3))
+    assert values(taken) == ("full", "on") and taken["sh_degree"].value == needs.USUAL_DEGREE
+    for decision in taken.values():
+        assert decision.figure is None and "too" in decision.because
+
+
+def test_figures_on_either_side_of_a_bound_decide():
+    def evidence(**figures):
+        return Evidence(9, 999, **({"differ": 20.0, "remain": 9.0, "facing": 0.9, "strange": 0.1} | figures))
+
+    assert needs.appearance(evidence(differ=needs.LEAST_DIFFERENCE - 0.01)).value == "off"
+    assert needs.appearance(evidence(remain=needs.LEAST_REMAINDER - 0.01)).value == "exposure"
+    assert needs.appearance(evidence()).value == "full"
+    assert needs.transients(evidence(strange=needs.LEAST_STRANGE - 0.001)).value == "off"
+    assert needs.transients(evidence(strange=needs.LEAST_STRANGE)).value == "on"
+    assert needs.sh_degree(evidence(facing=needs.LEAST_FACING - 0.01)).value == 0
+    assert needs.sh_degree(evidence()).value == 1
+
+
+# --- who may overrule it
+
+
+def test_what_is_given_is_not_decided(tmp_path, monkeypatch):
+    collection = known_collection(tmp_path, plain, photos=12)
+    taken = decisions(collection, Settings(appearance="exposure", sh_degree=2))
+    assert list(taken) == ["transients"]
+    monkeypatch.setattr(needs, "gather_evidence", None)  # not even looked at
+    assert decisions(collection, Settings(appearance="full", transients="on", sh_degree=0)) == {}
+    assert decisions(collection, preset("paper")) == {}
+
+
+def test_schedules_follow_the_looks_unless_given():
+    for appearance, expected in (("off", (0.0, 0.02, 0.0)), ("exposure", (0.1, 0.12, 0.1)), ("full", (0.1, 0.12, 0.1))):
+        settings = Settings().decided(appearance, "off", 0)
+        assert (settings.geometry_from, settings.densify_from, settings.prune_contribution) == expected
+    assert Settings(geometry_from=0.3).decided("off", "off", 0).geometry_from == 0.3
+    assert Settings(appearance="off").decided("full", "on", 0).geometry_from == 0.0
+
+
+# --- nothing is left of what is off
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory):
+    return known_collection(tmp_path_factory.mktemp("calm"), plain, photos=12)
+
+
+def trained(collection, folder: Path, settings: Settings) -> Trainer:
+    folder.mkdir()
+    trainer = Trainer(collection, settings, folder)
+    for _ in trainer.train():
+        pass
+    return trainer
+
+
+def test_a_calm_collection_trains_as_plain_3dgs_bit_for_bit(calm, tmp_path):
+    """Same quality, steps and bytes: it is the same run."""
+    auto = trained(calm, tmp_path / "auto", Settings(steps=20, **SMALL))
+    assert [decision.value for decision in auto.decisions][:2] == ["off", "off"]
+    vanilla = trained(calm, tmp_path / "vanilla", preset("vanilla").changed(steps=20, **SMALL))
+    assert auto.settings == vanilla.settings
+    files = [checkpoint.newest(trainer.folder) for trainer in (auto, vanilla)]
+    first, second = map(checkpoint.load, files)
+    assert first.tensors.keys() == second.tensors.keys()
+    assert all(torch.equal(tensor, second.tensors[name]) for name, tensor in first.tensors.items())
+
+
+def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_path, monkeypatch):
+    from core.training import losses
+
+    def never(*_):
+        raise AssertionError("a loss of a part that is off was computed")
+
+    for name in ("mask_loss", "pixel_weights", "transient_rows", "residual_norm"):
+        monkeypatch.setattr(losses, name, never)
+    trainer = trained(calm, tmp_path / "run", Settings(steps=20, sh_degree=0, **SMALL))
+    assert not list(trainer.model.parameters()) and trainer.optimizer is None
+    tensors = checkpoint.load(checkpoint.newest(trainer.folder)).tensors
+    assert tensors["gaussians.parameters.sh"].shape[1:] == tensors["gaussians.first.sh"].shape[1:] == (1, 3)
+    parts = {name.partition(".")[0] for name in tensors}
+    assert parts == {"gaussians", "model", "random"}
+    assert sum(t.numel() for name, t in tensors.items() if name.startswith("model.")) <= 17  # the neutral look: zeros
+
+
+def test_the_exposure_mode_is_no_worse_than_the_full_transfer_where_only_exposure_differs(tmp_path):
+    collection = known_collection(tmp_path, exposed)
+    quality = {"exposure": 0.0, "full": 0.0}
+    for seed in (0, 1):  # four held-out photos after 200 steps: single runs differ by 2 dB
+        for appearance in ("auto", "full"):
+            changes = {"steps": 200, "resolution": 2, "held_out_checks": 1, "sh_degree": 0, "transients": "off"}
+            settings = Settings(seed=seed, appearance=appearance, **changes, **SMALL)
+            trainer = trained(collection, tmp_path / f"{appearance}-{seed}", settings)
+            quality[trainer.settings.appearance] += trainer.held_out_quality()[0] / 2
+    assert quality["exposure"] >= quality["full"] - 0.1  # dB; + 1.9 where this was written
+
+
+# --- the run keeps what was decided
+
+
+def test_decisions_are_printed_kept_and_never_taken_again(calm, tmp_path, monkeypatch):
+    said = []
+
+    class Heard(pipeline.Report):
+        def say(self, line):
+            said.append(line)
+
+    monkeypatch.setattr(pipeline, "find_kind", lambda path: "test")
+    monkeypatch.setattr(pipeline, "load_collection", lambda path: calm)
+    folder = pipeline.train(calm.root, Settings(steps=4, **SMALL), tmp_path / "run", Heard())
+    assert any(line.startswith("appearance=off: a point's colour differs by") for line in said)
+    kept = json.loads((folder / "config.json").read_text())
+    assert kept["settings"]["appearance"] == "off" and kept["settings"]["geometry_from"] == 0.0
+    assert [decision["setting"] for decision in kept["decisions"]] == ["appearance", "transients", "sh_degree"]
+    assert all(isinstance(decision["figure"], float) for decision in kept["decisions"])
+    monkeypatch.setattr(needs, "gather_evidence", None)
+    _, settings, _ = run.read_config(folder)
+    assert settings.appearance == "off" and not settings.undecided
+    assert Trainer(calm, settings, folder).decisions == ()
+    pipeline.export(folder, "neutral", tmp_path / "neutral.ply")

@@ -1,0 +1,134 @@
+"""Trimming a look: nothing that a training view shows may go, and what may go does go."""
+
+import pytest
+import torch
+
+import core.rasterizer
+from core.scene.harmonics import dc_of_colour
+from core.scene.splats import Splats
+from core.training.trainer import Trainer
+from core.training.trim import HALF_STEP, Trim
+from tests.small import ring_camera, small_collection, small_settings
+
+CAMERAS = [ring_camera(angle) for angle in (0.0, 0.4, 0.8)]
+RASTERIZER = core.rasterizer.create("cpu")
+
+
+def gaussians(means, scale: float, opacity: float, colour: float, degree: int = 0) -> Splats:
+    count = len(means)
+    sh = torch.zeros(count, (degree + 1) ** 2, 3)
+    sh[:, 0] = dc_of_colour(torch.full((count, 3), colour))
+    quaternions = torch.zeros(count, 4)
+    quaternions[:, 0] = 1
+    return Splats(
+        means=torch.as_tensor(means, dtype=torch.float32),
+        quaternions=quaternions,
+        log_scales=torch.full((count, 3), scale).log(),
+        logit_opacities=torch.logit(torch.full((count,), opacity)),
+        sh=sh,
+    )
+
+
+def ball(count: int, degree: int = 0, colour: float = 0.5) -> Splats:
+    """What the cameras look at."""
+    generator = torch.Generator().manual_seed(1)
+    return gaussians(0.3 * torch.randn(count, 3, generator=generator), 0.05, 0.8, colour, degree)
+
+
+def largest_change(before: Splats, after: Splats) -> float:
+    pictures = [[RASTERIZER.render(splats, camera).image.clamp(0, 1) for splats in (before, after)] for camera in CAMERAS]
+    return max(float((first - second).abs().max()) for first, second in pictures)
+
+
+def test_what_no_view_draws_goes_and_changes_no_bit():
+    seen = ball(200)
+    behind = gaussians([[0.0, 0.0, -40.0], [0.0, 0.0, -50.0]], 0.1, 0.9, 1.0)  # behind every camera
+    faint = gaussians(torch.zeros(50, 3), 0.1, 0.5 / 255, 1.0)  # below the weakest contribution that is drawn
+    look = Splats.concatenate([behind, seen, faint])
+    trimmed = Trim(look, CAMERAS, RASTERIZER)(look)
+    assert trimmed.gaussians >= 52 and len(trimmed.splats) == len(look) - trimmed.gaussians
+    assert trimmed.largest == largest_change(look, trimmed.splats) * 255 == 0.0
+
+
+def hidden(count: int) -> Splats:
+    """Gaussians in the middle of an opaque ball: each all but invisible, all together not."""
+    shell = torch.nn.functional.normalize(torch.randn(3000, 3, generator=torch.Generator().manual_seed(2)), dim=1)
+    inside = gaussians(torch.zeros(count, 3), 0.02, 0.5, 1.0)
+    return Splats.concatenate([inside, gaussians(0.5 * shell, 0.06, 0.6, 0.1)])
+
+
+@pytest.mark.parametrize("count", [1, 30, 300])
+def test_faint_ones_go_as_long_as_their_sum_stays_below_half_a_step(count):
+    look = hidden(count)
+    trim = Trim(look, CAMERAS, RASTERIZER)
+    trimmed = trim(look)
+    assert largest_change(look, trimmed.splats) <= HALF_STEP
+    assert trimmed.largest == pytest.approx(largest_change(look, trimmed.splats) * 255)
+    weights = look.with_sh(dc_of_colour((~trim.kept).float()[:, None, None].repeat(1, 1, 3)))
+    assert max(float(RASTERIZER.render(weights, camera).image.max()) for camera in CAMERAS) <= HALF_STEP
+
+
+def test_many_that_each_could_go_do_not_all_go():
+    """Each is below half a step; taken away together they would show."""
+    look = ball(1, colour=0.0)
+    front = gaussians([[0.0, 0.0, -0.5]] * 4, 0.5, 0.985, 0.0)
+    many = gaussians(torch.zeros(400, 3), 0.2, 0.9, 1.0)
+    look = Splats.concatenate([front[:1], many])
+    look.logit_opacities[0] = torch.logit(torch.tensor(0.99))
+    strongest = torch.stack([RASTERIZER.contributions(look, camera) for camera in CAMERAS]).amax(dim=0)
+    small = (strongest > 0) & (strongest <= HALF_STEP)
+    assert small.sum() >= 2
+    trim = Trim(look, CAMERAS, RASTERIZER)
+    assert largest_change(look, look[~small]) > 0
+    assert largest_change(look, look[trim.kept]) <= HALF_STEP
+
+
+def test_a_band_goes_when_no_view_shows_it_and_stays_when_one_does():
+    look = ball(200, degree=2)
+    look.sh[:, 4:] = 0.001  # times at most 1.1 a coefficient: far below half a step over five of them
+    look.sh[:, 1] = 0.2
+    trimmed = Trim(look, CAMERAS, RASTERIZER)(look)
+    assert trimmed.splats.degree == 1 and trimmed.bands == 1
+    assert 0 < trimmed.largest <= 0.5
+    assert trimmed.largest == pytest.approx(largest_change(look, trimmed.splats) * 255)
+    look.sh[7, 6] = 1.0  # a single Gaussian needs it
+    assert Trim(look, CAMERAS, RASTERIZER)(look).splats.degree == 2
+
+
+def test_a_look_too_bright_for_the_bound_keeps_all_that_is_drawn():
+    look = hidden(30)
+    trim = Trim(look, CAMERAS, RASTERIZER)
+    assert trim.kept.sum() < trim.drawn.sum()
+    bright = look.with_sh(look.sh.clone())
+    bright.sh[trim.drawn & ~trim.kept] = 1e4
+    trimmed = trim(bright)
+    assert len(trimmed.splats) == trim.drawn.sum() and trimmed.largest == 0
+    assert largest_change(bright, trimmed.splats) == 0
+
+
+def test_gaussians_that_are_not_finite_are_left_for_the_writer_to_count():
+    look = ball(20)
+    look.means[3] = torch.nan
+    assert Trim(look, CAMERAS, RASTERIZER).kept[3]
+
+
+def test_where_no_view_shows_anything_all_is_kept():
+    look = gaussians([[0.0, 0.0, -40.0]], 0.1, 0.9, 1.0)
+    assert len(Trim(look, CAMERAS, RASTERIZER)(look).splats) == 1
+
+
+def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_path):
+    collection = small_collection(tmp_path)
+    trainer = Trainer(collection, small_settings(sh_degree=2), tmp_path)
+    for _ in trainer.train():
+        pass
+    splats, cameras = trainer.gaussians.splats, [picture.camera for picture in trainer.pictures.pictures]
+    trim = Trim(splats, cameras, trainer.rasterizer)
+    for index in range(2):
+        look = trainer.model.bake(splats, trainer.model.look(trainer.pictures[index].encoder_input, index).embedding)
+        trimmed = trim(look)
+        assert 0 < trimmed.gaussians < len(look)
+        assert torch.equal(trimmed.splats.means, splats.means[trim.kept])
+        for camera in cameras:
+            before, after = (trainer.rasterizer.render(one, camera).image.clamp(0, 1) for one in (look, trimmed.splats))
+            assert (before - after).abs().max() <= HALF_STEP

@@ -33,14 +33,14 @@ HEADER = "| scene | decided | PSNR dB | CPU-s | checkpoint + .ply MB | beside it
 @click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--preset", "preset_name", default="quick", show_default=True)
 @click.option("--steps", default=1200, show_default=True)
-@click.option("--repeats", default=1, show_default=True, help="Runs of each kind; seconds are their median.")
+@click.option("--repeats", default=2, show_default=True, help="Runs of each kind; seconds are their median.")
 @click.option("-o", "--output", default=Path("runs/unneeded"), type=click.Path(path_type=Path))
 def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, output: Path) -> None:
     """Train each of SCENES as its photos decide, and as the rival does; prints a table for the README."""
     lines = [HEADER, "|---" * HEADER.count(" |") + "|"]
     base = preset(preset_name).changed(steps=steps)
     with Terminal() as terminal:
-        measure(scenes[0], base.changed(steps=5), output / "warm-up", terminal)  # kernels compile once
+        measure(scenes[0], base.changed(steps=50), output / "warm-up", terminal)  # kernels compile once
         for scene in scenes:
             auto = measure(scene, base, output / f"{scene.name}-auto", terminal)
             choice = auto["settings"].appearance
@@ -51,13 +51,13 @@ def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, o
             # With all three given, the rival does not look at its photos first: what that takes is counted.
             looks = {"appearance": "off", "transients": "off"} if choice == "off" else {"appearance": "full"}
             changes = {name: getattr(auto["settings"], name) for name in ("transients", "sh_degree")} | looks
-            rival_folder, runs = output / f"{scene.name}-{RIVALS[choice]}", {"auto": [auto], "rival": []}
+            kinds = {"auto": base, RIVALS[choice]: base.changed(**changes)}
+            runs = {name: [] for name in kinds}
             for repeat in range(repeats):
-                runs["rival"].append(measure(scene, base.changed(**changes), rival_folder, terminal))
-                if repeat:
-                    runs["auto"].append(measure(scene, base, output / f"{scene.name}-auto", terminal))
+                for name in sorted(kinds, reverse=bool(repeat % 2)):  # each as often first: machines warm up and tire
+                    runs[name].append(measure(scene, kinds[name], output / f"{scene.name}-{name}", terminal))
             medians = {name: statistics.median(one["seconds"] for one in group) for name, group in runs.items()}
-            auto, rival = auto | {"seconds": medians["auto"]}, runs["rival"][0] | {"seconds": medians["rival"]}
+            auto, rival = (runs[name][0] | {"seconds": medians[name]} for name in kinds)
             ratios = [f"{auto[name] / rival[name]:.2f}" for name in ("seconds", "bytes")]
             lines.append("| " + " | ".join([*cells, *figures(auto), *figures(rival), *ratios]) + " |")
     click.echo("\n".join(lines))

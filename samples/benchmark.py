@@ -186,8 +186,8 @@ def measure_bake(scale: float) -> dict:
         export.write(path, baked, "benchmark")
         stopwatch.lap("write .ply")
 
-    _, _, layers = model.sh_transfer.inputs(splats.sh[:1], splats.means[:1], model.mean_embedding)
-    weights = [layers.learned_weight, layers.fixed_weight, *layers.hidden_weights, layers.output_weight, layers.skip_weight]
+    _, layers = model.sh_transfer.inputs(splats.sh[:1], model.mean_embedding)
+    weights = [layers.learned_weight, layers.place_weight, *layers.hidden_weights, layers.output_weight, layers.skip_weight]
     products = [(torch.ones(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
     with tempfile.TemporaryDirectory() as folder:
         parts = stopwatch.repeat(partial(bake, Path(folder) / "look.ply"), 1, BAKES)

@@ -119,11 +119,15 @@ class AppearanceModel(nn.Module):
         bit, and the same as that of `transfer`.
         """
         base = splats.detached()
-        sh = torch.empty_like(base.sh)
+        sh = torch.empty_like(base.sh, memory_format=torch.contiguous_format)
+        writes = isinstance(self.sh_transfer, SHTransfer) and self.settings.residual
         for start in range(0, len(base), chunk):
             rows = slice(start, start + chunk)
             part = None if latents is None else latents[rows]
-            sh[rows] = self.transfer(base.sh[rows], base.means[rows], embedding, part)[0]
+            if writes:
+                self.sh_transfer.write(base.sh[rows], base.means[rows], embedding, part, sh[rows])
+            else:
+                sh[rows] = self.transfer(base.sh[rows], base.means[rows], embedding, part)[0]
         return base.with_sh(sh)
 
     @torch.no_grad()

@@ -1,11 +1,13 @@
 """G_phi: from the base SH of a Gaussian and the embedding of a photo to the SH of that photo's look."""
 
+from contextlib import nullcontext
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.encoding import contract, encode, encoded_size
-from core.appearance.transfer_kernel import Layers, blockwise_mlp, plain_mlp
+from core.appearance.encoding import encode, encoded_size
+from core.appearance.transfer_kernel import Layers, blockwise_mlp, blockwise_sum, plain_mlp
 from core.config import Settings
 from core.errors import BadInput
 from core.scene.harmonics import coefficient_count
@@ -38,8 +40,8 @@ class SHTransfer(nn.Module):
         self.coefficients = 3 * coefficient_count(settings.sh_degree)
         self.learned_columns = encoded_size(self.coefficients, settings.sh_octaves) + settings.latent_size
         self.mixes = settings.embedding_enters == "output"
-        fixed_columns = encoded_size(3, settings.position_octaves)
-        first_inputs = self.learned_columns + fixed_columns + (0 if self.mixes else settings.embedding_size)
+        place_columns = encoded_size(3, settings.position_octaves)
+        first_inputs = self.learned_columns + place_columns + (0 if self.mixes else settings.embedding_size)
         width = settings.transfer_width
         self.layers = nn.ModuleList(
             nn.Linear(inputs, width) for inputs in (first_inputs, *(width,) * (settings.transfer_layers - 2))
@@ -67,21 +69,36 @@ class SHTransfer(nn.Module):
         all but `means`, and in `sh` unless `detach_sh`. A row's result does not depend on the other rows (bit for
         bit for float32 on the CPU). Raises BadInput if the sizes are not those of the settings.
         """
-        if sh.dtype == torch.float32 and sh.device.type == "cpu":
-            with one_torch_thread():
-                inputs = self.inputs(sh, means, embedding, latents)
-            return blockwise_mlp(*inputs, self.settings.residual_bound).view_as(sh)
-        inputs = self.inputs(sh, means, embedding, latents)
-        return plain_mlp(*inputs, self.settings.residual_bound).view_as(sh)
+        with one_torch_thread() if is_fast(sh) else nullcontext():
+            learned, layers = self.inputs(sh, embedding, latents)
+        mlp = blockwise_mlp if is_fast(sh) else plain_mlp
+        return mlp(learned, means, layers, self.settings.position_octaves, self.settings.residual_bound).view_as(sh)
 
-    def inputs(
+    @torch.no_grad()
+    def write(
         self,
         sh: Float[Tensor, "v c 3"],
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
+        latents: Float[Tensor, "v l"] | None,
+        into: Float[Tensor, "v c 3"],
+    ) -> None:
+        """sh + forward(...), bit for bit, into contiguous memory that is there; without a gradient, in one pass on a CPU."""
+        if not is_fast(sh):
+            into.copy_(sh + self(sh, means, embedding, latents))
+            return
+        with one_torch_thread():
+            learned, layers = self.inputs(sh, embedding, latents)
+        sizes = self.settings.position_octaves, self.settings.residual_bound
+        blockwise_sum(sh.flatten(1), learned, means, layers, *sizes, into.view(len(into), -1))
+
+    def inputs(
+        self,
+        sh: Float[Tensor, "v c 3"],
+        embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
-    ) -> tuple[Float[Tensor, "v learned"], Float[Tensor, "v fixed"], Layers]:
-        """What the MLP is evaluated on: columns with a gradient, columns without, the layers of this photo."""
+    ) -> tuple[Float[Tensor, "v learned"], Layers]:
+        """What the MLP is evaluated on beside the places: the columns with a gradient, and the layers of this photo."""
         latent_size = 0 if latents is None else latents.shape[1]
         for what, given, expected in (
             ("SH coefficients", sh.shape[1] * 3, self.coefficients),
@@ -97,10 +114,10 @@ class SHTransfer(nn.Module):
         learned = encode(base, self.settings.sh_octaves) if self.settings.sh_octaves else base
         if latents is not None:
             learned = torch.cat([learned, latents], dim=1)
-        fixed = encode(contract(means.detach()), self.settings.position_octaves)
         first, *more = self.layers
-        columns = self.learned_columns, fixed.shape[1], first.in_features - self.learned_columns - fixed.shape[1]
-        learned_weight, fixed_weight, embedding_weight = first.weight.split(columns, dim=1)
+        places = encoded_size(3, self.settings.position_octaves)
+        columns = self.learned_columns, places, first.in_features - self.learned_columns - places
+        learned_weight, place_weight, embedding_weight = first.weight.split(columns, dim=1)
         width = len(first.bias)
         if self.mixes:
             first_bias = first.bias
@@ -115,7 +132,7 @@ class SHTransfer(nn.Module):
         hidden_biases = torch.stack([layer.bias for layer in more]) if more else first.bias.new_empty(0, width)
         layers = Layers(
             learned_weight,
-            fixed_weight,
+            place_weight,
             first_bias,
             hidden_weights,
             hidden_biases,
@@ -123,4 +140,9 @@ class SHTransfer(nn.Module):
             skip_weight,
             output_bias,
         )
-        return learned, fixed, layers
+        return learned, layers
+
+
+def is_fast(sh: Tensor) -> bool:
+    """Whether the blockwise path takes it."""
+    return sh.dtype == torch.float32 and sh.device.type == "cpu"

@@ -1,7 +1,8 @@
 """The MLP inside the SH transfer: the definition in plain torch, and the same in blocks for the CPU.
 
 h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i), y = bound * tanh((h_n V' + x_learned S' + b) / bound). The input x comes
-in two parts: `learned` columns, which receive a gradient and may also skip to the output, and `fixed` ones, which do neither.
+in two parts: `learned` columns, which receive a gradient and may also skip to the output, and the encoded places of the Gaussians,
+which do neither.
 
 Blocks keep what is at work in cache and let threads share the rows. Every block has ROWS rows, the last one padded, because a BLAS rounds a row differently in a matrix of another height: so a row's result does not depend on
 what it is evaluated with, and bakes equal live renders bit for bit. Weight gradients are summed a block at a time and
@@ -11,11 +12,14 @@ then in the order of the blocks: the same for any number of threads.
 import threading
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from core.appearance.encoding import contract, encode, encoded_size
+from core.appearance.transfer_arithmetic import bound_softly, encode_places
 from core.threads import in_parallel
 
 ROWS = 2048  # fewer cost more calls, more leave the cache; from 1024 to 4096 all are within a tenth of each other
@@ -26,7 +30,7 @@ class Layers(NamedTuple):
     output's. `skip_weight` has no columns where nothing skips the hidden layers."""
 
     learned_weight: Float[Tensor, "width learned"]
-    fixed_weight: Float[Tensor, "width fixed"]
+    place_weight: Float[Tensor, "width encoded"]
     first_bias: Float[Tensor, " width"]
     hidden_weights: Float[Tensor, "more width width"]
     hidden_biases: Float[Tensor, "more width"]
@@ -36,10 +40,14 @@ class Layers(NamedTuple):
 
 
 def plain_mlp(
-    learned: Float[Tensor, "n learned"], fixed: Float[Tensor, "n fixed"], layers: Layers, bound: float
+    learned: Float[Tensor, "n learned"], means: Float[Tensor, "n 3"], layers: Layers, octaves: int, bound: float
 ) -> Float[Tensor, "n out"]:
-    """The definition: any dtype, any device, differentiable by autograd. Outputs lie in [-bound, bound]."""
-    hidden = torch.relu(learned @ layers.learned_weight.T + fixed @ layers.fixed_weight.T + layers.first_bias)
+    """The definition: any dtype, any device, differentiable by autograd but for the means. Outputs lie in [-bound, bound].
+
+    means: scene frame. octaves: of the encoding of the contracted means, see core.appearance.encoding.
+    """
+    places = encode(contract(means.detach()), octaves)
+    hidden = torch.relu(learned @ layers.learned_weight.T + places @ layers.place_weight.T + layers.first_bias)
     for weight, bias in zip(layers.hidden_weights, layers.hidden_biases):
         hidden = torch.relu(hidden @ weight.T + bias)
     output = hidden @ layers.output_weight.T + layers.output_bias
@@ -49,15 +57,54 @@ def plain_mlp(
 
 
 def blockwise_mlp(
-    learned: Float[Tensor, "n learned"], fixed: Float[Tensor, "n fixed"], layers: Layers, bound: float
+    learned: Float[Tensor, "n learned"], means: Float[Tensor, "n 3"], layers: Layers, octaves: int, bound: float
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on torch.get_num_threads() threads; no gradient into `fixed`."""
-    return _BlockwiseMLP.apply(torch.is_grad_enabled(), learned.contiguous(), fixed.contiguous(), bound, *layers)
+    """`plain_mlp` for float32 on the CPU, on torch.get_num_threads() threads."""
+    means = means.detach().contiguous()
+    return _BlockwiseMLP.apply(torch.is_grad_enabled(), learned.contiguous(), means, octaves, bound, *layers)
+
+
+@torch.no_grad()
+def blockwise_sum(
+    base: Float[Tensor, "n out"],
+    learned: Float[Tensor, "n learned"],
+    means: Float[Tensor, "n 3"],
+    layers: Layers,
+    octaves: int,
+    bound: float,
+    into: Float[Tensor, "n out"],
+) -> None:
+    """base + blockwise_mlp(...), the same bits, written into `into`: without a gradient, and each block while it is in cache."""
+    learned, means = learned.contiguous(), means.contiguous()
+    scratch = base.new_empty(1 + len(layers.hidden_weights), 0, len(layers.first_bias))
+
+    def add(begin: int, end: int) -> None:
+        rows = slice(begin, end)
+        block = _evaluate(_padded("learned", learned[rows]), means[rows], layers, octaves, bound, _hidden_blocks(scratch, rows))
+        torch.add(base[rows], block[: end - begin], out=into[rows])
+
+    in_parallel(add, len(learned), ROWS)
+
+
+def _evaluate(
+    inputs: Tensor, means: Tensor, layers: Layers, octaves: int, bound: float, hidden: tuple[Tensor, ...]
+) -> Tensor:
+    """The output of a block of ROWS rows, in a buffer; the layers in between are written into `hidden`."""
+    torch.addmm(layers.first_bias, inputs, layers.learned_weight.T, out=hidden[0])
+    hidden[0].addmm_(_places(means, octaves), layers.place_weight.T).relu_()
+    for number, (weight, bias) in enumerate(zip(layers.hidden_weights, layers.hidden_biases)):
+        torch.addmm(bias, hidden[number], weight.T, out=hidden[number + 1]).relu_()
+    block = _buffer("output", len(layers.output_bias))
+    torch.addmm(layers.output_bias, hidden[-1], layers.output_weight.T, out=block)
+    if layers.skip_weight.shape[1]:
+        block.addmm_(inputs, layers.skip_weight.T)
+    bound_softly(block.view(-1).numpy(), np.float32(bound))
+    return block
 
 
 class _BlockwiseMLP(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, training: bool, learned: Tensor, fixed: Tensor, bound: float, *weights: Tensor) -> Tensor:
+    def forward(ctx, training: bool, learned: Tensor, means: Tensor, octaves: int, bound: float, *weights: Tensor) -> Tensor:
         layers = Layers(*weights)
         output = learned.new_empty(len(learned), len(layers.output_bias))
         depth, width = 1 + len(layers.hidden_weights), len(layers.first_bias)
@@ -66,31 +113,21 @@ class _BlockwiseMLP(torch.autograd.Function):
 
         def evaluate(begin: int, end: int) -> None:
             rows = slice(begin, end)
-            inputs = _padded("learned", learned[rows])
-            hidden = _hidden_blocks(kept, rows)
-            torch.addmm(layers.first_bias, inputs, layers.learned_weight.T, out=hidden[0])
-            hidden[0].addmm_(_padded("fixed", fixed[rows]), layers.fixed_weight.T).relu_()
-            for number, (weight, bias) in enumerate(zip(layers.hidden_weights, layers.hidden_biases)):
-                torch.addmm(bias, hidden[number], weight.T, out=hidden[number + 1]).relu_()
-            block = _buffer("output", output.shape[1])
-            torch.addmm(layers.output_bias, hidden[-1], layers.output_weight.T, out=block)
-            if layers.skip_weight.shape[1]:
-                block.addmm_(inputs, layers.skip_weight.T)
-            block.div_(bound).tanh_()
-            torch.mul(block[: rows.stop - rows.start], bound, out=output[rows])
+            inputs, hidden = _padded("learned", learned[rows]), _hidden_blocks(kept, rows)
+            output[rows] = _evaluate(inputs, means[rows], layers, octaves, bound, hidden)[: end - begin]
 
         in_parallel(evaluate, len(learned), ROWS)
         if training:
-            ctx.save_for_backward(learned, fixed, kept, output, *weights)
-            ctx.bound = bound
+            ctx.save_for_backward(learned, means, kept, output, *weights)
+            ctx.octaves, ctx.bound = octaves, bound
         return output
 
     @staticmethod
     @once_differentiable
     def backward(ctx, output_gradient: Tensor):
-        learned, fixed, kept, output, *weights = ctx.saved_tensors
+        learned, means, kept, output, *weights = ctx.saved_tensors
         layers = Layers(*weights)
-        wants_learned, wants = ctx.needs_input_grad[1], ctx.needs_input_grad[4:]
+        wants_learned, wants = ctx.needs_input_grad[1], ctx.needs_input_grad[5:]
         output_gradient = output_gradient.contiguous()
         learned_gradient = torch.empty_like(learned) if wants_learned else None
         sizes = [weight.numel() if wanted else 0 for weight, wanted in zip(weights, wants)]
@@ -114,7 +151,7 @@ class _BlockwiseMLP(torch.autograd.Function):
                 _add_up(before, hidden[number], *sums)
                 before = _before_layer(f"before {number}", before, hidden[number], layers.hidden_weights[number])
             _add_up(before, inputs, into.learned_weight, into.first_bias)
-            _add_up(before, _padded("fixed", fixed[rows]), into.fixed_weight)
+            _add_up(before, _places(means[rows], ctx.octaves), into.place_weight)
             if wants_learned:
                 block = _buffer("learned gradient", learned.shape[1])
                 torch.mm(before, layers.learned_weight, out=block)
@@ -123,7 +160,7 @@ class _BlockwiseMLP(torch.autograd.Function):
                 learned_gradient[rows] = block[: rows.stop - rows.start]
 
         in_parallel(differentiate, len(learned), ROWS)
-        return None, learned_gradient, None, None, *by_weight(_sum_in_order(partial_sums))
+        return None, learned_gradient, None, None, None, *by_weight(_sum_in_order(partial_sums))
 
 
 def _add_up(gradient: Tensor, inputs: Tensor, weight: Tensor | None, bias: Tensor | None = None) -> None:
@@ -186,6 +223,14 @@ def _padded(name: str, rows: Tensor) -> Tensor:
     block[: len(rows)] = rows
     block[len(rows) :] = 0
     return block
+
+
+def _places(means: Tensor, octaves: int) -> Tensor:
+    """The encoded places of a block's Gaussians; zero in padded rows."""
+    columns = encoded_size(3, octaves)
+    transposed = _buffer("places", columns).view(columns, ROWS)
+    encode_places(means.numpy(), octaves, transposed.numpy())
+    return transposed.T
 
 
 def _sum_in_order(partial_sums: Tensor) -> Tensor:

@@ -1,0 +1,64 @@
+"""The SH transfer's kernels against the formulas that they stand for, in float64."""
+
+import platform
+import re
+
+import llvmlite.binding
+import numba
+import numpy as np
+import pytest
+import torch
+
+from core.appearance.encoding import contract, encode, encoded_size
+from core.appearance.transfer_arithmetic import bound_softly, encode_places
+
+EPS = float(np.finfo(np.float32).eps)
+BLOCK = numba.float32[:, ::1]
+
+
+@pytest.mark.parametrize("bound", [0.1, 4.0])
+def test_bound_is_a_scaled_tanh(bound):
+    """From denormals to values far beyond saturation, dense where the fit has its ripples."""
+    small, ripples = np.logspace(-44, 0, 500), np.linspace(0, 12, 20_001)
+    values = np.concatenate([small, ripples, [1e4, np.finfo(np.float32).max * 0.01]])
+    values = (np.concatenate([values, -values]) * bound).astype(np.float32)
+    expected = bound * np.tanh(values.astype(np.float64) / np.float32(bound))
+    found = values.copy()
+    bound_softly(found, np.float32(bound))
+    # A dozen roundings, each of half an eps at most; they seldom add up.
+    assert np.allclose(found, expected, rtol=4 * EPS, atol=1e-44)
+    assert np.abs(found).max() <= np.float32(bound)
+
+
+def test_bound_keeps_what_is_not_a_number():
+    values = np.array([np.nan, np.inf, -np.inf, 0.0], np.float32)
+    bound_softly(values, np.float32(4))
+    assert np.allclose(values, [np.nan, 4, -4, 0], rtol=EPS, atol=0, equal_nan=True)  # the rounding of the quotient
+
+
+@pytest.mark.parametrize("octaves", [0, 1, 4, 7])
+def test_places_are_contracted_and_encoded(octaves):
+    """Inside and outside the unit ball, at its centre and very far; the rest of the block is zero."""
+    generator = torch.Generator().manual_seed(octaves)
+    directions = torch.nn.functional.normalize(torch.randn(60, 3, generator=generator), dim=1)
+    means = directions * torch.cat([torch.zeros(1), torch.logspace(-3, 15, 59)])[:, None]
+    encoded = np.full((encoded_size(3, octaves), 64), 7, np.float32)
+    encode_places(means.numpy(), octaves, encoded)
+    expected = encode(contract(means.double()), octaves).numpy().T
+    # A rounded sine or cosine, whose error each octave doubles on average; pi as for `encode` itself.
+    assert np.allclose(encoded[:, :60], expected, rtol=0, atol=np.pi * 2**octaves * EPS)
+    assert not encoded[:, 60:].any()
+
+
+LOOPS = {bound_softly: (numba.float32[::1], numba.float32), encode_places: (BLOCK, numba.int64, BLOCK)}
+
+
+@pytest.mark.parametrize("kernel, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_places, r"vfn?m\w+pd\s.*[yz]mm")])
+def test_loops_are_vectorised(kernel, instruction):
+    """A loop that LLVM quietly leaves scalar is right and several times as slow; nothing but the assembly tells."""
+    features = llvmlite.binding.get_host_cpu_features()
+    if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
+        pytest.skip("says something of AVX2 only")
+    flags = {name: kernel.targetoptions[name] for name in ("nogil", "error_model", "fastmath")}
+    (assembly,) = numba.njit(LOOPS[kernel], **flags)(kernel.py_func).inspect_asm().values()
+    assert re.search(instruction, assembly)

@@ -5,17 +5,23 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 from click.testing import CliRunner
 
+from core import rasterizer
 from core.appearance.transfer_kernel import _BlockwiseMLP
 from core.config import Settings
 from core.rasterizer.cpu.backend import _Render
 from core.training.photometric_kernel import _Photometric
 from core.training.trainer import Trainer
 from samples import benchmark
+from samples.measurements import drawing, first_use, steps, threads
+from samples.measurements.scenes import plaza
+from samples.measurements.stopwatch import Stopwatch
 
-SCALE = 0.01
+SCALE = benchmark.SMALL
 KERNELS = {_BlockwiseMLP: "MLP", _Render: "drawing", _Photometric: "SSIM"}
 FORWARD = ["visible, gather", "visible, gather", "encoder forward", "SH transfer forward", "rasterizer forward"]
 FORWARD += ["picture loss", "mask, regularisers", "mask, regularisers"]
@@ -29,11 +35,11 @@ END = ["SH transfer backward", "encoder backward", "Adam"]
 def test_laps_hold_what_they_are_named_after(monkeypatch, appearance, transients, backward):
     """The hooks rely on the order in which autograd walks back: with another one, times would go to the wrong parts."""
     settings = Settings(resolution=1, max_gaussians=600, appearance=appearance, transients=transients, sh_degree=1)
-    trainer = Trainer(benchmark.plaza(SCALE), settings, Path())
+    trainer = Trainer(plaza(SCALE), settings, Path())
     trainer.done = settings.steps // 2
-    stopwatch, happened = benchmark.Stopwatch(), []
+    stopwatch, happened = Stopwatch(), []
     stopwatch.lap = happened.append
-    benchmark.watch_step(trainer, stopwatch)
+    steps.watch_step(trainer, stopwatch)
     for kernel, name in KERNELS.items():
 
         def noted(ctx, *gradients, original=kernel.backward, name=name):
@@ -46,26 +52,81 @@ def test_laps_hold_what_they_are_named_after(monkeypatch, appearance, transients
 
 
 def test_everything_is_measured_and_written(tmp_path, monkeypatch):
+    """All but the first use, which compiles every kernel."""
     monkeypatch.setattr(benchmark, "ProcessPoolExecutor", lambda workers, context: ThreadPoolExecutor(workers))
-    monkeypatch.setattr(benchmark, "RENDERS", 2)
+    for module, name in ((drawing, "RENDERS"), (drawing, "GROWTH_RENDERS"), (drawing, "TILES_MEASURED")):
+        monkeypatch.setattr(module, name, 2)
     file = tmp_path / "figures.json"
-    result = CliRunner().invoke(benchmark.main, ["--scale", str(SCALE), "--json", str(file)], catch_exceptions=False)
+    names = [name for name in benchmark.MEASUREMENTS if name != "first-use"]
+    result = CliRunner().invoke(benchmark.main, [*names, "--small", "--json", str(file)], catch_exceptions=False)
     assert result.exit_code == 0
     measurements = json.loads(file.read_text())["measurements"]
-    assert list(measurements) == list(benchmark.MEASUREMENTS)
+    assert list(measurements) == names
     for name, measured in measurements.items():
         assert f"{name}: peak memory" in result.output
         assert measured["peak_memory_mb"] > 50  # torch alone takes more
-        parts = measured["parts"]
+        for part in measured["parts"].values():
+            for kind in (0, 1):  # CPU, wall
+                assert 0 <= part["low"][kind] <= part["median"][kind] <= part["high"][kind]
+    assert {"encoder backward", "SH transfer backward", "rasterizer backward"} < set(measurements["step"]["parts"])
+    for name in ("step", "plain-step", "rasterizer", "bake"):
+        parts = measurements[name]["parts"]
         whole = parts.pop("whole")
-        products = parts.pop("matrix products alone", whole)
-        for kind in (0, 1):  # CPU, wall
-            assert 0 < whole["low"][kind] <= whole["median"][kind] <= whole["high"][kind]
-            assert 0 < products["median"][kind]
+        for kind in (0, 1):
             # The whole is summed from the same laps: equal but for rounding.
             assert math.isclose(sum(part["mean"][kind] for part in parts.values()), whole["mean"][kind], rel_tol=1e-9)
-    assert {"encoder backward", "SH transfer backward", "rasterizer backward"} < set(measurements["step"]["parts"])
     for name in ("step", "plain-step", "rasterizer"):
         facts = measurements[name]["facts"]
         # A view that saw next to nothing would be fast for the wrong reason.
         assert facts["visible"] > 0.3 * facts["gaussians"]
+    # A line of the last table for each, with its figure.
+    lines = [line for line in result.output.splitlines() if line.startswith("| ")]
+    assert len(lines) == 1 + len(names)
+    # Plain torch drew the same picture: both are float32, and a pixel is a sum of a few hundred terms at most.
+    assert float(measurements["plain-torch"]["facts"]["picture_error"]) < 1e-4
+    assert measurements["plain-torch"]["facts"]["times"] > 1
+    for name, column in (("gaussians", 0), ("pixels", 2)):
+        rows = measurements[name]["series"]["rows"]
+        sizes = [row[column] for row in rows]
+        assert sizes == sorted(set(sizes)) and len(sizes) == 5
+
+
+def test_tiles_are_parts_of_the_picture():
+    """Together they are the picture, so that what plain torch took for some stands for all."""
+    scene, camera = drawing.garden_of(SCALE)
+    backend = rasterizer.create("cpu")
+    whole = backend.render(scene, camera).image
+    tiles = [backend.render(scene, drawing.tile_of(camera, 3, 2, tile)).image for tile in range(6)]
+    pieced = torch.cat([torch.cat(tiles[:3], dim=1), torch.cat(tiles[3:], dim=1)])
+    assert pieced.shape == whole.shape
+    # Beside its picture a Gaussian's Jacobian is held at the margin, which is nearer for a tile: a few pixels at the rim differ.
+    assert ((pieced - whole).abs() < 1e-3).float().mean() > 0.95
+
+
+def test_exponent_of_a_power():
+    sizes = np.array([1e4, 1e5, 1e6])
+    assert math.isclose(drawing.slope(np.log(sizes), np.log(3 * sizes**0.8)), 0.8)
+
+
+def test_threads_are_put_back_and_told_apart():
+    seen = []
+    before = torch.get_num_threads()
+    figures = threads.in_turns(lambda: seen.append(torch.get_num_threads()), 3)
+    assert seen == [1, 2] * 4 and torch.get_num_threads() == before
+    assert set(figures) == {1, 2}
+
+
+def test_first_use_is_split_into_parts(monkeypatch):
+    """With two starts made up: compiling is what the first took longer."""
+    parts = "Python and torch", "wegs", "photos", "first step", "second step"
+    starts = [dict(zip(parts, (1.0, 0.5, 1.0, 12.0, 0.1))), dict(zip(parts, (1.0, 0.5, 1.0, 0.6, 0.1)))]
+    monkeypatch.setattr(first_use, "start", lambda cache: starts.pop(0))
+    measured = first_use.measure_first_use(1.0)
+    assert measured["facts"] == {"compiling_s": 11.4, "kernels_from_cache_s": 0.5}
+    assert measured["series"]["rows"][-1] == ["whole", 14.6, 3.2]
+
+
+def test_a_fresh_process_comes_to_its_first_step():
+    laps = first_use.start()
+    assert list(laps) == ["Python and torch", "wegs", "photos", "first step", "second step"]
+    assert all(seconds > 0 for seconds in laps.values())

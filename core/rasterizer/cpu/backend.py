@@ -147,7 +147,8 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
         )
     entries = np.empty((pairs, 2), dtype=np.int32)
     order = front_to_back(depths, tile_counts)
-    fill_lists(order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entries)
+    lists = order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entries
+    in_parallel(lambda half, _: fill_lists(half == 1, *lists), 2, 1)
     return TileLists(footprints, slot_starts, tile_starts, entries, np.zeros(pairs, dtype=np.uint32))
 
 

@@ -76,13 +76,23 @@ def add_to_loads(footprints, i, size, columns, tile_loads):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_lists(order, footprints, slot_starts, tile_starts, size, entries):
-    """Write the lists of all tiles: tile t has entries (Gaussian, slot) from tile_starts[t] to tile_starts[t + 1]."""
+def fill_lists(from_behind, order, footprints, slot_starts, tile_starts, size, entries):
+    """Write one half of all lists: tile t has entries (Gaussian, slot) from tile_starts[t] to tile_starts[t + 1].
+
+    The nearer half of the Gaussians fills the lists from the front, the farther one, `from_behind`, from their ends, farthest
+    first. So two threads can work at once, and the lists are the same as if one had.
+    """
     columns = (size[0] + footprint.TILE - 1) // footprint.TILE
-    cursors = tile_starts.copy()
-    for position in range(len(order)):
+    half = len(order) // 2
+    if from_behind:
+        cursors = tile_starts[1:] - 1
+        first_position, last_position, step = len(order) - 1, half - 1, -1
+    else:
+        cursors = tile_starts[:-1].copy()
+        first_position, last_position, step = 0, half, 1
+    for position in range(first_position, last_position, step):
         # The order jumps about in memory.
-        ahead = order[min(position + AHEAD, len(order) - 1)]
+        ahead = order[min(max(position + step * AHEAD, 0), len(order) - 1)]
         prefetch(footprints, ahead * footprint.WIDTH)
         prefetch(slot_starts, ahead)
         i = order[position]
@@ -93,6 +103,6 @@ def fill_lists(order, footprints, slot_starts, tile_starts, size, entries):
             first, last = touched_columns(footprints, i, tile_row, size[0])
             for tile in range(tile_row * columns + first, tile_row * columns + last):
                 entry = cursors[tile]
-                cursors[tile] = entry + 1
+                cursors[tile] = entry + step
                 entries[entry, SPLAT], entries[entry, SLOT] = i, slot
                 slot += 1

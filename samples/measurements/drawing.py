@@ -1,0 +1,138 @@
+"""The rasterizer: alone, beside one in plain torch, and as scenes and pictures grow."""
+
+import dataclasses
+import time
+from functools import partial
+
+import numpy as np
+import torch
+
+from core import rasterizer
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+from core.threads import one_torch_thread
+from samples.measurements.scenes import DEGREE, GARDEN_GAUSSIANS, GARDEN_SIZE_PX, garden, garden_camera
+from samples.measurements.stopwatch import Stopwatch, forget_peak, peak_memory
+
+RENDERS, GROWTH_RENDERS = 15, 5
+TILES = 18, 12  # of the garden's picture, for plain torch
+TILES_MEASURED = 12
+GROWING_GAUSSIANS = 10_000, 30_000, 100_000, 300_000, 1_000_000
+GROWING_PIXELS = 250_000, 500_000, 1_000_000, 2_000_000, 4_000_000
+
+
+def garden_of(scale: float) -> tuple[Splats, Camera]:
+    return garden(round(GARDEN_GAUSSIANS * scale)), garden_camera(*(round(side * scale**0.5) for side in GARDEN_SIZE_PX))
+
+
+def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatch: Stopwatch | None = None) -> tuple:
+    """The picture and the gradient of every tensor for a gradient of ones, as training asks for them."""
+    lap = stopwatch.lap if stopwatch else lambda part: None
+    rows = backend.visible(scene, camera)
+    leaves = scene.map(lambda tensor: tensor.index_select(0, rows).requires_grad_())
+    lap("visible, gather")
+    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True)).image
+    lap("rasterizer forward")
+    image.backward(torch.ones_like(image))
+    lap("rasterizer backward")
+    return image.detach(), [leaf.grad for leaf in leaves.tensors().values()]
+
+
+def measure_rasterizer(scale: float) -> dict:
+    """A picture of the garden and its gradients."""
+    (scene, camera), backend, stopwatch = garden_of(scale), rasterizer.create("cpu"), Stopwatch()
+    parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), 2, RENDERS)
+    facts = {"gaussians": len(scene), "visible": len(backend.visible(scene, camera)), "sh_degree": DEGREE}
+    return {"parts": parts, "facts": facts | {"size_px": f"{camera.width} x {camera.height}"}}
+
+
+def measure_plain_torch(scale: float) -> dict:
+    """The same picture by both backends, a sample of tiles for the one in plain torch.
+
+    The reference looks at every Gaussian in every pixel. So it gets a tile at a time and only the Gaussians that touch it,
+    found beforehand at no charge: as good as plain torch can be without a kernel. On one thread; its CPU time would be
+    larger on two.
+    """
+    (scene, camera), fast, plain = garden_of(scale), rasterizer.create("cpu"), rasterizer.create("reference")
+    parts = {"cpu": Stopwatch().repeat(partial(draw, fast, scene, camera), 2, RENDERS)["whole"]}
+    columns, rows = (min(count, side) for count, side in zip(TILES, (camera.width, camera.height)))
+    count = columns * rows
+    spent, picture_error, gradient_error = [], 0.0, 0.0
+    measured = np.linspace(0, count - 1, min(TILES_MEASURED, count)).round().astype(int)
+    draw(plain, scene[:100], tile_of(camera, columns, rows, 0))  # torch loads what it needs
+    for tile in measured:
+        view = tile_of(camera, columns, rows, int(tile))
+        touching = scene[fast.visible(scene, view)]
+        with one_torch_thread():
+            start = np.array([time.process_time(), time.perf_counter()])
+            image, gradients = draw(plain, touching, view)
+            spent.append(np.array([time.process_time(), time.perf_counter()]) - start)
+        fast_image, fast_gradients = draw(fast, touching, view)
+        picture_error = max(picture_error, float((image - fast_image).abs().max()))
+        for gradient, fast_gradient in zip(gradients, fast_gradients):
+            error = float((gradient - fast_gradient).norm() / gradient.norm().clamp_min(1e-12))
+            gradient_error = max(gradient_error, error)
+    whole = np.mean(spent, axis=0) * count
+    low, high = (np.quantile(spent, share, axis=0) * count for share in (0.25, 0.75))
+    figures = {"median": whole, "low": low, "high": high, "mean": whole}
+    parts["plain torch"] = {name: values.tolist() for name, values in figures.items()}
+    facts = {"gaussians": len(scene), "tiles": f"{len(spent)} of {count}, times {count / len(spent):.0f}"}
+    facts["times"] = round(whole[0] / parts["cpu"]["median"][0], 1)
+    facts |= {"picture_error": f"{picture_error:.1e}", "gradient_error": f"{gradient_error:.1e}"}
+    return {"parts": parts, "facts": facts}
+
+
+def tile_of(camera: Camera, columns: int, rows: int, tile: int) -> Camera:
+    """One tile of a picture as a picture of its own; tiles are numbered row by row."""
+    row, column = divmod(tile, columns)
+    left, right = (camera.width * edge // columns for edge in (column, column + 1))
+    top, bottom = (camera.height * edge // rows for edge in (row, row + 1))
+    size = {"width": right - left, "height": bottom - top}
+    return dataclasses.replace(camera, cx=camera.cx - left, cy=camera.cy - top, **size)
+
+
+def measure_growth_in_gaussians(scale: float) -> dict:
+    """The garden at its size, of ever more Gaussians."""
+    camera = garden_camera(*(round(side * scale**0.5) for side in GARDEN_SIZE_PX))
+    return growth("gaussians", [(round(count * scale), camera) for count in GROWING_GAUSSIANS])
+
+
+def measure_growth_in_pixels(scale: float) -> dict:
+    """The garden with its Gaussians, in ever larger pictures of the same shape."""
+    aspect, cases = GARDEN_SIZE_PX[0] / GARDEN_SIZE_PX[1], []
+    for pixels in GROWING_PIXELS:
+        width, height = (round((pixels * scale * ratio) ** 0.5) for ratio in (aspect, 1 / aspect))
+        cases.append((round(GARDEN_GAUSSIANS * scale), garden_camera(width, height)))
+    return growth("pixels", cases)
+
+
+def growth(what: str, cases: list[tuple[int, Camera]]) -> dict:
+    """CPU time and peak memory of each case; the exponent of the time and the bytes that one more takes.
+
+    exponent: the slope of log time over log size by least squares, over all sizes and over the larger half, where
+    constant costs count less. bytes: the slope of the peak over size.
+    """
+    backend, rows = rasterizer.create("cpu"), []
+    for number, (count, camera) in enumerate(cases):
+        scene = garden(count)
+        if number == 0:
+            draw(backend, scene, camera)  # kernels are compiled, which takes memory
+        forget_peak()
+        seconds = Stopwatch().repeat(partial(draw, backend, scene, camera), 1, GROWTH_RENDERS)["whole"]
+        visible, pixels = len(backend.visible(scene, camera)), camera.width * camera.height
+        times = [1e3 * seconds[figure][0] for figure in ("median", "low", "high")]
+        rows.append([count, visible, pixels, *times, 1e3 * seconds["median"][1], peak_memory() / 1e6])
+    table = np.array(rows, float)
+    sizes, times, peaks = table[:, 0 if what == "gaussians" else 2], table[:, 3], table[:, 7]
+    half = len(rows) // 2
+    facts = {
+        "exponent": round(slope(np.log(sizes), np.log(times)), 2),
+        "exponent_of_larger": round(slope(np.log(sizes[half:]), np.log(times[half:])), 2),
+        f"bytes_a_{what[:-1]}": round(slope(sizes, peaks * 1e6)),
+    }
+    columns = ["Gaussians", "visible", "pixels", "CPU ms", "low", "high", "wall ms", "peak MB"]
+    return {"parts": {}, "facts": facts, "series": {"columns": columns, "rows": rows}}
+
+
+def slope(x: np.ndarray, y: np.ndarray) -> float:
+    return float(np.polyfit(x, y, 1)[0])

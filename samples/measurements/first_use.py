@@ -1,0 +1,58 @@
+"""What a new user waits for: the kernels compiled once, then the first step of every later run."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+SCALE = 0.1  # of a step's scene: a new user's wait should not be the photos'
+
+
+def measure_first_use(scale: float) -> dict:
+    """A process of its own up to its first step, with an empty Numba cache and then with the one it left."""
+    with tempfile.TemporaryDirectory() as cache:
+        cold, warm = start(Path(cache)), start(Path(cache))
+    compiling = sum(cold.values()) - sum(warm.values())
+    rows = [[part, round(cold[part], 2), round(warm[part], 2)] for part in cold]
+    rows.append(["whole", round(sum(cold.values()), 2), round(sum(warm.values()), 2)])
+    facts = {"compiling_s": round(compiling, 1), "kernels_from_cache_s": round(warm["first step"] - warm["second step"], 2)}
+    return {"parts": {}, "facts": facts, "series": {"columns": ["wall s", "empty cache", "from cache"], "rows": rows}}
+
+
+def start(cache: Path | None = None) -> dict[str, float]:
+    """Wall seconds by part of a fresh process that uses this Numba cache, or the user's own."""
+    command = [sys.executable, __file__, str(time.monotonic())]
+    environment = os.environ | ({"NUMBA_CACHE_DIR": str(cache)} if cache else {})
+    return json.loads(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
+
+
+def first_step(started: float) -> dict[str, float]:
+    """started: time.monotonic() of the parent when it started this process."""
+    laps, last = {}, started
+
+    def lap(part: str) -> None:
+        nonlocal last
+        now = time.monotonic()
+        laps[part], last = now - last, now
+
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+    import torch  # noqa: F401
+
+    lap("Python and torch")
+    from samples.measurements.steps import trainer_of
+
+    lap("wegs")
+    trainer = trainer_of(SCALE, "full", "on")
+    lap("photos")
+    trainer.step()
+    lap("first step")
+    trainer.step()
+    lap("second step")
+    return laps
+
+
+if __name__ == "__main__":
+    print(json.dumps(first_step(float(sys.argv[1]))))

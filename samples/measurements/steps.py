@@ -1,0 +1,70 @@
+"""Whole training steps, part by part."""
+
+import math
+from pathlib import Path
+
+from core.config import Settings
+from core.training.trainer import Trainer
+from samples.measurements.scenes import STEP_GAUSSIANS, plaza
+from samples.measurements.stopwatch import Stopwatch
+
+WARM_UP, STEPS = 100, 60  # the first steps turn the haze of a fresh scene into surfaces
+
+
+def trainer_of(scale: float, appearance: str, transients: str) -> Trainer:
+    """A Trainer in the middle of its run: full size, masks at work."""
+    most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
+    settings = Settings(resolution=1, max_gaussians=most, appearance=appearance, transients=transients, sh_degree=1)
+    trainer = Trainer(plaza(scale), settings, Path())
+    trainer.done = settings.steps // 2
+    return trainer
+
+
+def measure_step(scale: float, appearance: str, transients: str) -> dict:
+    """Steps without density control."""
+    stopwatch, trainer = Stopwatch(), trainer_of(scale, appearance, transients)
+    watch_step(trainer, stopwatch)
+    parts = stopwatch.repeat(trainer.step, math.ceil(WARM_UP * scale), math.ceil(STEPS * scale))
+    cameras = [picture.camera for picture in trainer.pictures.pictures]
+    visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera)) for camera in cameras]
+    facts = {"gaussians": trainer.gaussians.solid, "sky": trainer.gaussians.sky, "sh_degree": trainer.settings.sh_degree}
+    facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}
+    return {"parts": parts, "facts": facts | {"size_px": f"{cameras[0].width} x {cameras[0].height}"}}
+
+
+def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
+    """Turn the calls that `trainer.step` makes into laps.
+
+    The backward pass is one call; a hook on a tensor fires in it when all that was made from the tensor is through.
+    """
+    outermost = True
+
+    def watch(owner, method: str, part: str, hooked=None, part_behind: str = "", before: str = "everything else"):
+        """hooked: picks the tensor of the result where a lap of `part_behind` ends. before: the lap until the call."""
+        original = getattr(owner, method)
+
+        def watched(*arguments, **named):
+            nonlocal outermost
+            if not outermost:  # such as the SH transfer of the gauge, which is part of the regularisers
+                return original(*arguments, **named)
+            stopwatch.lap(before)
+            outermost = False
+            result = original(*arguments, **named)
+            outermost = True
+            stopwatch.lap(part)
+            if hooked is not None:
+                hooked(result).register_hook(lambda gradient: stopwatch.lap(part_behind))
+            return result
+
+        setattr(owner, method, watched)
+
+    watch(trainer.rasterizer, "visible", "visible, gather")
+    watch(trainer.gaussians, "leaves", "visible, gather")
+    watch(trainer.model, "look", "encoder forward")
+    watch(trainer.model, "transfer", "SH transfer forward", lambda result: result[0], "rasterizer backward")
+    watch(trainer.rasterizer, "render", "rasterizer forward", lambda result: result.image, "picture loss")
+    watch(trainer, "_picture_loss", "picture loss", lambda loss: loss, "mask, regularisers")
+    watch(trainer, "_mask_loss", "mask, regularisers")
+    watch(trainer, "_regularisers", "mask, regularisers")
+    watch(trainer, "_teach_encoder", "encoder backward", before="SH transfer backward")
+    watch(trainer, "_update", "Adam")

@@ -76,7 +76,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, MemoryError) or (
         isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
     ):
-        return "There is not enough memory. Lower -r/--resolution or --max-gaussians.", 1
+        return "There is not enough memory. Lower -r/--resolution or --max-gaussians, or raise --memory if it is set.", 1
     return None
 
 
@@ -104,13 +104,18 @@ def _show_version(context: click.Context, _parameter: click.Parameter, wanted: b
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version, help="Show the version."
 )
-def wegs() -> None:
+@click.option("--memory", type=click.FloatRange(min=1.5), metavar="GIB", help="Never take more memory than this (Linux).")
+def wegs(memory: float | None) -> None:
     """Tourist photos in, a 3D Gaussian scene out whose light follows any photo.
 
     \b
     wegs train photos/                            # minutes on two cores
     wegs bake --appearance dusk.jpg -o dusk.ply   # opens in every 3DGS viewer
     """
+    if memory is not None:
+        from core.memory import hold_to  # late: only once `run` has seen that core is ours
+
+        hold_to(memory)
 
 
 def run() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from core import memory
 from core.appearance.encoder import shrink
 from core.data import photos as files
 from core.data.collection import Photo
@@ -21,6 +22,7 @@ from core.training.photometric import Target
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 TARGET_BYTES = 3_000_000_000  # cached targets; beyond, the oldest are made again when needed
+TARGET_SHARE = 0.25  # of a memory limit that cached targets may take
 
 
 def training_size(photo: Photo, resolution: int, auto_factor: float) -> tuple[int, int]:
@@ -78,6 +80,8 @@ class Pictures:
         self.notes = name_them("damaged, not used", damaged)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
+        allowed = memory.limit()
+        self._most_bytes = TARGET_BYTES if allowed is None else min(TARGET_BYTES, TARGET_SHARE * allowed)
 
     def __len__(self) -> int:
         return len(self.pictures)
@@ -99,7 +103,7 @@ class Pictures:
             pixels = torch.from_numpy(pixels).float() / 255
             self._targets[key] = Target(pixels, None if valid is None else torch.from_numpy(valid))
             self._bytes += _bytes(width, height)
-            while self._bytes > TARGET_BYTES and len(self._targets) > 1:
+            while self._bytes > self._most_bytes and len(self._targets) > 1:
                 (old, old_factor), _ = self._targets.popitem(last=False)
                 camera = self.pictures[old].camera
                 self._bytes -= _bytes(camera.width // old_factor, camera.height // old_factor)

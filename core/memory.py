@@ -1,0 +1,35 @@
+"""A limit to the memory of this process, which the system holds: what would go beyond it fails at once."""
+
+import sys
+
+from core.errors import BadSetting
+
+GIB = 1 << 30
+LIBRARIES = 300 << 20  # bytes of torch, Numba and others that are mapped from their files: the limit below leaves them out
+
+
+def hold_to(gib: float) -> None:
+    """Never take more than this, GiB, from here on (wegs itself needs 1.2 to start); allocations beyond raise MemoryError, or torch's RuntimeError.
+
+    The limit is on memory that is asked for, whether or not it is touched: what is taken stays below. Linux alone has it (RLIMIT_DATA,
+    getrlimit(2)). Raises BadSetting elsewhere, and where a lower limit is already set.
+    """
+    if not sys.platform.startswith("linux"):
+        raise BadSetting(f"--memory {gib}: {sys.platform} cannot limit a process.", "Leave it out.")
+    import resource  # Windows has none
+
+    wanted = round(gib * GIB) - LIBRARIES
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if hard != resource.RLIM_INFINITY and wanted > hard:
+        raise BadSetting(f"--memory {gib}: this shell allows {hard / GIB:.1f} GiB.", "Lower it, or leave it out.")
+    resource.setrlimit(resource.RLIMIT_DATA, (wanted, hard))
+
+
+def limit() -> int | None:
+    """The bytes that this process may take, by `hold_to` or by the shell (`ulimit -d`); None without a limit."""
+    if not sys.platform.startswith("linux"):
+        return None
+    import resource
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    return None if soft == resource.RLIM_INFINITY else soft

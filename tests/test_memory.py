@@ -1,0 +1,64 @@
+"""The memory limit is kept, and its failure is the one line that the command line knows."""
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from core import memory
+from core.errors import BadSetting
+from core.training import pictures
+from wegs_cli.main import wegs
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux limits a process")
+ROOT = Path(__file__).parents[1]
+TAKE = """
+import sys
+from core.memory import hold_to
+hold_to(1)
+import torch
+from wegs_cli.main import explain
+kept = []
+try:
+    while True:
+        kept.append(torch.ones(16 << 20, dtype=torch.uint8))
+except Exception as problem:
+    print(explain(problem))
+status = open("/proc/self/status").read()
+print([int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")][0])
+"""
+
+
+@pytest.fixture
+def soft_limit_put_back():
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    yield
+    resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def test_no_more_is_taken_than_allowed():
+    result = subprocess.run([sys.executable, "-c", TAKE], cwd=ROOT, capture_output=True, text=True, check=True)
+    line, peak = result.stdout.splitlines()
+    assert "not enough memory" in line
+    assert 400_000 < int(peak) <= 1 << 20  # kB: more than torch itself, and no more than a GiB
+
+
+def test_the_command_line_sets_it(soft_limit_put_back):
+    assert CliRunner().invoke(wegs, ["--memory", "50", "train", "--help"]).exit_code == 0
+    assert memory.limit() == 50 * memory.GIB - memory.LIBRARIES
+    assert CliRunner().invoke(wegs, ["--memory", "1.4", "train", "--help"]).exit_code == 2
+
+
+def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
+    assert pictures.Pictures((), 1, 1.0, 64)._most_bytes == pictures.TARGET_BYTES
+    memory.hold_to(8)
+    assert pictures.Pictures((), 1, 1.0, 64)._most_bytes == pictures.TARGET_SHARE * memory.limit() < pictures.TARGET_BYTES
+
+
+def test_a_lower_limit_of_the_shell_is_told(monkeypatch):
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (memory.GIB, 2 * memory.GIB))
+    with pytest.raises(BadSetting, match="this shell allows 2.0 GiB"):
+        memory.hold_to(4)

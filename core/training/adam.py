@@ -4,6 +4,8 @@ A Gaussian outside the view has no gradient; updating it all the same would move
 traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction.
 """
 
+from functools import cache
+
 import numpy as np
 from numba import njit
 from torch import Tensor
@@ -18,12 +20,11 @@ LARGEST_GRADIENT = 1e18
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _update(values, first, second, counts, rows, gradient, rates, begin, end):
+def _update(values, first, second, counts, corrections, rows, gradient, rates, begin, end):
     columns = values.shape[1]
     for i in range(begin, end):
         row = rows[i]
-        unbias_1 = np.float32(1.0 / (1.0 - BETA_1 ** counts[row]))
-        unbias_2 = np.float32(1.0 / (1.0 - BETA_2 ** counts[row]))
+        unbias_1, unbias_2 = corrections[counts[row], 0], corrections[counts[row], 1]
         for j in range(columns):
             g = min(max(gradient[i, j], np.float32(-LARGEST_GRADIENT)), np.float32(LARGEST_GRADIENT))
             m = np.float32(BETA_1) * first[row, j] + np.float32(1 - BETA_1) * g
@@ -31,6 +32,13 @@ def _update(values, first, second, counts, rows, gradient, rates, begin, end):
             first[row, j] = m
             second[row, j] = v
             values[row, j] -= rates[j] * m * unbias_1 / (np.sqrt(v * unbias_2) + np.float32(EPSILON))
+
+
+@cache
+def _corrections(count: int) -> np.ndarray:
+    """1 / (1 - beta^t) of both moments for each number t of updates below `count`: two powers a row cost more than the rest."""
+    powers = np.power([BETA_1, BETA_2], np.arange(1, count)[:, None])
+    return np.concatenate([np.ones((1, 2)), 1 / (1 - powers)]).astype(np.float32)
 
 
 def adam_rows(
@@ -48,8 +56,10 @@ def adam_rows(
         return
     arrays = [tensor.reshape(len(tensor), -1).numpy() for tensor in (values, first, second)]
     flat = gradient.reshape(len(gradient), -1).numpy()
+    corrections = _corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
+    fixed = counts.numpy(), corrections, rows.numpy(), flat, rates.numpy()
     in_parallel(
-        lambda begin, end: _update(*arrays, counts.numpy(), rows.numpy(), flat, rates.numpy(), begin, end),
+        lambda begin, end: _update(*arrays, *fixed, begin, end),
         len(rows),
         ROWS_A_BLOCK,
     )

@@ -55,7 +55,7 @@ class Settings:
     latent_size: int = setting(0, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position.", low=0)
     embedding_enters: str = setting("output", "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).", choices=("output", "input"))
     transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2)
-    transfer_width: int = setting(64, "Width of the SH transfer MLP.", low=1)
+    transfer_width: int = setting(32, "Width of the SH transfer MLP.", low=1)
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0)
     sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0)
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)

@@ -110,7 +110,7 @@ def test_what_is_given_is_not_decided(tmp_path, monkeypatch):
 
 
 def test_schedules_follow_the_looks_unless_given():
-    for appearance, expected in (("off", (0.0, 0.02, 0.0)), ("exposure", (0.1, 0.12, 0.1)), ("full", (0.1, 0.12, 0.1))):
+    for appearance, expected in (("off", (0.0, 0.02, 0.0)), ("exposure", (0.1, 0.12, 0.2)), ("full", (0.1, 0.12, 0.2))):
         settings = Settings().decided(appearance, "off", 0)
         assert (settings.geometry_from, settings.densify_from, settings.prune_contribution) == expected
     assert Settings(geometry_from=0.3).decided("off", "off", 0).geometry_from == 0.3

@@ -55,7 +55,7 @@ class Settings:
     latent_size: int = setting(0, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position.", low=0)
     embedding_enters: str = setting("output", "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).", choices=("output", "input"))
     transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2)
-    transfer_width: int = setting(64, "Width of the SH transfer MLP.", low=1)
+    transfer_width: int = setting(32, "Width of the SH transfer MLP.", low=1)
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0)
     sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0)
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
@@ -94,7 +94,7 @@ class Settings:
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(4.0, "Gaussians farther from SfM points than these lie apart, times this, are removed; 0 keeps all.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
-    prune_contribution: float = setting(UNDECIDED, "After growth: Gaussians below this share of every pixel are removed. auto: 0.1, or 0 without looks.", low=0, high=1, auto=True)
+    prune_contribution: float = setting(UNDECIDED, "After growth: Gaussians below this share of every pixel are removed. auto: 0.2, or 0 without looks.", low=0, high=1, auto=True)
 
     # --- schedule
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
@@ -154,7 +154,7 @@ def check(item, value: Any) -> None:
 
 # With looks these are learnt first: else dark or bright Gaussians before single cameras explain the light, and they have to go
 # later. Without, there is nothing to wait for: as in plain 3DGS.
-SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.1}
+SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 SCHEDULE_WITHOUT = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
 DECIDED = ("appearance", "transients", "sh_degree", *SCHEDULE_WITHOUT)  # what may be left to the data
 

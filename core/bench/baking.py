@@ -9,7 +9,6 @@ import tempfile
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
 import core.export
@@ -18,9 +17,8 @@ from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.levers import truncated
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
-from core.rasterizer import Rasterizer
+from core.rasterizer.views import largest_contributions
 from core.report import Report
-from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training.trained import Run, bake, find_appearance
 
@@ -98,11 +96,3 @@ def steps_apart(pictures: list[Tensor], truth: list[Tensor]) -> dict[str, Spread
         "rms_steps": Spread.exactly(float(differences.square().mean().sqrt())),
         "max_steps": Spread.exactly(float(differences.abs().max())),
     }
-
-
-def largest_contributions(splats: Splats, cameras: list[Camera], rasterizer: Rasterizer) -> Float[Tensor, " n"]:
-    """The largest contribution of each Gaussian to any pixel of any view, in [0, 1]; it does not depend on the look."""
-    largest = torch.zeros(len(splats))
-    for camera in cameras:
-        torch.maximum(largest, rasterizer.contributions(splats, camera), out=largest)
-    return largest

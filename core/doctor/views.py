@@ -4,12 +4,12 @@ import json
 from pathlib import Path
 
 import numpy as np
-import torch
 
 import core.rasterizer
 from core.doctor.finding import Finding, part
 from core.errors import BadInput
 from core.rasterizer.contract import ALPHA_MIN
+from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -43,10 +43,9 @@ def _depth(camera: Camera, means: np.ndarray) -> float | None:
 def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) -> Finding:
     """Which Gaussians reach 1/255 of no pixel of any camera; the last `sky` rows do not count. Scene frame."""
     rasterizer = core.rasterizer.create("auto")
-    largest = torch.zeros(len(splats))
-    for number, camera in enumerate(cameras):
-        torch.maximum(largest, rasterizer.contributions(splats, camera), out=largest)
-        report.progress("Views", number + 1, len(cameras))
+    largest = largest_contributions(
+        splats, cameras, rasterizer, lambda done, total: report.progress("Views", done, total)
+    )
     solid = len(splats) - sky
     unseen = int((largest[:solid] < ALPHA_MIN).sum())
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""

@@ -10,6 +10,7 @@ from core.training.gaussians import Gaussians
 
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
 SPLIT_SHRINK = 1.6  # 3DGS
+LEAST_KEPT = 1 / 4  # of the Gaussians, whatever they contribute: after few steps none are opaque yet
 GRADIENT_FLOOR = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
 
 
@@ -58,6 +59,13 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
     bad[gaussians.solid :] = False
     gaussians.keep(~bad)
     return int(bad.sum())
+
+
+def prune_faint(gaussians: Gaussians, largest: Tensor, share: float) -> None:
+    """Remove Gaussians whose largest contribution to any view (N,) is below `share`, but keep LEAST_KEPT of them."""
+    if gaussians.solid:
+        strong = largest[: gaussians.solid].sort().values[int((1 - LEAST_KEPT) * gaussians.solid)]
+        gaussians.keep(largest >= min(share, float(strong)))
 
 
 def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch.Generator) -> int:

@@ -17,6 +17,7 @@ from core.appearance.model import AppearanceModel, Look
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
+from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
 from core.threads import one_torch_thread
 from core.training import checkpoint, densify, guards, losses, needs, schedule
@@ -297,13 +298,10 @@ class Trainer:
         densify.grow(self.gaussians, settings, allowed - self.gaussians.solid, self.generator)
 
     def drop_unneeded(self) -> None:
-        """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo (RadSplat, section 4.2)."""
-        splats = self.gaussians.splats
-        largest = torch.zeros(len(splats))
-        for index in range(len(self.pictures)):
-            camera, _ = self.pictures.target(index, 1)
-            torch.maximum(largest, self.rasterizer.contributions(splats, camera), out=largest)
-        self.gaussians.keep(largest >= self.settings.prune_contribution)
+        """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
+        cameras = [self.pictures.target(index, 1)[0] for index in range(len(self.pictures))]
+        largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
+        densify.prune_faint(self.gaussians, largest, self.settings.prune_contribution)
 
     def held_out_quality(self) -> tuple[float | None, float | None]:
         """Mean PSNR (dB) and SSIM (the loss's) of a few test photos, each in its whole photo's look, without masks."""

@@ -9,6 +9,7 @@ from torch import Tensor
 
 import core.rasterizer
 from core.rasterizer import Rasterizer
+from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.harmonics import coefficient_count, dc_of_colour
@@ -47,10 +48,7 @@ class Trim:
         progress: Callable[[int, int], None] = lambda done, total: None,
     ):
         self.cameras, self.rasterizer = cameras, rasterizer
-        strongest = torch.zeros(len(splats))
-        for number, camera in enumerate(cameras):
-            torch.maximum(strongest, rasterizer.contributions(splats, camera), out=strongest)
-            progress(number + 1, len(cameras))
+        strongest = largest_contributions(splats, cameras, rasterizer, progress)
         for tensor in splats.tensors().values():
             strongest[~torch.isfinite(tensor.reshape(len(tensor), -1)).all(dim=1)] = torch.inf
         self.drawn = strongest > 0

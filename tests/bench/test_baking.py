@@ -4,7 +4,8 @@ import torch
 
 import core.rasterizer
 from core.bench import baking
-from core.bench.baking import baking_figure, largest_contributions, steps_apart
+from core.bench.baking import baking_figure, steps_apart
+from core.rasterizer.views import largest_contributions
 from core.report import Report
 from tests.rasterizer.scenes import camera, cloud
 

@@ -1,0 +1,28 @@
+"""What many views together say of each Gaussian."""
+
+from collections.abc import Callable, Collection
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from core.rasterizer.contract import Rasterizer
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+
+
+def largest_contributions(
+    splats: Splats,
+    cameras: Collection[Camera],
+    rasterizer: Rasterizer,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Float[Tensor, " n"]:
+    """The largest contribution alpha T of each Gaussian to any pixel of any view, in [0, 1]; it does not depend on the look.
+
+    progress: called with the views done and their number (RadSplat, section 4.2, calls this the importance score).
+    """
+    largest = torch.zeros(len(splats))
+    for number, camera in enumerate(cameras, start=1):
+        torch.maximum(largest, rasterizer.contributions(splats, camera), out=largest)
+        progress(number, len(cameras))
+    return largest

@@ -19,7 +19,7 @@ from core.bench.figure import Spread
 from core.bench.stopwatch import timed
 from core.rasterizer import contract, create, reference
 from core.scene.camera import Camera
-from core.scene.harmonics import coefficient_count, colour
+from core.scene.harmonics import colour
 from core.scene.splats import Splats
 
 
@@ -41,7 +41,7 @@ UNTHRESHOLDED = Levers(alpha_min=1e-6, stop_transmittance=0.0)
 
 def truncated(splats: Splats, degree: int | None) -> Splats:
     """The splats without the SH bands above `degree`; None keeps all."""
-    return splats if degree is None else splats.with_sh(splats.sh[:, : coefficient_count(degree)].contiguous())
+    return splats if degree is None else splats.up_to_degree(degree)
 
 
 @torch.no_grad()

@@ -26,7 +26,7 @@ SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int = 0) -> list[Finding]:
     """Findings about Gaussians in the scene frame. sky: the last rows, a dome that is meant to be large and far."""
     total = len(splats)
-    finite, turned = finite_rows(splats), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2
+    finite, turned = splats.finite_rows(), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2
     findings = [
         _count("not finite", ~finite, "rows with NaN or Inf, which viewers drop, draw as garbage or crash on"),
         _count("zero quaternions", finite & ~turned, "rows without a rotation, which viewers draw in different ways"),
@@ -38,12 +38,6 @@ def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int = 0) -> list[F
     if len(body):
         findings += [*_opacities(body), *_shapes(body), _sizes(body), _extent(body, frame)]
     return [*findings, *_colours(splats[good])]
-
-
-def finite_rows(splats: Splats) -> torch.Tensor:
-    """(N,) bool: the Gaussians without NaN and Inf."""
-    rows = [torch.isfinite(tensor[..., None]).flatten(1).all(dim=1) for tensor in splats.tensors().values()]
-    return torch.stack(rows).all(dim=0)
 
 
 def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:

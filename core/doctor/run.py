@@ -9,7 +9,7 @@ import torch
 from core.config import Settings
 from core.doctor import views
 from core.doctor.finding import Finding, part
-from core.doctor.gaussians import finite_rows, look_at_gaussians
+from core.doctor.gaussians import look_at_gaussians
 from core.errors import BadInput, command
 from core.export.ply import BYTES_A_GAUSSIAN
 from core.report import Report
@@ -29,7 +29,7 @@ OFTEN = 0.01  # share of steps that were skipped
 def examine_run(folder: Path, report: Report) -> list[Finding]:
     """Findings about the newest checkpoint of a run. BadInput if it has none, or none that can be read."""
     trained = load_run(folder)
-    facts = checkpoint.load(checkpoint.newest(folder)).facts
+    facts = checkpoint.read_facts(checkpoint.newest(folder))
     sky, frame = facts["sky"], trained.collection.frame
     neutral = bake(trained, find_appearance(trained, "neutral"))
     size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
@@ -101,7 +101,7 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
     masks: dict[str, float] = {}
     unreadable: list[str] = []
     splats, added = trained.splats, _Residuals(trained.settings.residual_bound)
-    good = finite_rows(splats)
+    good = splats.finite_rows()
     splats, latents = splats[good], None if trained.latents is None else trained.latents[good]
     for number, photo in enumerate(photos):
         report.progress("Looks", number + 1, len(photos), photo.name)

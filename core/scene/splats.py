@@ -4,11 +4,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.scene.frame import SceneFrame
-from core.scene.harmonics import degree_of
+from core.scene.harmonics import coefficient_count, degree_of
 
 
 @dataclass
@@ -43,6 +43,15 @@ class Splats:
     def __getitem__(self, rows) -> "Splats":
         """The Gaussians selected by an index tensor, mask or slice."""
         return self.map(lambda tensor: tensor[rows])
+
+    def finite_rows(self) -> Bool[Tensor, " n"]:
+        """The Gaussians without NaN and Inf."""
+        rows = [torch.isfinite(tensor[..., None]).flatten(1).all(dim=1) for tensor in self.tensors().values()]
+        return torch.stack(rows).all(dim=0)
+
+    def up_to_degree(self, degree: int) -> "Splats":
+        """The same Gaussians without the SH bands above `degree`."""
+        return self.with_sh(self.sh[:, : coefficient_count(degree)].contiguous())
 
     def with_sh(self, sh: Float[Tensor, "n c 3"]) -> "Splats":
         """The same Gaussians in another look."""

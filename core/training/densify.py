@@ -54,8 +54,7 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
     bad |= splats.log_scales.amax(dim=1) > torch.tensor(settings.largest_scale).log()
     if surroundings is not None:
         bad |= surroundings.outside(splats.means)
-    for tensor in splats.tensors().values():
-        bad |= ~torch.isfinite(tensor[..., None]).flatten(1).all(dim=1)  # also of no Gaussian at all
+    bad |= ~splats.finite_rows()
     bad[gaussians.solid :] = False
     gaussians.keep(~bad)
     return int(bad.sum())

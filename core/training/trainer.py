@@ -299,7 +299,7 @@ class Trainer:
 
     def drop_unneeded(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
-        cameras = [self.pictures.target(index, 1)[0] for index in range(len(self.pictures))]
+        cameras = [picture.camera for picture in self.pictures.pictures]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_faint(self.gaussians, largest, self.settings.prune_contribution)
 

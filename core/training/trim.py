@@ -12,7 +12,7 @@ from core.rasterizer import Rasterizer
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.camera import Camera
-from core.scene.harmonics import coefficient_count, dc_of_colour
+from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 from core.training.trained import Run
 
@@ -49,8 +49,7 @@ class Trim:
     ):
         self.cameras, self.rasterizer = cameras, rasterizer
         strongest = largest_contributions(splats, cameras, rasterizer, progress)
-        for tensor in splats.tensors().values():
-            strongest[~torch.isfinite(tensor.reshape(len(tensor), -1)).all(dim=1)] = torch.inf
+        strongest[~splats.finite_rows()] = torch.inf
         self.drawn = strongest > 0
         self.kept = self._kept(splats, strongest)
 
@@ -87,7 +86,7 @@ class Trim:
         if not self.drawn.any():
             return Trimmed(look, 0, 0, 0.0)
         kept = look[self.kept]
-        options = [kept.with_sh(kept.sh[:, : coefficient_count(degree)].contiguous()) for degree in range(look.degree + 1)]
+        options = [kept.up_to_degree(degree) for degree in range(look.degree + 1)]
         if torch.equal(self.kept, self.drawn):
             options.pop()  # needs no proof: it is what remains
         largest = [0.0] * len(options)

@@ -28,12 +28,13 @@ class Stopwatch:
             work()
             self.lap("everything else")
             runs.append({"whole": sum(self.laps.values())} | self.laps)
-        figures = {}
-        for part in runs[-1]:
-            laps = np.array([run[part] for run in runs[warm_up:]])
-            low, median, high = np.quantile(laps, (0.25, 0.5, 0.75), axis=0).tolist()
-            figures[part] = {"median": median, "low": low, "high": high, "mean": laps.mean(axis=0).tolist()}
-        return figures
+        return {part: spread([run[part] for run in runs[warm_up:]]) for part in runs[-1]}
+
+
+def spread(laps: list) -> dict:
+    """Median, quartiles (low, high) and mean of laps, each as [CPU s, wall s]."""
+    low, median, high = np.quantile(laps, (0.25, 0.5, 0.75), axis=0).tolist()
+    return {"median": median, "low": low, "high": high, "mean": np.mean(laps, axis=0).tolist()}
 
 
 def forget_peak() -> None:

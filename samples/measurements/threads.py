@@ -4,13 +4,12 @@ import math
 import os
 from collections.abc import Callable
 
-import numpy as np
 import torch
 
 from core import rasterizer
 from samples.measurements.drawing import draw, garden_of
 from samples.measurements.steps import WARM_UP, trainer_of
-from samples.measurements.stopwatch import Stopwatch
+from samples.measurements.stopwatch import Stopwatch, spread
 
 TURNS = 25
 THREADS = 1, 2
@@ -39,8 +38,4 @@ def in_turns(work: Callable[[], object], turns: int) -> dict[int, dict]:
             torch.set_num_threads(threads)
             runs[threads].append(Stopwatch().repeat(work, 0, 1)["whole"]["median"])
     torch.set_num_threads(before)
-    figures = {}
-    for threads, spent in runs.items():
-        low, median, high = np.quantile(spent[1:], (0.25, 0.5, 0.75), axis=0).tolist()
-        figures[threads] = {"median": median, "low": low, "high": high, "mean": np.mean(spent[1:], axis=0).tolist()}
-    return figures
+    return {threads: spread(spent[1:]) for threads, spent in runs.items()}

@@ -1,4 +1,7 @@
-"""What holds for every test: two threads, as on the smallest machine that is supported, and the same random numbers."""
+"""What holds for every test: two threads, as on the smallest machine that is supported, and the same random numbers.
+
+Without a GPU the CUDA kernels run by Triton's interpreter, on the CPU.
+"""
 
 import os
 
@@ -7,6 +10,9 @@ import pytest
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 
 import torch
+
+if not torch.cuda.is_available():
+    os.environ.setdefault("TRITON_INTERPRET", "1")  # read once, when Triton is imported
 
 
 @pytest.fixture(autouse=True)

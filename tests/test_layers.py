@@ -108,6 +108,16 @@ def test_the_walk_lets_good_imports_pass(place, line):
     assert faults(ROOT / place, line) == []
 
 
+def test_triton_is_imported_only_when_cuda_is_asked_for():
+    """By the backend's own modules alone, and these by name through the registry: the CPU build of torch lacks Triton."""
+    own = ROOT / "core/rasterizer/cuda"
+    others = {path: path.read_text(encoding="utf-8") for path in SOURCES if own not in path.parents}
+    assert len(others) < len(SOURCES)
+    for path, source in others.items():
+        assert not any("core.rasterizer.cuda" in name for name in imports_of(path, source)), path
+        assert "import triton" not in source and "from triton" not in source, path
+
+
 def test_files_stay_short():
     files = [*SOURCES, *ROOT.glob("tests/**/*.py"), *ROOT.glob("samples/**/*.py")]
     lengths = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in files}

@@ -84,7 +84,7 @@ class Choice:
 def rendering_figure(
     splats: Splats, cameras: list[Camera], name: str, title: str, seed: int, report: Report, budget: float, full: bool
 ) -> Figure:
-    """All backends and levers on these splats (float32) and cameras. budget: see `stopwatch.timed`.
+    """All backends on a CPU and levers on these splats (float32) and cameras. budget: see `stopwatch.timed`.
 
     full: kernels compiled with all thresholds, not only with one coarser one each.
     """
@@ -105,7 +105,7 @@ def rendering_figure(
 
 
 def choices(splats: Splats, cameras: list[Camera], full: bool) -> Iterator[Choice]:
-    """The definition over precision, tiles, thresholds and SH degree, each alone; each backend over the last two."""
+    """The definition over precision, tiles, thresholds and SH degree, each alone; each backend on a CPU over the last two."""
     plain = Levers(sh_degree=splats.degree)
     yield Choice(f"{DEFINITION}: precision", "float64", Way(None, plain))
     yield Choice(f"{DEFINITION}: precision", "float32", Way(None, replace(plain, dtype=torch.float32)))
@@ -113,9 +113,10 @@ def choices(splats: Splats, cameras: list[Camera], full: bool) -> Iterator[Choic
         yield Choice(f"{DEFINITION}: tile", f"{tile} px", Way(None, replace(plain, tile_px=tile)))
     if len(splats) * max(camera.width * camera.height for camera in cameras) <= MOST_PAIRS:
         yield Choice(f"{DEFINITION}: tile", "no tiles", Way(DEFINITION, plain))
-    for backend in (DEFINITION, *(name for name in core.rasterizer.BACKENDS if name != DEFINITION)):
+    kernels = (name for name in core.rasterizer.BACKENDS if name != DEFINITION and name not in core.rasterizer.ON_GPU)
+    for backend in (DEFINITION, *kernels):
         tiled = None if backend == DEFINITION else backend
-        is_auto = backend == core.rasterizer.AUTO
+        is_auto = backend == core.rasterizer.AUTO["cpu"]
         for label, share in ALPHAS.items():
             if full or share in (1.0, COARSER_ALPHA) or tiled is None:
                 way = Way(tiled, replace(plain, alpha_min=share * ALPHA_MIN))

@@ -9,17 +9,30 @@ from core.rasterizer.contract import Rasterizer, Rendering
 BACKENDS = {
     "reference": "core.rasterizer.reference:ReferenceRasterizer",
     "cpu": "core.rasterizer.cpu.backend:CpuRasterizer",
+    "cuda": "core.rasterizer.cuda.backend:CudaRasterizer",
 }
-AUTO = "cpu"  # what `auto` stands for
+AUTO = {"cpu": "cpu", "cuda": "cuda"}  # what `auto` stands for, by the kind of device that the tensors are on
+ON_GPU = ("cuda",)  # take tensors on a GPU only; all others take them on a CPU
 
 
-def create(name: str) -> Rasterizer:
-    """The backend called `name`, a key of BACKENDS or `auto`."""
-    name = AUTO if name == "auto" else name
+def create(name: str, device: str = "cpu") -> Rasterizer:
+    """The backend called `name`, a key of BACKENDS or `auto`, for tensors on a `device` of the kind "cpu" or "cuda".
+
+    Raises BadSetting for another name, and for a backend that lacks what it needs on this machine.
+    """
+    name = AUTO[device] if name == "auto" else name
     if name not in BACKENDS:
         raise BadSetting(f"There is no backend {name!r}.", f"Choose one of: {', '.join(BACKENDS)}.")
     module, attribute = BACKENDS[name].split(":")
-    return getattr(import_module(module), attribute)()
+    try:
+        return getattr(import_module(module), attribute)()
+    except ModuleNotFoundError as missing:
+        if missing.name != "triton":
+            raise
+        raise BadSetting(
+            "The cuda rasterizer needs Triton, which is not installed.",
+            "Install torch's CUDA build, which brings it (Linux), or leave --backend out.",
+        ) from None
 
 
 __all__ = ["BACKENDS", "Rasterizer", "Rendering", "create"]

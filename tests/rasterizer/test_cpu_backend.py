@@ -5,7 +5,8 @@ import torch
 
 from core.errors import BadInput
 from core.rasterizer import create
-from core.rasterizer.cpu.backend import CpuRasterizer, check
+from core.rasterizer.cpu.backend import CpuRasterizer
+from core.rasterizer.inputs import check
 from core.scene.splats import Splats
 from tests.rasterizer.scenes import camera, cloud
 from tests.rasterizer.tolerances import FLIPPED_PIXEL, PICTURE
@@ -117,4 +118,4 @@ def test_shapes_that_do_not_fit_are_refused():
     splats = cloud(camera(), 5, seed=52)
     splats.quaternions = splats.quaternions[:4]
     with pytest.raises(BadInput, match=r"quaternions has the shape \(4, 4\). 5 means ask for \(5, 4\)"):
-        check(splats)
+        check(splats, None, "cpu", "cpu")

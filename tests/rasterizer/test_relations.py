@@ -10,6 +10,7 @@ import torch
 from core.rasterizer import BACKENDS, Rasterizer, create, reference
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from tests.rasterizer.backends import backend_or_skip
 from tests.rasterizer.scenes import SCENES, TURN, camera, cloud, poisoned
 from tests.rasterizer.tolerances import FLIPPED_PIXEL, FLIPPED_SHARE, PICTURE
 
@@ -38,7 +39,7 @@ class Backend:
 
 @pytest.fixture(params=BACKENDS)
 def backend(request) -> Backend:
-    return Backend(create(request.param), torch.float64 if request.param == "reference" else torch.float32)
+    return Backend(backend_or_skip(request.param), torch.float64 if request.param == "reference" else torch.float32)
 
 
 def double(splats: Splats) -> Splats:

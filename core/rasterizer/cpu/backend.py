@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput
+from core.rasterizer import inputs
 from core.rasterizer.contract import JACOBIAN_MARGIN, Rendering
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
@@ -18,7 +19,6 @@ from core.rasterizer.cpu.blend_forward import blend_forward
 from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
 from core.scene.camera import Camera
-from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 from core.threads import in_parallel
 
@@ -47,7 +47,7 @@ class CpuRasterizer:
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         probe: Float[Tensor, "n 2"] | None = None,
     ) -> Rendering:
-        check(splats, probe)
+        inputs.check(splats, probe, self.name, "cpu")
         image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
         return Rendering(image, transmittance)
 
@@ -200,31 +200,10 @@ def arguments_of(camera: Camera) -> tuple:
 
 def arrays_of(splats: Splats) -> list[np.ndarray]:
     """The parameters as the kernels take them, in the order of Splats' fields."""
-    check(splats)
+    inputs.check(splats, None, "cpu", "cpu")
     return [array_of(tensor) for tensor in splats.tensors().values()]
 
 
 def array_of(tensor: Tensor) -> np.ndarray:
     """The tensor's own memory where it is contiguous, else a copy."""
     return tensor.detach().contiguous().numpy()
-
-
-def check(splats: Splats, probe: Tensor | None = None) -> None:
-    """Raise BadInput unless all is float32, on the CPU and of matching shapes: kernels do not look where they read."""
-    count = len(splats)
-    shapes = {
-        "means": (count, 3),
-        "quaternions": (count, 4),
-        "log_scales": (count, 3),
-        "logit_opacities": (count,),
-        "sh": (count, coefficient_count(splats.degree), 3),
-        "probe": (count, 2),
-    }
-    for name, tensor in (splats.tensors() | ({} if probe is None else {"probe": probe})).items():
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-            raise BadInput(
-                f"The cpu rasterizer got {name} as {tensor.dtype} on {tensor.device}.",
-                "Give it float32 on the CPU, or use the reference.",
-            )
-        if tensor.shape != shapes[name]:
-            raise BadInput(f"{name} has the shape {tuple(tensor.shape)}.", f"{count} means ask for {shapes[name]}.")

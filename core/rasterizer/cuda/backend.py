@@ -1,0 +1,184 @@
+"""The contract on a GPU: checks, memory, the order of the kernels, and torch's autograd."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from core.errors import BadInput, BadSetting
+from core.rasterizer import inputs
+from core.rasterizer.contract import Rendering
+from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
+from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
+from core.rasterizer.cuda.footprint import COLUMNS, TILE
+from core.rasterizer.cuda.launch import LAUNCH, blocks, interpreted
+from core.rasterizer.cuda.view import view_of
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+
+SLOT_COLUMNS = blend_backward.SLOT_COLUMNS.value
+# A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
+# and in the backward pass the slot.
+BYTES_A_PAIR = 42 + 4 * SLOT_COLUMNS
+MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
+MEMORY_INTERPRETED = 4 << 30  # bytes
+
+
+class CudaRasterizer:
+    """Triton kernels; float32. See `contract.Rasterizer` for the methods.
+
+    The same bits in every run on one kind of card. Under Triton's interpreter it takes tensors on the CPU instead, for tests.
+    Raises BadSetting where torch finds no GPU.
+    """
+
+    name = "cuda"
+
+    def __init__(self):
+        self.device = "cpu" if interpreted() else "cuda"
+        if self.device == "cuda" and not torch.cuda.is_available():
+            raise BadSetting("The cuda rasterizer needs an NVIDIA GPU, and torch finds none here.", "Leave --backend out.")
+
+    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+        parameters = self._parameters(splats)
+        flags = torch.empty(len(splats), dtype=torch.int8, device=splats.means.device)
+        project.find_visible[blocks(len(splats), project.BLOCK)](
+            *parameters, view_of(camera, flags.device), flags, len(splats),
+            COEFFICIENTS=splats.sh.shape[1], BLOCK=project.BLOCK, num_warps=project.WARPS, **LAUNCH,
+        )  # fmt: skip
+        return torch.nonzero(flags).squeeze(1)
+
+    def render(
+        self,
+        splats: Splats,
+        camera: Camera,
+        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        probe: Float[Tensor, "n 2"] | None = None,
+    ) -> Rendering:
+        inputs.check(splats, probe, self.name, self.device)
+        image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
+        return Rendering(image, transmittance)
+
+    @torch.no_grad()
+    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
+        prepared = prepare(self._parameters(splats), None, camera)
+        strongest = torch.zeros(len(prepared.lists.owners), device=splats.means.device)
+        draw(prepared, (0.0, 0.0, 0.0), strongest)
+        # The largest of some numbers is the same in any order: the atomics behind this change nothing.
+        largest = torch.zeros(len(splats), device=splats.means.device)
+        return largest.scatter_reduce_(0, prepared.lists.owners.long(), strongest, "amax")
+
+    def _parameters(self, splats: Splats) -> list[Tensor]:
+        inputs.check(splats, None, self.name, self.device)
+        return [tensor.detach().contiguous() for tensor in splats.tensors().values()]
+
+
+class _Render(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, camera, background, probe, *parameters):
+        parameters = [tensor.contiguous() for tensor in parameters]
+        prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera)
+        image, transmittance, ctx.tile_ends = draw(prepared, background)
+        ctx.prepared, ctx.probed = prepared, probe is not None
+        ctx.save_for_backward(image, *parameters)
+        ctx.mark_non_differentiable(transmittance)
+        ctx.set_materialize_grads(False)  # the transmittance has no gradient to be made zeros of
+        return image, transmittance
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, image_gradient, _):
+        image, *parameters = ctx.saved_tensors
+        prepared, lists = ctx.prepared, ctx.prepared.lists
+        count, device = len(parameters[0]), image.device
+        height, width = image.shape[:2]
+        # Zeros: no one writes to the slots of splats behind the last one blended.
+        slot_gradients = torch.zeros(len(lists.owners), SLOT_COLUMNS, device=device)
+        blend_backward.blend_backward[(len(ctx.tile_ends),)](
+            lists.tile_starts, ctx.tile_ends, lists.entry_splats, lists.entry_slots, prepared.footprints,
+            image.detach(), image_gradient.contiguous(), slot_gradients,
+            prepared.columns, width, height, num_warps=blend_backward.WARPS, **LAUNCH,
+        )  # fmt: skip
+        sums = torch.empty(count, SLOT_COLUMNS, device=device)
+        blend_backward.add_up[(max(count, 1),)](
+            lists.order, lists.slot_starts, slot_gradients, sums, count, num_warps=1, **LAUNCH
+        )
+        gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
+        probe_gradient = torch.empty(count if ctx.probed else 0, 2, device=device)
+        project_backward.project_backward[blocks(count, project_backward.BLOCK)](
+            *parameters, prepared.view, prepared.footprints, prepared.tile_counts, sums, *gradients, probe_gradient, count,
+            COEFFICIENTS=parameters[-1].shape[1], PROBED=ctx.probed, BLOCK=project_backward.BLOCK,
+            num_warps=project_backward.WARPS, **LAUNCH,
+        )  # fmt: skip
+        return None, None, probe_gradient if ctx.probed else None, *gradients
+
+
+# -------------------------------------------------------------------------------------------------------- the way there
+
+
+@dataclass
+class Prepared:
+    """What lies between projection and blending, kept for the backward pass.
+
+    footprints: (N, footprint.COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32. columns: tiles across.
+    """
+
+    camera: Camera
+    view: Tensor
+    footprints: Tensor
+    tile_counts: Tensor
+    lists: TileLists
+    columns: int
+
+
+def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera) -> Prepared:
+    """Project the Gaussians (contiguous, in the order of Splats' fields) and sort them into tiles, front to back."""
+    count, device = len(parameters[0]), parameters[0].device
+    columns, rows = (-(-size // TILE.value) for size in (camera.width, camera.height))
+    view = view_of(camera, device)
+    footprints = torch.empty(count, COLUMNS.value, device=device)
+    depths = torch.empty(count, device=device)
+    tile_counts = torch.empty(count, dtype=torch.int32, device=device)
+    project.project[blocks(count, project.BLOCK)](
+        *parameters, depths if probe is None else probe, view, footprints, depths, tile_counts, count,
+        COEFFICIENTS=parameters[-1].shape[1], PROBED=probe is not None, BLOCK=project.BLOCK, num_warps=project.WARPS, **LAUNCH,
+    )  # fmt: skip
+    order, slot_starts = front_to_back(depths, tile_counts)
+    slots = int(slot_starts[-1])  # the one time that the host waits for the device
+    check_memory(slots, count, camera, device)
+    lists = tile_lists(order, slot_starts, footprints, view, columns, rows, slots)
+    return Prepared(camera, view, footprints, tile_counts, lists, columns)
+
+
+def draw(
+    prepared: Prepared, background: tuple[float, float, float], strongest: Tensor | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The picture (height, width, 3), the transmittance (height, width), and the tiles' ends, see `blend_forward`.
+
+    strongest: zeros (slots,), to become the largest alpha * transmittance of each slot.
+    """
+    camera, lists, device = prepared.camera, prepared.lists, prepared.footprints.device
+    image = torch.empty(camera.height, camera.width, 3, device=device)
+    transmittance = torch.empty(camera.height, camera.width, device=device)
+    tile_ends = torch.empty(len(lists.tile_starts) - 1, dtype=torch.int64, device=device)
+    blend_forward.blend_forward[(len(tile_ends),)](
+        lists.tile_starts, lists.entry_splats, lists.entry_slots, prepared.footprints,
+        image, transmittance, tile_ends, transmittance if strongest is None else strongest,
+        prepared.columns, camera.width, camera.height, *map(float, background),
+        RECORD=strongest is not None, num_warps=blend_forward.WARPS, **LAUNCH,
+    )  # fmt: skip
+    return image, transmittance, tile_ends
+
+
+def check_memory(slots: int, count: int, camera: Camera, device: torch.device) -> None:
+    """Raise BadInput if the tile lists of a picture would take more of the card than is theirs."""
+    budget = MEMORY_INTERPRETED
+    if device.type == "cuda":
+        budget = MEMORY_SHARE * torch.cuda.get_device_properties(device).total_memory
+    if slots * BYTES_A_PAIR > budget:
+        raise BadInput(
+            f"{count} Gaussians cover {slots} tiles of the {camera.width}x{camera.height} picture in all: "
+            f"{slots * BYTES_A_PAIR / 2**30:.1f} GiB of lists.",
+            "Lower the resolution (-r) or --max-gaussians.",
+        )

@@ -1,0 +1,88 @@
+"""Gradients of the picture by the footprints: the forward pass once more, with one number of state a pixel.
+
+With C(p) the picture including its background, v = dL/dC and c_i the colours, let S_i = v . (what splats i + 1, ... and
+the background add to the pixel). Going front to back, S starts as v . C and loses w_i (v . c_i) at each splat, and
+
+    dL/d alpha_i = T_i (v . c_i) - S_i / (1 - alpha_i),      w_i = alpha_i T_i
+
+so that any number of channels costs one dot product, and nothing has to be stored a splat and pixel.
+"""
+
+import triton
+import triton.language as tl
+
+from core.rasterizer.cuda import footprint
+from core.rasterizer.cuda.blend import ALPHA_MAX, blended, coverage, pixels_of
+
+WARPS = 1  # nine sums over a tile a splat: within one warp they need no barrier
+
+# A row of the slots' gradients. With g = alpha dL/d alpha and e = dx - slope dy, sums over the pixels of a tile of:
+SUM_G, SUM_GE, SUM_GEE = tl.constexpr(0), tl.constexpr(1), tl.constexpr(2)  # g, g e, g e^2
+SUM_GY, SUM_GEY, SUM_GYY = tl.constexpr(3), tl.constexpr(4), tl.constexpr(5)  # g dy, g e dy, g dy^2
+SUM_RED, SUM_GREEN, SUM_BLUE = tl.constexpr(6), tl.constexpr(7), tl.constexpr(8)  # w v
+SLOT_COLUMNS = tl.constexpr(9)
+
+SLOTS_AT_ONCE = tl.constexpr(8)  # of one Gaussian, in `add_up`; few touch more tiles
+PADDED_COLUMNS = tl.constexpr(16)  # Triton's tensors have powers of two
+
+
+@triton.jit(do_not_specialize=["columns", "width", "height"])
+def blend_backward(
+    tile_starts, tile_ends, entry_splats, entry_slots, footprints, image, image_gradient, slot_gradients,
+    columns, width, height,
+):  # fmt: skip
+    """Write the gradients (slots, SLOT_COLUMNS) of the slots that the forward pass blended, from dL/d(image)."""
+    tile = tl.program_id(0)
+    x, y, place, inside = pixels_of(tile, columns, width, height)
+    light = tl.where(inside, 1.0, -1.0)
+    v_red = tl.load(image_gradient + 3 * place, mask=inside, other=0.0)
+    v_green = tl.load(image_gradient + 3 * place + 1, mask=inside, other=0.0)
+    v_blue = tl.load(image_gradient + 3 * place + 2, mask=inside, other=0.0)
+    behind = tl.load(image + 3 * place, mask=inside, other=0.0) * v_red
+    behind += tl.load(image + 3 * place + 1, mask=inside, other=0.0) * v_green
+    behind += tl.load(image + 3 * place + 2, mask=inside, other=0.0) * v_blue
+    entry, end = tl.load(tile_starts + tile), tl.load(tile_ends + tile)
+    while entry < end:
+        splat = tl.load(entry_splats + entry)
+        unclamped, e, dy = coverage(footprints, splat, x, y)
+        alpha = tl.minimum(unclamped, ALPHA_MAX)
+        goes_on, weight, light = blended(light, alpha)
+        at = footprints + splat * footprint.COLUMNS
+        pull = v_red * tl.load(at + footprint.RED)
+        pull += v_green * tl.load(at + footprint.GREEN)
+        pull += v_blue * tl.load(at + footprint.BLUE)
+        behind -= weight * pull
+        # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. 1 - alpha >= 0.01.
+        g = weight * pull - behind * alpha / (1.0 - alpha)
+        g = tl.where(goes_on & (unclamped <= ALPHA_MAX), g, 0.0)
+        ge, gy = g * e, g * dy
+        to_slot = slot_gradients + tl.load(entry_slots + entry) * SLOT_COLUMNS
+        tl.store(to_slot + SUM_G, tl.sum(g, axis=0))
+        tl.store(to_slot + SUM_GE, tl.sum(ge, axis=0))
+        tl.store(to_slot + SUM_GEE, tl.sum(ge * e, axis=0))
+        tl.store(to_slot + SUM_GY, tl.sum(gy, axis=0))
+        tl.store(to_slot + SUM_GEY, tl.sum(gy * e, axis=0))
+        tl.store(to_slot + SUM_GYY, tl.sum(gy * dy, axis=0))
+        tl.store(to_slot + SUM_RED, tl.sum(weight * v_red, axis=0))
+        tl.store(to_slot + SUM_GREEN, tl.sum(weight * v_green, axis=0))
+        tl.store(to_slot + SUM_BLUE, tl.sum(weight * v_blue, axis=0))
+        entry += 1
+
+
+@triton.jit(do_not_specialize=["count"])
+def add_up(order, slot_starts, slot_gradients, sums, count):
+    """Sum the slots of one Gaussian, always in the same order, into its row of sums (N, SLOT_COLUMNS)."""
+    position = tl.program_id(0)
+    row, column = tl.arange(0, SLOTS_AT_ONCE)[:, None], tl.arange(0, PADDED_COLUMNS)[None, :]
+    exists = position < count  # no Gaussians at all are one program, too
+    end = tl.load(slot_starts + position + 1, mask=exists, other=0)
+    total = tl.zeros((PADDED_COLUMNS,), dtype=tl.float32)
+    slot = tl.load(slot_starts + position, mask=exists, other=0)
+    while slot < end:
+        known = (slot + row < end) & (column < SLOT_COLUMNS)
+        part = tl.load(slot_gradients + (slot + row) * SLOT_COLUMNS + column, mask=known, other=0.0)
+        total += tl.sum(part, axis=0)
+        slot += SLOTS_AT_ONCE
+    column = tl.arange(0, PADDED_COLUMNS)
+    splat = tl.load(order + position, mask=exists, other=0)
+    tl.store(sums + splat * SLOT_COLUMNS + column, total, mask=exists & (column < SLOT_COLUMNS))

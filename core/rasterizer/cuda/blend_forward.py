@@ -1,0 +1,48 @@
+"""The picture: splats blended over each other, front to back, tile by tile (3DGS equation 3)."""
+
+import triton
+import triton.language as tl
+
+from core.rasterizer.cuda import footprint
+from core.rasterizer.cuda.blend import ALPHA_MAX, BATCH, blended, coverage, pixels_of
+
+WARPS = 2  # four pixels a thread
+
+
+@triton.jit(do_not_specialize=["columns", "width", "height"])
+def blend_forward(
+    tile_starts, entry_splats, entry_slots, footprints, image, transmittance, tile_ends, strongest,
+    columns, width, height, background_red, background_green, background_blue, RECORD: tl.constexpr,
+):  # fmt: skip
+    """Write the tile's part of the picture (height, width, 3) and of its transmittance, and where its list was left.
+
+    tile_ends: (tiles,) int64, the entry before which all pixels were finished. strongest: (slots,), to become the largest
+    alpha * transmittance of each slot; written if RECORD.
+    """
+    tile = tl.program_id(0)
+    x, y, place, inside = pixels_of(tile, columns, width, height)
+    light = tl.where(inside, 1.0, -1.0)
+    nothing = 0.0 * x
+    red, green, blue = nothing, nothing, nothing
+    entry, end = tl.load(tile_starts + tile), tl.load(tile_starts + tile + 1)
+    unfinished = entry < end
+    while unfinished:
+        stop = tl.minimum(entry + BATCH, end)
+        while entry < stop:
+            splat = tl.load(entry_splats + entry)
+            alpha, _, _ = coverage(footprints, splat, x, y)
+            _, weight, light = blended(light, tl.minimum(alpha, ALPHA_MAX))
+            at = footprints + splat * footprint.COLUMNS
+            red = tl.fma(weight, tl.load(at + footprint.RED) + 0.0 * x, red)
+            green = tl.fma(weight, tl.load(at + footprint.GREEN) + 0.0 * x, green)
+            blue = tl.fma(weight, tl.load(at + footprint.BLUE) + 0.0 * x, blue)
+            if RECORD:
+                tl.store(strongest + tl.load(entry_slots + entry), tl.max(weight, axis=0))
+            entry += 1
+        unfinished = (entry < end) & (tl.max(light, axis=0) > 0)
+    tl.store(tile_ends + tile, entry)
+    light = tl.abs(light)
+    tl.store(transmittance + place, light, mask=inside)
+    tl.store(image + 3 * place, red + light * background_red, mask=inside)
+    tl.store(image + 3 * place + 1, green + light * background_green, mask=inside)
+    tl.store(image + 3 * place + 2, blue + light * background_blue, mask=inside)

@@ -1,0 +1,93 @@
+"""core.scene.harmonics for one Gaussian a lane, with the gradient."""
+
+import triton
+import triton.language as tl
+
+from core.rasterizer.cuda.vectors import add, load_3, scaled
+from core.scene import harmonics
+
+SH_0, SH_1 = tl.constexpr(harmonics.SH_0), tl.constexpr(harmonics.SH_1)
+SH_20, SH_21, SH_22, SH_23, SH_24 = (tl.constexpr(factor) for factor in harmonics.SH_2)
+SH_30, SH_31, SH_32, SH_33, SH_34, SH_35, SH_36 = (tl.constexpr(factor) for factor in harmonics.SH_3)
+
+
+@triton.jit
+def basis(direction, COEFFICIENTS: tl.constexpr):
+    """The first COEFFICIENTS (1, 4, 9 or 16) basis functions at a unit direction, or at zero, as a tuple."""
+    x, y, z = direction
+    terms = (0.0 * x + SH_0,)
+    if COEFFICIENTS > 1:
+        terms = terms + (-SH_1 * y, SH_1 * z, -SH_1 * x)
+    if COEFFICIENTS > 4:
+        xx, yy, zz = x * x, y * y, z * z
+        terms = terms + (
+            SH_20 * x * y,
+            SH_21 * y * z,
+            SH_22 * (2 * zz - xx - yy),
+            SH_23 * x * z,
+            SH_24 * (xx - yy),
+        )
+    if COEFFICIENTS > 9:
+        xx, yy, zz = x * x, y * y, z * z
+        terms = terms + (
+            SH_30 * y * (3 * xx - yy),
+            SH_31 * x * y * z,
+            SH_32 * y * (4 * zz - xx - yy),
+            SH_33 * z * (2 * zz - 3 * xx - 3 * yy),
+            SH_34 * x * (4 * zz - xx - yy),
+            SH_35 * z * (xx - yy),
+            SH_36 * x * (xx - 3 * yy),
+        )
+    return terms
+
+
+@triton.jit
+def direction_gradient(to_basis, direction, COEFFICIENTS: tl.constexpr):
+    """dL/d(direction) from dL/d(basis functions), before the direction's normalisation is taken into account."""
+    x, y, z = direction
+    zero = 0.0 * x
+    total = (zero, zero, zero)
+    if COEFFICIENTS > 1:
+        total = (-SH_1 * to_basis[3], -SH_1 * to_basis[1], SH_1 * to_basis[2])
+    if COEFFICIENTS > 4:
+        total = add(total, scaled(SH_20 * to_basis[4], (y, x, zero)))
+        total = add(total, scaled(SH_21 * to_basis[5], (zero, z, y)))
+        total = add(total, scaled(SH_22 * to_basis[6], (-2 * x, -2 * y, 4 * z)))
+        total = add(total, scaled(SH_23 * to_basis[7], (z, zero, x)))
+        total = add(total, scaled(SH_24 * to_basis[8], (2 * x, -2 * y, zero)))
+    if COEFFICIENTS > 9:
+        xx, yy, zz = x * x, y * y, z * z
+        xy, yz, xz = x * y, y * z, x * z
+        total = add(total, scaled(SH_30 * to_basis[9], (6 * xy, 3 * (xx - yy), zero)))
+        total = add(total, scaled(SH_31 * to_basis[10], (yz, xz, xy)))
+        total = add(total, scaled(SH_32 * to_basis[11], (-2 * xy, 4 * zz - xx - 3 * yy, 8 * yz)))
+        total = add(total, scaled(SH_33 * to_basis[12], (-6 * xz, -6 * yz, 6 * zz - 3 * (xx + yy))))
+        total = add(total, scaled(SH_34 * to_basis[13], (4 * zz - 3 * xx - yy, -2 * xy, 8 * xz)))
+        total = add(total, scaled(SH_35 * to_basis[14], (2 * xz, -2 * yz, xx - yy)))
+        total = add(total, scaled(SH_36 * to_basis[15], (3 * (xx - yy), -6 * xy, zero)))
+    return total
+
+
+@triton.jit
+def colour(sh, row, direction, known, COEFFICIENTS: tl.constexpr):
+    """SH + 0.5 of Gaussian `row` (red, green, blue), before the clamp at zero: not finite if a coefficient is not."""
+    terms = basis(direction, COEFFICIENTS)
+    half = 0.0 * direction[0] + 0.5
+    red, green, blue = half, half, half
+    for k in tl.static_range(COEFFICIENTS):
+        coefficient = load_3(sh, row * COEFFICIENTS + k, known)
+        red += terms[k] * coefficient[0]
+        green += terms[k] * coefficient[1]
+        blue += terms[k] * coefficient[2]
+    return red, green, blue
+
+
+@triton.jit
+def is_finite(sh, row, known, COEFFICIENTS: tl.constexpr):
+    """Whether every coefficient of Gaussian `row` is a finite number."""
+    total = tl.zeros_like(row).to(tl.float32)
+    for k in tl.static_range(COEFFICIENTS):
+        coefficient = load_3(sh, row * COEFFICIENTS + k, known)
+        # 0 times NaN or infinity is NaN, and stays so in the sum.
+        total += 0.0 * coefficient[0] + 0.0 * coefficient[1] + 0.0 * coefficient[2]
+    return total == 0.0

@@ -1,0 +1,16 @@
+"""How kernels are launched."""
+
+import triton
+
+# See the package's docstring: a fused multiply-add where the source says tl.fma, and nowhere else.
+LAUNCH = {"enable_fp_fusion": False}
+
+
+def interpreted() -> bool:
+    """Whether Triton runs kernels by its interpreter, on CPU tensors; decided by TRITON_INTERPRET when Triton is imported."""
+    return triton.knobs.runtime.interpret
+
+
+def blocks(count: int, size: int) -> tuple[int]:
+    """The grid that covers `count` with blocks of `size`; one block at least, as an empty grid cannot be launched."""
+    return (max(1, -(-count // size)),)

@@ -1,0 +1,191 @@
+"""Gradients of the footprints back to the Gaussians' parameters: project.py read in reverse."""
+
+import triton
+import triton.language as tl
+
+from core.rasterizer.cuda import footprint
+from core.rasterizer.cuda.blend_backward import (
+    SLOT_COLUMNS,
+    SUM_BLUE,
+    SUM_G,
+    SUM_GE,
+    SUM_GEE,
+    SUM_GEY,
+    SUM_GREEN,
+    SUM_GY,
+    SUM_GYY,
+    SUM_RED,
+)
+from core.rasterizer.cuda.geometry import (
+    LEAST_LOG_SCALE,
+    MOST_LOG_SCALE,
+    axes_of,
+    covariance,
+    depth_of,
+    offset_from,
+    opacity_of,
+    parameters_of,
+    pixel_gradients,
+    projected_axes,
+    scales_of,
+    slopes_of,
+)
+from core.rasterizer.cuda.harmonics import basis, direction_gradient
+from core.rasterizer.cuda.vectors import add, constants_3, dot, load_3, scaled, store_3, subtract, unit
+from core.rasterizer.cuda.view import FOCAL_X, FOCAL_Y, ROTATION
+
+BLOCK, WARPS = 64, 2  # Gaussians a program, one a thread
+
+
+@triton.jit(do_not_specialize=["count"])
+def project_backward(
+    means, quaternions, log_scales, logit_opacities, sh, view, footprints, tile_counts, sums,
+    to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe, count,
+    COEFFICIENTS: tl.constexpr, PROBED: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    """Write dL/d(parameters) from the sums (N, SLOT_COLUMNS) over the pixels; zeros for what touches no tile.
+
+    to_probe: written if PROBED.
+    """
+    row = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    known = row < count
+    drawn = known & (tl.load(tile_counts + row, mask=known, other=0) > 0)
+    mean, quaternion, log_scale, logit = parameters_of(means, quaternions, log_scales, logit_opacities, row, drawn)
+    # What is not drawn may hold anything: it is computed as something harmless, and written as zero.
+    quaternion = (tl.where(drawn, quaternion[0], 1.0), quaternion[1], quaternion[2], quaternion[3])
+    offset = offset_from(view, mean)
+    depth = tl.where(drawn, depth_of(view, offset), 1.0)
+
+    at = sums + row * SLOT_COLUMNS
+    to_offset, to_quaternion, to_log_scale, to_x, to_y = ellipse_backward(
+        view, offset, depth, quaternion, log_scale, at, drawn
+    )
+    through_colour = colour_backward(row, offset, sh, footprints, at, to_sh, known, drawn, COEFFICIENTS)
+    store_3(to_means, row, where_3(drawn, add(to_offset, through_colour)), known)
+    store_3(to_log_scales, row, where_3(drawn, to_log_scale), known)
+    for k in tl.static_range(4):
+        tl.store(to_quaternions + 4 * row + k, tl.where(drawn, to_quaternion[k], 0.0), mask=known)
+    # alpha = opacity * ...: the derivative of log(opacity) by its logit is 1 - opacity.
+    to_logit = tl.load(at + SUM_G, mask=drawn, other=0.0) * (1.0 - opacity_of(logit))
+    tl.store(to_logit_opacities + row, to_logit, mask=known)
+    if PROBED:
+        tl.store(to_probe + 2 * row, tl.where(drawn, to_x, 0.0), mask=known)
+        tl.store(to_probe + 2 * row + 1, tl.where(drawn, to_y, 0.0), mask=known)
+
+
+@triton.jit
+def where_3(condition, a):
+    """a where the condition holds, else zeros, whatever a is there."""
+    return tl.where(condition, a[0], 0.0), tl.where(condition, a[1], 0.0), tl.where(condition, a[2], 0.0)
+
+
+@triton.jit
+def ellipse_backward(view, offset, depth, quaternion, log_scale, sums, drawn):
+    """From the sums over the pixels to dL/d of offset, quaternion, log scales and centre (px)."""
+    axis_x, axis_y = constants_3(view, ROTATION), constants_3(view, ROTATION + 3)
+    axis_z = constants_3(view, ROTATION + 6)
+    fx, fy = tl.load(view + FOCAL_X), tl.load(view + FOCAL_Y)
+    inverse_depth, slope_x, slope_y, clamped_x, clamped_y = slopes_of(view, offset, depth)
+    unit_quaternion, inverse_norm, axes = axes_of(quaternion)
+    scales = scales_of(log_scale)
+    x_gradient, y_gradient = pixel_gradients(view, inverse_depth, clamped_x, clamped_y)
+    across, down = projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
+    _, b, c, determinant = covariance(across, down)
+
+    # log(alpha) = ... - A e^2 / 2 - dy^2 / (2 c), with e = dx - m dy, A = c / det and m = b / c.
+    inverse_c = 1.0 / c
+    precision, lean = c / determinant, b * inverse_c
+    to_x = precision * tl.load(sums + SUM_GE, mask=drawn, other=0.0)
+    to_y = inverse_c * tl.load(sums + SUM_GY, mask=drawn, other=0.0) - lean * to_x
+    to_precision = -0.5 * tl.load(sums + SUM_GEE, mask=drawn, other=0.0)
+    to_lean = precision * tl.load(sums + SUM_GEY, mask=drawn, other=0.0)
+    to_inverse_c = -0.5 * tl.load(sums + SUM_GYY, mask=drawn, other=0.0)
+    # dA = -A^2 (da - 2 m db + m^2 dc): in this form the determinant appears in A alone.
+    spread = precision * precision * to_precision
+    to_a = -spread
+    to_b = 2.0 * lean * spread + inverse_c * to_lean
+    to_c = -lean * lean * spread - inverse_c * (lean * to_lean + inverse_c * to_inverse_c)
+
+    # The covariance is V V' + blur with rows `across` and `down` of V.
+    to_across = add(scaled(2.0 * to_a, across), scaled(to_b, down))
+    to_down = add(scaled(2.0 * to_c, down), scaled(to_b, across))
+    to_log_scale = (
+        log_scale_gradient(log_scale[0], to_across[0] * across[0] + to_down[0] * down[0]),
+        log_scale_gradient(log_scale[1], to_across[1] * across[1] + to_down[1] * down[1]),
+        log_scale_gradient(log_scale[2], to_across[2] * across[2] + to_down[2] * down[2]),
+    )
+    to_x_gradient = combined(scales, to_across, axes)
+    to_y_gradient = combined(scales, to_down, axes)
+    to_axes = (
+        scaled(scales[0], add(scaled(to_across[0], x_gradient), scaled(to_down[0], y_gradient))),
+        scaled(scales[1], add(scaled(to_across[1], x_gradient), scaled(to_down[1], y_gradient))),
+        scaled(scales[2], add(scaled(to_across[2], x_gradient), scaled(to_down[2], y_gradient))),
+    )
+    to_quaternion = quaternion_gradient(unit_quaternion, inverse_norm, to_axes)
+
+    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth.
+    to_slope_x, to_slope_y = fx * to_x, fy * to_y
+    to_slope_x -= tl.where(clamped_x == slope_x, fx * inverse_depth * dot(to_x_gradient, axis_z), 0.0)
+    to_slope_y -= tl.where(clamped_y == slope_y, fy * inverse_depth * dot(to_y_gradient, axis_z), 0.0)
+    to_depth = dot(to_x_gradient, x_gradient) + dot(to_y_gradient, y_gradient)
+    to_depth += to_slope_x * slope_x + to_slope_y * slope_y
+    in_picture = add(scaled(to_slope_x, axis_x), scaled(to_slope_y, axis_y))
+    to_offset = scaled(inverse_depth, subtract(in_picture, scaled(to_depth, axis_z)))
+    return to_offset, to_quaternion, to_log_scale, to_x, to_y
+
+
+@triton.jit
+def combined(scales, weights, axes):
+    """The sum of the axes, each times its scale and its weight."""
+    first = scaled(scales[0] * weights[0], axes[0])
+    second = scaled(scales[1] * weights[1], axes[1])
+    return add(add(first, second), scaled(scales[2] * weights[2], axes[2]))
+
+
+@triton.jit
+def log_scale_gradient(log_scale, gradient):
+    """Zero where the log scale was clamped."""
+    return tl.where((log_scale >= LEAST_LOG_SCALE) & (log_scale <= MOST_LOG_SCALE), gradient, 0.0)
+
+
+@triton.jit
+def quaternion_gradient(unit_quaternion, inverse_norm, to_axes):
+    """From dL/d(columns of the rotation matrix) to dL/d(quaternion), its normalisation included."""
+    w, x, y, z = unit_quaternion
+    first, second, third = to_axes
+    to_w = 2 * (x * (second[2] - third[1]) + y * (third[0] - first[2]) + z * (first[1] - second[0]))
+    to_x = 2 * (w * (second[2] - third[1]) + y * (second[0] + first[1]) + z * (third[0] + first[2]))
+    to_x -= 4 * x * (second[1] + third[2])
+    to_y = 2 * (w * (third[0] - first[2]) + x * (second[0] + first[1]) + z * (third[1] + second[2]))
+    to_y -= 4 * y * (first[0] + third[2])
+    to_z = 2 * (w * (first[1] - second[0]) + x * (third[0] + first[2]) + y * (third[1] + second[2]))
+    to_z -= 4 * z * (first[0] + second[1])
+    radial = w * to_w + x * to_x + y * to_y + z * to_z
+    return (
+        inverse_norm * (to_w - w * radial),
+        inverse_norm * (to_x - x * radial),
+        inverse_norm * (to_y - y * radial),
+        inverse_norm * (to_z - z * radial),
+    )
+
+
+@triton.jit
+def colour_backward(row, offset, sh, footprints, sums, to_sh, known, drawn, COEFFICIENTS: tl.constexpr):
+    """Write dL/d(sh); dL/d(offset) by way of the direction."""
+    direction, inverse_distance = unit(offset)
+    terms = basis(direction, COEFFICIENTS)
+    at = footprints + row * footprint.COLUMNS
+    # A colour that was clamped at zero has no gradient.
+    red = tl.where(tl.load(at + footprint.RED, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_RED, mask=drawn), 0.0)
+    green = tl.where(
+        tl.load(at + footprint.GREEN, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_GREEN, mask=drawn), 0.0
+    )
+    blue = tl.where(tl.load(at + footprint.BLUE, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_BLUE, mask=drawn), 0.0)
+    to_basis = ()
+    for k in tl.static_range(COEFFICIENTS):
+        coefficient = load_3(sh, row * COEFFICIENTS + k, drawn)
+        store_3(to_sh, row * COEFFICIENTS + k, scaled(terms[k], (red, green, blue)), known)
+        to_basis = to_basis + (dot(coefficient, (red, green, blue)),)
+    to_direction = direction_gradient(to_basis, direction, COEFFICIENTS)
+    radial = dot(to_direction, direction)
+    return scaled(inverse_distance, subtract(to_direction, scaled(radial, direction)))

@@ -1,0 +1,58 @@
+"""The backends as tests hold them: every one takes CPU tensors, and is skipped by name where this machine lacks what it needs."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from core.errors import BadSetting
+from core.rasterizer import BACKENDS, ON_GPU, Rasterizer, Rendering, create
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+
+EVERY_BACKEND = list(BACKENDS)
+FAST_BACKENDS = [name for name in BACKENDS if name != "reference"]
+# What Triton's interpreter draws in about a second: it takes 3 ms a splat and tile. On a GPU all scenes are drawn.
+INTERPRETED = {
+    *("random_degree_3", "needles", "behind_camera", "at_the_near_plane", "on_the_camera_centre", "opaque_stack"),
+    *("huge_splat", "picture_1x1", "picture_1x40", "picture_40x1", "picture_15x15", "picture_16x16", "picture_17x17"),
+    *("picture_33x17", "far_from_the_origin", "quaternions_of_any_norm", "scales_outside_their_range"),
+    *("opacities_zero_faint_and_one", "poisoned", "nothing_visible", "all_beside_the_picture", "empty", "single"),
+}
+
+
+class OnGpu:
+    """A backend of the GPU that moves what it gets there, and what it makes back."""
+
+    def __init__(self, rasterizer: Rasterizer):
+        self.rasterizer, self.name = rasterizer, rasterizer.name
+
+    def visible(self, splats: Splats, camera: Camera) -> Tensor:
+        return self.rasterizer.visible(moved(splats), camera).cpu()
+
+    def render(self, splats: Splats, camera: Camera, background=(0.0, 0.0, 0.0), probe: Tensor | None = None) -> Rendering:
+        probe = None if probe is None else probe.cuda()
+        rendering = self.rasterizer.render(moved(splats), camera, background, probe)
+        return Rendering(rendering.image.cpu(), rendering.transmittance.cpu())
+
+    def contributions(self, splats: Splats, camera: Camera) -> Tensor:
+        return self.rasterizer.contributions(moved(splats), camera).cpu()
+
+
+def moved(splats: Splats) -> Splats:
+    return splats.map(torch.Tensor.cuda)
+
+
+def is_interpreted(name: str) -> bool:
+    """Whether the backend `name` runs by Triton's interpreter here, a thousand times slower than on a GPU."""
+    return name in ON_GPU and not torch.cuda.is_available()
+
+
+def backend_or_skip(name: str, scene: str | None = None) -> Rasterizer:
+    """The backend `name`, or a skip that says what this machine lacks; scene: of SCENES, that is to be drawn with it."""
+    try:
+        backend = create(name)
+    except BadSetting as missing:
+        pytest.skip(str(missing))
+    if is_interpreted(name) and scene is not None and scene not in INTERPRETED:
+        pytest.skip(f"{scene} is too large for Triton's interpreter; it is drawn where there is a GPU.")
+    return backend if is_interpreted(name) or name not in ON_GPU else OnGpu(backend)

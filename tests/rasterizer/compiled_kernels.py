@@ -1,0 +1,61 @@
+"""Compile every CUDA kernel for GPUs that are not here, and print what each takes: python -m tests.rasterizer.compiled_kernels 75 90
+
+A program of its own, because Triton decides when it is imported whether kernels are compiled or interpreted. Prints JSON:
+{"sm_75": {kernel: {"registers": a thread, "spilled": bytes stored and loaded again}}}, in SH degree 3, the most there is.
+"""
+
+import contextlib
+import io
+import json
+import re
+import sys
+
+import triton
+from triton.backends.compiler import GPUTarget
+from triton.compiler import ASTSource
+
+from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
+from core.rasterizer.cuda.launch import LAUNCH
+
+KERNELS = {  # with the warps of a program
+    project.find_visible: project.WARPS,
+    project.project: project.WARPS,
+    bin.list_tiles: bin.WARPS,
+    blend_forward.blend_forward: blend_forward.WARPS,
+    blend_backward.blend_backward: blend_backward.WARPS,
+    blend_backward.add_up: 1,
+    project_backward.project_backward: project_backward.WARPS,
+}
+# What the parameters of that name are; all others are arrays of float32.
+TYPES = {
+    **dict.fromkeys(("count", "columns", "width", "height"), "i32"),
+    **dict.fromkeys(("background_red", "background_green", "background_blue"), "fp32"),
+    **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots"), "*i64"),
+    **dict.fromkeys(("tile_counts", "owners", "entry_splats"), "*i32"),
+    "slot_tiles": "*i16",
+    "visible": "*i8",
+}
+CONSTANTS = {"COEFFICIENTS": 16, "PROBED": True, "RECORD": False}
+
+
+def compiled(kernel, warps: int, capability: int) -> dict[str, int]:
+    """What ptxas says of a kernel."""
+    block = getattr(sys.modules[kernel.fn.__module__], "BLOCK", None)
+    constants = {name: value for name, value in {**CONSTANTS, "BLOCK": block}.items() if name in kernel.arg_names}
+    signature = {name: "constexpr" if name in constants else TYPES.get(name, "*fp32") for name in kernel.arg_names}
+    target = GPUTarget("cuda", capability, 32)
+    with contextlib.redirect_stdout(io.StringIO()) as log:
+        triton.compile(ASTSource(kernel, signature, constants), target=target, options={"num_warps": warps, **LAUNCH})
+    registers = re.search(r"Used (\d+) registers", log.getvalue())
+    spilled = re.search(r"(\d+) bytes spill stores", log.getvalue())
+    return {"registers": int(registers.group(1)), "spilled": int(spilled.group(1))}
+
+
+if __name__ == "__main__":
+    triton.knobs.compilation.always_compile = True  # what comes out of Triton's cache has no log
+    triton.knobs.nvidia.dump_ptxas_log = True
+    found = {
+        f"sm_{capability}": {kernel.fn.__name__: compiled(kernel, warps, capability) for kernel, warps in KERNELS.items()}
+        for capability in map(int, sys.argv[1:])
+    }
+    print(json.dumps(found))

@@ -1,0 +1,153 @@
+"""The CUDA backend as a citizen of torch: lists, autograd, memory layouts, refusals. On a GPU, or by Triton's interpreter."""
+
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+import core.rasterizer
+from core.errors import BadInput, BadSetting
+from core.rasterizer.contract import ALPHA_MIN
+from core.scene.splats import Splats
+from tests.rasterizer.scenes import camera, cloud
+from tests.rasterizer.test_cpu_lists import alphas_of
+
+pytest.importorskip("triton", reason="Triton is not installed")
+
+from core.rasterizer.cuda import backend, bin, footprint
+
+TILE = footprint.TILE.value
+DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
+VIEW = camera(20, 17)
+
+
+@pytest.fixture
+def splats() -> Splats:
+    return cloud(VIEW, 12, seed=50, degree=2, sizes_px=(0.5, 8.0)).map(lambda tensor: tensor.to(DEVICE))
+
+
+def results(splats, probe=None):
+    """Picture, transmittance and gradients by all parameters."""
+    splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
+    rendering = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe)
+    gradients = torch.autograd.grad((rendering.image**3).sum(), list(splats.tensors().values()))
+    return [rendering.image.detach(), rendering.transmittance, *gradients]
+
+
+def lists_of(splats, view):
+    return backend.prepare([tensor.to(DEVICE) for tensor in splats.tensors().values()], None, view)
+
+
+@pytest.fixture(scope="module")
+def listed():
+    """Splats of all shapes and sizes, some far beside the picture, in a picture whose last tiles are cut; and their lists."""
+    view = camera(75, 52, focal=60.0)
+    shapes = {"sizes_px": (0.3, 30.0), "ratio": 1000.0, "opacities": (0.004, 0.99), "spread": 2.0}
+    splats = cloud(view, 300, seed=40, **shapes)
+    splats.log_scales[7] = 5.0  # one as large as the scene
+    return splats, view, lists_of(splats, view)
+
+
+def test_tiles_hold_all_pixels_that_a_splat_reaches_and_few_others(listed):
+    splats, view, prepared = listed
+    lists, tile_starts = prepared.lists, prepared.lists.tile_starts.tolist()
+    drawn = torch.nonzero(prepared.tile_counts).flatten().cpu().numpy()
+    y, x = (grid.ravel() for grid in np.mgrid[: view.height, : view.width])
+    alphas = alphas_of(prepared.footprints.cpu().numpy()[drawn], x + 0.5, y + 0.5)
+    found = np.zeros((len(splats), len(tile_starts) - 1), dtype=bool)
+    for tile, (begin, end) in enumerate(pairwise(tile_starts)):
+        found[lists.entry_splats[begin:end].cpu(), tile] = True
+    reached = np.zeros_like(found)
+    for rank, i in enumerate(drawn):
+        # Within a millionth of the threshold either is right.
+        reached[i, np.unique((y // TILE * prepared.columns + x // TILE)[alphas[rank] >= ALPHA_MIN * (1 + 1e-6)])] = True
+    assert (found | ~reached).all()
+    # An ellipse can pass between pixel centres, which adds 1 % here; lists by bounding box would be a third longer.
+    assert found.sum() <= 1.05 * reached.sum()
+
+
+def test_lists_are_front_to_back_and_slots_belong_to_their_gaussians(listed):
+    splats, view, prepared = listed
+    lists = prepared.lists
+    depths = (splats.means.double().numpy() - view.centre) @ view.world_to_camera[2]
+    assert len(lists.owners) > 400
+    for begin, end in zip(lists.tile_starts, lists.tile_starts[1:]):
+        assert (np.diff(depths[lists.entry_splats[begin:end].cpu()]) >= 0).all()
+    assert torch.equal(lists.entry_slots.sort().values.cpu(), torch.arange(len(lists.owners)))
+    counts = prepared.tile_counts[lists.order].long()
+    assert torch.equal(lists.slot_starts.diff(), counts)
+    assert torch.equal(lists.owners.long(), torch.repeat_interleave(lists.order, counts))
+
+
+def test_equal_depths_keep_their_order_and_the_culled_come_last():
+    depths = torch.tensor([2.0, 1.0, float("inf"), 2.0, 1.0, 1.0])
+    order, slot_starts = bin.front_to_back(depths, torch.tensor([1, 2**31 - 1, 0, 1, 2**31 - 1, 3], dtype=torch.int32))
+    assert order.tolist() == [1, 4, 5, 0, 3, 2]
+    assert slot_starts.tolist() == [0, 2**31 - 1, 2**32 - 2, 2**32 + 1, 2**32 + 2, 2**32 + 3, 2**32 + 3]  # no wrapping
+
+
+def test_pictures_of_more_than_8_megapixels_have_keys_of_32_bits():
+    """One splat in the last of 33,024 tiles: a key of 16 bits would be negative."""
+    view = camera(128 * TILE, 258 * TILE, focal=100.0)
+    splats = cloud(view, 1, seed=3, sizes_px=(1.0, 1.0), spread=0.0)
+    moved = camera(view.width, view.height, focal=100.0, cx=view.width - 3.0, cy=view.height - 3.0)
+    prepared = lists_of(splats, moved)
+    starts = prepared.lists.tile_starts
+    assert len(starts) == 128 * 258 + 1
+    assert (starts[:-1].sum(), starts[-1]) == (0, 1)
+
+
+def test_memory_layout_does_not_matter(splats):
+    strided = splats.map(lambda tensor: torch.stack([tensor, tensor + 1], dim=-1)[..., 0])
+    assert not strided.sh.is_contiguous()
+    assert all(torch.equal(a, b) for a, b in zip(results(splats), results(strided), strict=True))
+
+
+def test_one_gradient_may_be_asked_for_alone_and_twice(splats):
+    all_gradients = results(splats)
+    coefficients = splats.sh.clone().requires_grad_()
+    loss = (backend.CudaRasterizer().render(splats.with_sh(coefficients), VIEW, (0.2, 0.5, 0.1)).image ** 3).sum()
+    first, second = (torch.autograd.grad(loss, coefficients, retain_graph=True)[0] for _ in range(2))
+    assert torch.equal(first, second)
+    assert torch.equal(first, all_gradients[-1])
+
+
+def test_a_probe_of_zeros_changes_nothing_and_one_of_pixels_moves_the_centres(splats):
+    probe = torch.zeros(len(splats), 2, device=DEVICE)
+    assert all(torch.equal(a, b) for a, b in zip(results(splats), results(splats, probe), strict=True))
+    probe[:] = torch.tensor([3.0, -2.0])
+    prepared = [backend.prepare(list(splats.tensors().values()), given, VIEW) for given in (None, probe)]
+    both = (prepared[0].tile_counts > 0) & (prepared[1].tile_counts > 0)
+    moved = (prepared[1].footprints - prepared[0].footprints)[both, :2]
+    assert both.any() and (moved - probe[both]).abs().max() < 1e-5  # centres of up to 30 px, rounded
+
+
+@pytest.mark.parametrize("name", ["means", "quaternions", "log_scales", "logit_opacities", "sh", "probe"])
+def test_other_dtypes_and_devices_are_refused_by_name(splats, name):
+    given = splats.tensors() | {"probe": torch.zeros(len(splats), 2, device=DEVICE)}
+    for wrong in (given[name].double(), given[name].to("meta")):
+        changed = given | {name: wrong}
+        probe = changed.pop("probe")
+        # The others are compared with the means: of meta means these are right and the next tensor is wrong.
+        with pytest.raises(BadInput, match=r"The cuda rasterizer got \w+ as .* Give it float32 on"):
+            backend.CudaRasterizer().render(Splats(**changed), VIEW, probe=probe)
+
+
+def test_lists_beyond_the_memory_budget_are_refused(monkeypatch, splats):
+    monkeypatch.setattr(backend, "BYTES_A_PAIR", 1 << 40)
+    with pytest.raises(BadInput, match=r"12 Gaussians cover \d+ tiles of the 20x17 picture.*--max-gaussians"):
+        backend.CudaRasterizer().render(splats, VIEW)
+
+
+def test_what_is_missing_is_one_line(monkeypatch):
+    monkeypatch.setattr(backend, "interpreted", lambda: False)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(BadSetting, match="needs an NVIDIA GPU"):
+        core.rasterizer.create("cuda")
+    for module in [module for module in sys.modules if module.startswith("core.rasterizer.cuda")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "triton", None)  # as if it were not installed
+    with pytest.raises(BadSetting, match="needs Triton, which is not installed"):
+        core.rasterizer.create("cuda")

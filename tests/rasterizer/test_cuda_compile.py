@@ -1,0 +1,41 @@
+"""The CUDA kernels compile for every GPU generation that torch supports, without a GPU, and fit into its registers."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("triton", reason="Triton is not installed")
+
+ROOT = Path(__file__).parents[2]
+# A thread's share of a multiprocessor's 65,536 registers decides how many programs run beside each other and hide each
+# other's waiting: at 64 registers 32 warps do, at 128 half as many. Found with Triton 3.6 on any of the six, rounded up.
+MOST_REGISTERS = {
+    "find_visible": 64,
+    "project": 80,
+    "list_tiles": 40,
+    "blend_forward": 64,
+    "blend_backward": 136,
+    "add_up": 32,
+    "project_backward": 104,
+}
+MOST_SPILLED = 8  # bytes: ptxas gives a register or two up to come below a step of occupancy (blend_forward, sm_80)
+USUAL = (75, 90)  # the oldest and one with 228 kB of shared memory; the others differ little and are for -m slow
+GENERATIONS = (75, 80, 86, 89, 90, 100)
+
+
+@pytest.mark.parametrize(
+    "capability", [number if number in USUAL else pytest.param(number, marks=pytest.mark.slow) for number in GENERATIONS]
+)
+def test_kernels_compile_and_spill_nothing(capability):
+    command = [sys.executable, "-m", "tests.rasterizer.compiled_kernels", str(capability)]
+    environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
+    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)[f"sm_{capability}"]
+    assert found.keys() == MOST_REGISTERS.keys()
+    for kernel, taken in found.items():
+        assert taken["registers"] <= MOST_REGISTERS[kernel] and taken["spilled"] <= MOST_SPILLED, (kernel, taken)

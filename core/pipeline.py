@@ -8,6 +8,7 @@ import torch
 import core
 import core.export
 import core.rasterizer
+from core import device
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection, sfm
 from core.data.collection import Collection, Photo
@@ -25,6 +26,7 @@ from core.export.atomic import check_file, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
 from core.training import checkpoint, run, saved_look
+from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
 from core.training.look_file import write_look
 from core.training.masks import write_masks
@@ -68,13 +70,12 @@ def train(
 
     Plain photos go through structure from motion first; the scene it makes lies beside the run and is used again.
     """
-    if settings.device == "cuda":
-        raise BadSetting("device=cuda: this version computes on the CPU only.", "Leave --device out.")
     if settings.resolution == 0:
         raise BadSetting(
             "resolution=0 is no size.", "Type -r 1, 2, 4 or 8 to divide the photos' size, or a width in px."
         )
-    core.rasterizer.create(settings.backend)  # refuses an unknown one before the minutes that cameras may take
+    # Refused before the minutes that cameras may take.
+    core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
     folder = run.choose_folder(output, name, force)
     if find_kind(scene) == "photos":
@@ -120,7 +121,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
     _tell_sizes(trainer, report)
     step = None
-    with StopRequest() as stop:
+    with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():
             for message in step.messages:
                 report.warn(message)
@@ -169,7 +170,8 @@ def _tell_sizes(trainer: Trainer, report: Report) -> None:
     sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures.pictures})
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     settings = trainer.settings
-    report.say(f"Training {settings.steps} steps at {spread} px, at most {settings.max_gaussians} Gaussians")
+    on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
+    report.say(f"Training {settings.steps} steps{on_gpu} at {spread} px, at most {settings.max_gaussians} Gaussians")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")
     looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
@@ -202,7 +204,7 @@ def export(
     if save_as is not None and (kept := saved_look.path_of(trained.folder, save_as)).exists() and not force:
         raise BadInput(f"{kept} exists.", "Add --force to replace it, or choose another name.")
     appearance = find_appearance(trained, word)
-    report.say(f"{trained.folder}, step {trained.step}: look of {appearance.source}")
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {appearance.source}")
     for note in trained.collection.frame.offset_notes():
         report.warn(note)
     if trained.settings.appearance == "off":
@@ -237,9 +239,9 @@ def interpolate(
     photo = _view(trained.collection, view)
     output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
     camera = trained.camera(photo)
-    rasterizer = core.rasterizer.create(trained.settings.backend)
+    rasterizer = trained.rasterizer
     trim = trim_of(trained, report) if ply else None
-    report.say(f"{trained.folder}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
+    report.say(f"{trained.folder}{trained.where}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
     with filling(output, FADE, force) as work:
         frames = []
         for step in range(steps):
@@ -274,12 +276,13 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train on a scene whose split has test photos.")
-    report.say(f"{trained.folder}, step {trained.step}: {len(photos)} held-out photos, protocol {protocol}")
-    rasterizer = core.rasterizer.create(trained.settings.backend)
-    subject = TrainedScene(trained.splats, trained.latents, trained.model, rasterizer)
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {len(photos)} held-out photos, protocol {protocol}")
+    subject = TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer)
     distance = lpips.load()
     if distance is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
+    else:
+        distance = distance.to(trained.device)
     start = time.perf_counter()
     views, pictures, scales, unreadable = [], [], [], []
     for number, photo in enumerate(photos):
@@ -323,11 +326,10 @@ def held_out_view(trained: Run, photo: Photo) -> View:
     """A held-out photo at training size, with its truth where that is known; BadInput if it is missing or damaged."""
     picture = trained.picture(photo)
     camera = picture.camera
-    pixels = torch.from_numpy(picture.pixels).float() / 255
-    valid = None if picture.valid is None else torch.from_numpy(picture.valid)
-    return View(
-        photo.name, pixels, camera, valid, load_truth(trained.collection.root, photo.name, camera.width, camera.height)
-    )
+    pixels = torch.from_numpy(picture.pixels).to(trained.device).float() / 255
+    valid = None if picture.valid is None else torch.from_numpy(picture.valid).to(trained.device)
+    truth = load_truth(trained.collection.root, photo.name, camera.width, camera.height)
+    return View(photo.name, pixels, camera, valid, truth.to(trained.device))
 
 
 def _rows(results: Results) -> list[tuple[str, str]]:

@@ -13,7 +13,6 @@ sys.path.insert(0, str(HERE.parent))
 
 import numpy as np
 
-import core.rasterizer
 from core import pipeline
 from core.export.pictures import to_8_bit, write_png
 from core.training import run
@@ -28,7 +27,7 @@ def main() -> None:
     trained = pipeline.load_run(run.find_run(Path(sys.argv[1]) if len(sys.argv) > 1 else None))
     photo = next(photo for photo in trained.collection.photos if photo.name == VIEW)
     camera = photo.camera.resized(WIDTH, round(WIDTH * photo.camera.height / photo.camera.width))
-    rasterizer = core.rasterizer.create(trained.settings.backend)
+    rasterizer = trained.rasterizer
     pictures = []
     for look in LOOKS:
         splats = pipeline.bake(trained, pipeline.find_appearance(trained, look))

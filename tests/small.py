@@ -21,8 +21,8 @@ def small_settings(**changes) -> Settings:
 
 
 def whole_settings(**changes) -> Settings:
-    """The defaults, for a scene that needs everything."""
-    return Settings(**changes).decided("full", "on", 1)
+    """The defaults, for a scene that needs everything; on the CPU, whatever else is there."""
+    return Settings(**{"device": "cpu"} | changes).decided("full", "on", 1)
 
 
 def small_collection(folder: Path, photos: int = 6) -> Collection:

@@ -14,6 +14,7 @@ LONGEST_FILE = 350
 LAYERS = [
     {"core", "core.errors", "core.report", "core.threads"},  # "core" itself: the version
     {"core.config", "core.memory"},
+    {"core.device"},
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},

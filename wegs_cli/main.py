@@ -72,6 +72,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, UnicodeEncodeError):
         words = ascii(problem.object[max(0, problem.start - 60) : problem.end])
         return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
+    if isinstance(problem, RuntimeError) and "CUDA out of memory" in str(problem):
+        return "The memory of the GPU ran out. Lower -r/--resolution or --max-gaussians, or type --device cpu.", 1
     # torch has no exception of its own for a CPU that ran out: the words are all there is.
     if isinstance(problem, MemoryError) or (
         isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)

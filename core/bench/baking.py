@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 import core.export
-import core.rasterizer
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.levers import truncated
 from core.bench.machine import made_on
@@ -44,7 +43,7 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
 
     budget: see `stopwatch.timed`.
     """
-    rasterizer = core.rasterizer.create(trained.settings.backend)
+    rasterizer = trained.rasterizer
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
     order = torch.sort(largest_contributions(trained.splats, cameras, rasterizer), stable=True).indices
     cameras = cameras[:: max(1, len(cameras) // views)][:views]

@@ -15,6 +15,8 @@ PACKAGES = ("torch", "numba", "numpy")
 def made_on(seed: int) -> dict[str, str]:
     """Machine, threads, versions and seed, in words, in the order in which they are shown."""
     facts = {"cpu": cpu_model(), "cores": str(os.cpu_count() or 1), "threads": str(torch.get_num_threads())}
+    if torch.cuda.is_available():
+        facts["gpu"] = torch.cuda.get_device_name()
     if hasattr(os, "getloadavg"):  # what else ran: the reason for many a wide spread
         facts["load"] = f"{os.getloadavg()[0]:.1f}"
     facts["wegs"] = core.__version__

@@ -8,7 +8,6 @@ import time
 
 import torch
 
-import core.rasterizer
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import Photo
@@ -62,9 +61,7 @@ def spread_over(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
 
 def _course(trained: Run, view: View, protocol: str) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
-    subject = TrainedScene(
-        trained.splats, trained.latents, trained.model, core.rasterizer.create(trained.settings.backend)
-    )
+    subject = TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer)
     fitted, scored = regions(view, protocol)
     photo = metrics.quantised(view.picture)
     region, valid = photo[:, fitted], None if view.valid is None else view.valid[:, fitted]

@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
+import torch
+
 from core.bench.figure import Spread
 
 LEAST, MOST = 3, 201  # repeats; many for pictures of half a millisecond
@@ -22,6 +24,8 @@ def timed(work: Callable[[], Result], budget: float = 1.0) -> tuple[Result, Spre
     while len(taken) < LEAST or (sum(taken) < budget and len(taken) < MOST):
         start = time.perf_counter()
         result = work()
+        if torch.cuda.is_initialized():
+            torch.cuda.synchronize()  # a GPU is only told what to do
         elapsed = time.perf_counter() - start
         if warm or elapsed > budget:
             taken.append(elapsed)

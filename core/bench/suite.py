@@ -4,6 +4,8 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from torch import Tensor
+
 from core.bench import files, small_scene
 from core.bench.baking import baking_figure
 from core.bench.figure import Figure
@@ -136,7 +138,7 @@ def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
 def _rendering_of(trained: Run, size: Size, full: bool, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
-    splats = bake(trained, find_appearance(trained, "neutral"))
+    splats = bake(trained, find_appearance(trained, "neutral")).map(Tensor.cpu)  # that figure is of a CPU
     title = f"Rendering {trained.folder.name}: {_words(len(splats), splats.degree, cameras)}"
     return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget, full)
 

@@ -28,7 +28,7 @@ OFTEN = 0.01  # share of steps that were skipped
 
 def examine_run(folder: Path, report: Report) -> list[Finding]:
     """Findings about the newest checkpoint of a run. BadInput if it has none, or none that can be read."""
-    trained = load_run(folder)
+    trained = load_run(folder, on_gpu=False)
     facts = checkpoint.read_facts(checkpoint.newest(folder))
     sky, frame = facts["sky"], trained.collection.frame
     neutral = bake(trained, find_appearance(trained, "neutral"))

@@ -75,7 +75,7 @@ class Lpips(nn.Module):
 
     def features(self, picture: Float[Tensor, "1 3 h w"]) -> list[Tensor]:
         """What the stages make of a picture in [-1, 1], each pixel's features scaled to length 1."""
-        x = (picture - torch.tensor(SHIFT).view(1, 3, 1, 1)) / torch.tensor(SCALE).view(1, 3, 1, 1)
+        x = (picture - picture.new_tensor(SHIFT).view(1, 3, 1, 1)) / picture.new_tensor(SCALE).view(1, 3, 1, 1)
         convolutions, outputs = iter(self.convolutions), []
         for pooling, count in self.trunk.stages:
             if pooling:
@@ -92,7 +92,7 @@ class Lpips(nn.Module):
             return None
         pair = (self.features(picture.float().permute(2, 0, 1)[None] * 2 - 1) for picture in (image, photo))
         stages = zip(*pair, self.heads, strict=True)
-        return sum(float(((first - second) ** 2 * head).sum(dim=1).mean()) for first, second, head in stages)
+        return sum(float(((first - second) ** 2 * head.to(first)).sum(dim=1).mean()) for first, second, head in stages)
 
 
 def load(backbone: str = "alex") -> Lpips | None:

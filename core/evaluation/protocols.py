@@ -113,7 +113,7 @@ def measure(
             scores[name][whose] = compare(image[:, columns], truth[:, columns], part, lpips)
     mask = subject.mask(photo.permute(2, 0, 1).contiguous())
     overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
-    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), None if mask is None else mask.numpy())
+    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), None if mask is None else mask.cpu().numpy())
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 

@@ -21,6 +21,10 @@ class Truth:
     clean: Float[Tensor, "h w 3"] | None = None
     static: Bool[Tensor, "h w"] | None = None
 
+    def to(self, device: torch.device) -> "Truth":
+        """The same on `device`."""
+        return Truth(*(None if part is None else part.to(device) for part in (self.clean, self.static)))
+
 
 UNKNOWN = Truth()
 

@@ -18,14 +18,14 @@ ON_GPU = ("cuda",)  # take tensors on a GPU only; all others take them on a CPU
 def create(name: str, device: str = "cpu") -> Rasterizer:
     """The backend called `name`, a key of BACKENDS or `auto`, for tensors on a `device` of the kind "cpu" or "cuda".
 
-    Raises BadSetting for another name, and for a backend that lacks what it needs on this machine.
+    Raises BadSetting for another name, another device, and for a backend that lacks what it needs on this machine.
     """
     name = AUTO[device] if name == "auto" else name
     if name not in BACKENDS:
         raise BadSetting(f"There is no backend {name!r}.", f"Choose one of: {', '.join(BACKENDS)}.")
     module, attribute = BACKENDS[name].split(":")
     try:
-        return getattr(import_module(module), attribute)()
+        backend = getattr(import_module(module), attribute)()
     except ModuleNotFoundError as missing:
         if missing.name != "triton":
             raise
@@ -33,6 +33,9 @@ def create(name: str, device: str = "cpu") -> Rasterizer:
             "The cuda rasterizer needs Triton, which is not installed.",
             "Install torch's CUDA build, which brings it (Linux), or leave --backend out.",
         ) from None
+    if backend.device not in ("any", device):
+        raise BadSetting(f"backend={name} does not compute on device={device}.", "Leave --backend out.")
+    return backend
 
 
 __all__ = ["BACKENDS", "Rasterizer", "Rendering", "create"]

@@ -47,6 +47,7 @@ class Rasterizer(Protocol):
     """
 
     name: str
+    device: str  # where it takes tensors: "cpu", "cuda" or "any"
 
     def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
         """Ascending indices of the Gaussians that are not culled in this view (a tight superset of those drawn)."""

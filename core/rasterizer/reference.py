@@ -54,7 +54,7 @@ class ReferenceRasterizer:
     One difference from the contract: torch's own sums may differ in the last bit between numbers of threads.
     """
 
-    name = "reference"
+    name, device = "reference", "any"
 
     @torch.no_grad()
     def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:

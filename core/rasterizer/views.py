@@ -21,7 +21,7 @@ def largest_contributions(
 
     progress: called with the views done and their number (RadSplat, section 4.2, calls this the importance score).
     """
-    largest = torch.zeros(len(splats))
+    largest = torch.zeros(len(splats), device=splats.means.device)
     for number, camera in enumerate(cameras, start=1):
         torch.maximum(largest, rasterizer.contributions(splats, camera), out=largest)
         progress(number, len(cameras))

@@ -66,6 +66,7 @@ def adam_rows(
 
 
 def _adam_rows_torch(values, first, second, counts, rows, gradient, rates):
+    rates = rates.to(values.device, non_blocking=True)  # a few numbers: blocking would wait for every kernel before
     gradient = gradient.clamp(-LARGEST_GRADIENT, LARGEST_GRADIENT)
     m = BETA_1 * first[rows] + (1 - BETA_1) * gradient
     v = BETA_2 * second[rows] + (1 - BETA_2) * gradient**2

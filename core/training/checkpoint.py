@@ -35,7 +35,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
     """Write FOLDER/checkpoint_STEP.safetensors under a temporary name, rename it, and drop the older ones."""
     path = folder / f"checkpoint_{checkpoint.facts['step']:06d}.safetensors"
     temporary = path.with_suffix(".tmp")
-    tensors = {name: tensor.detach().contiguous() for name, tensor in checkpoint.tensors.items()}
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.tensors.items()}
     try:
         save_file(tensors, temporary, metadata={"wegs": json.dumps({"version": VERSION, **checkpoint.facts})})
         os.replace(temporary, path)

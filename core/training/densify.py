@@ -42,9 +42,9 @@ class Surroundings:
     def outside(self, means: Tensor) -> Tensor:
         """Which of the centres (N, 3) lie in no ball around one of their eight nearest points."""
         # The tree refuses NaN; such a Gaussian goes for not being finite, wherever it is taken to be.
-        found = self.tree.query(torch.nan_to_num(means).numpy(), k=min(8, len(self.radii)))
+        found = self.tree.query(torch.nan_to_num(means).cpu().numpy(), k=min(8, len(self.radii)))
         distances, nearest = (array.reshape(len(means), min(8, len(self.radii))) for array in found)
-        return torch.from_numpy((distances > self.radii[nearest]).all(axis=1))
+        return torch.from_numpy((distances > self.radii[nearest]).all(axis=1)).to(means.device)
 
 
 def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings | None = None) -> int:
@@ -88,7 +88,7 @@ def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch
     spread = torch.exp(gaussians.parameters["log_scales"][chosen[large]])
     turn = _rotations(born["quaternions"][large])
     for target in (gaussians.parameters["means"], born["means"]):
-        offset = torch.randn(spread.shape, generator=generator) * spread
+        offset = torch.randn(spread.shape, generator=generator).to(spread) * spread
         rows = chosen[large] if target is gaussians.parameters["means"] else torch.nonzero(large).squeeze(1)
         target[rows] += torch.einsum("nij,nj->ni", turn, offset)
     gaussians.parameters["log_scales"][chosen[large]] = born["log_scales"][large]

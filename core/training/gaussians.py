@@ -67,6 +67,10 @@ class Gaussians:
     def latents(self) -> Tensor | None:
         return self.parameters.get("latents")
 
+    def to(self, device: torch.device) -> "Gaussians":
+        """The same Gaussians on `device`."""
+        return Gaussians.from_tensors({name: tensor.to(device) for name, tensor in self.tensors().items()}, self.sky)
+
     def leaves(self, rows: Tensor) -> dict[str, Tensor]:
         """Copies of the chosen rows that gather gradients."""
         return {name: tensor.index_select(0, rows).requires_grad_() for name, tensor in self.parameters.items()}
@@ -89,7 +93,7 @@ class Gaussians:
 
     def keep(self, mask: Tensor) -> None:
         """Keep the rows where `mask` (N,) is true, and the sky."""
-        rows = torch.nonzero(mask | (torch.arange(len(self)) >= self.solid)).squeeze(1)
+        rows = torch.nonzero(mask | (torch.arange(len(self), device=mask.device) >= self.solid)).squeeze(1)
         for group in (self.parameters, self.first, self.second):
             for name, tensor in group.items():
                 group[name] = tensor.index_select(0, rows)

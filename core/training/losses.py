@@ -62,11 +62,10 @@ def transient_rows(
 
     At the front means that it reaches a tenth of some pixel: what hides behind a pedestrian must not be punished.
     """
-    pixels, depth = camera.project(means.detach().numpy())
-    pixels = torch.from_numpy(pixels)
+    pixels, depth = (torch.from_numpy(array).to(mask.device) for array in camera.project(means.detach().cpu().numpy()))
     h, w = mask.shape[-2:]
     columns: Int[Tensor, " v"] = (pixels[:, 0] * w / camera.width).clamp(-1, w).long()
     rows: Int[Tensor, " v"] = (pixels[:, 1] * h / camera.height).clamp(-1, h).long()
-    inside = (columns >= 0) & (columns < w) & (rows >= 0) & (rows < h) & (torch.from_numpy(depth) > 0)
+    inside = (columns >= 0) & (columns < w) & (rows >= 0) & (rows < h) & (depth > 0)
     hidden = mask.detach()[0, rows.clamp(0, h - 1), columns.clamp(0, w - 1)] < 0.5
     return inside & hidden & (contributions > 0.1)

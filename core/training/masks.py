@@ -22,7 +22,7 @@ def write_masks(folder: Path, model: AppearanceModel, pictures: Pictures) -> int
             break
         target = folder / "masks" / Path(picture.photo.name).with_suffix(".png")
         target.parent.mkdir(parents=True, exist_ok=True)
-        values = (mask[0].numpy() * 255).round().astype(np.uint8)
+        values = (mask[0].cpu().numpy() * 255).round().astype(np.uint8)
         write_png(target, cv2.resize(values, (picture.camera.width, picture.camera.height)))
         written += 1
     return written

@@ -15,6 +15,7 @@ from core.data import photos as files
 from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
 from core.data.split import name_them
+from core.device import CPU
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.training.photometric import Target
@@ -54,27 +55,41 @@ class Picture:
     encoder_input: Tensor
 
 
-def load_picture(photo: Photo, resolution: int, factor: float, encoder_side_px: int) -> Picture:
-    """Decode a photo at the size that `training_size` gives it; BadInput if it is missing or damaged."""
+def load_picture(
+    photo: Photo, resolution: int, factor: float, encoder_side_px: int, device: torch.device = CPU
+) -> Picture:
+    """Decode a photo at the size that `training_size` gives it; BadInput if it is missing or damaged.
+
+    device: of the encoder's input; the pixels stay in the machine's own memory.
+    """
     width, height = training_size(photo, resolution, factor)
     loaded = files.load(photo, width, height)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
     camera = photo.camera.resized(width, height)
-    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, encoder_side_px))
+    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, encoder_side_px).to(device))
 
 
 class Pictures:
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
-    notes: a line that names the photos left out because their damage shows only now that they are decoded.
+    notes: a line that names the photos left out because their damage shows only now that they are decoded. device: of the
+    encoder's inputs and the targets.
     """
 
-    def __init__(self, photos: tuple[Photo, ...], resolution: int, factor: float, encoder_side_px: int):
+    def __init__(
+        self,
+        photos: tuple[Photo, ...],
+        resolution: int,
+        factor: float,
+        encoder_side_px: int,
+        device: torch.device = CPU,
+    ):
+        self.device = device
         self.pictures: list[Picture] = []
         damaged = []
         for photo in photos:
             try:
-                self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px))
+                self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px, device))
             except BadInput as problem:
                 damaged.append(named_with_fault(photo.name, photo.path, problem))
         self.notes = name_them("damaged, not used", damaged)
@@ -100,8 +115,8 @@ class Pictures:
                 pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
                 if valid is not None:
                     valid = cv2.resize(valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_AREA) > 0
-            pixels = torch.from_numpy(pixels).float() / 255
-            self._targets[key] = Target(pixels, None if valid is None else torch.from_numpy(valid))
+            pixels = torch.from_numpy(pixels).to(self.device).float() / 255
+            self._targets[key] = Target(pixels, None if valid is None else torch.from_numpy(valid).to(self.device))
             self._bytes += _bytes(width, height)
             while self._bytes > self._most_bytes and len(self._targets) > 1:
                 (old, old_factor), _ = self._targets.popitem(last=False)

@@ -8,12 +8,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+import core.rasterizer
+from core import device
 from core.appearance.encoder import shrink
 from core.appearance.model import AppearanceModel, interpolate
 from core.config import Settings
 from core.data import photos as files
 from core.data.collection import Collection, Photo
 from core.errors import BadInput
+from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training import checkpoint, run, saved_look
@@ -49,15 +52,30 @@ class Run:
         root = self.collection.root
         if not root.is_dir():
             raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
-        return load_picture(photo, self.settings.resolution, self._factor, self.settings.encoder_side_px)
+        return load_picture(photo, self.settings.resolution, self._factor, self.settings.encoder_side_px, self.device)
 
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo of the collection at the size it was trained at; the photo itself is not needed."""
         return photo.camera.resized(*training_size(photo, self.settings.resolution, self._factor))
 
     @property
+    def device(self) -> torch.device:
+        """Where the run is used."""
+        return self.splats.means.device
+
+    @property
+    def rasterizer(self) -> Rasterizer:
+        """The backend that the run was trained with, or with `auto` the one for where it is used."""
+        return core.rasterizer.create(self.settings.backend, self.device.type)
+
+    @property
+    def where(self) -> str:
+        """A few words for the user where the GPU, or its absence, is news; else nothing."""
+        return f", on {device.named(self.device)}" if self.settings.device == "cuda" else ""
+
+    @property
     def _factor(self) -> float:
-        return auto_factor(self.collection.photos, "cpu")
+        return auto_factor(self.collection.photos, "cuda" if self.settings.device == "cuda" else "cpu")
 
 
 @dataclass(frozen=True)
@@ -69,16 +87,20 @@ class Appearance:
     embedding: Float[Tensor, " e"]
 
 
-def load_run(folder: Path) -> Run:
-    """The newest checkpoint of a run folder and all that is needed to use it; BadInput if there is none."""
+def load_run(folder: Path, on_gpu: bool = True) -> Run:
+    """The newest checkpoint of a run folder and all that is needed to use it; BadInput if there is none.
+
+    on_gpu: use a run that was trained on a GPU there, if there is one here; else on the CPU.
+    """
     identity, settings, collection = run.read_config(folder)
     path = checkpoint.newest(folder)
     if path is None:
         raise BadInput(f"{folder} has no checkpoint yet.", "Wait for its first one, or name another run.")
     saved = checkpoint.load(path)
+    place = device.of_run(settings.device) if on_gpu else device.CPU
     with checkpoint.fitting(path):
-        gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
-        model = AppearanceModel(settings, saved.facts["photos"])
+        gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(place)
+        model = AppearanceModel(settings, saved.facts["photos"]).to(place)
         model.load_state_dict(saved.part("model"))
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
@@ -113,7 +135,7 @@ def find_appearance(trained: Run, word: str) -> Appearance:
     kept = trained.folder / saved_look.FOLDER / f"{path.name.removesuffix('.json')}.json"
     if path.suffix == ".json" or (kept.is_file() and not path.is_file()):
         look = saved_look.load(path if path.is_file() else kept, trained.identity, trained.settings.embedding_size)
-        return Appearance(look.name, look.source, look.embedding)
+        return Appearance(look.name, look.source, look.embedding.to(trained.device))
     photos = {photo.name: photo for photo in trained.collection.photos}
     if path.is_file():
         photo = next((photo for photo in photos.values() if _same_file(photo.path, path)), None)
@@ -144,6 +166,7 @@ def _of_outside(trained: Run, path: Path) -> Appearance:
     if min(height, width) < SMALLEST_PHOTO_PX:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")
     picture = shrink(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255, trained.settings.encoder_side_px)
+    picture = picture.to(trained.device)
     return Appearance(
         path.stem, f"photo {path.name} from outside the collection", trained.model.look(picture, masked=False).embedding
     )

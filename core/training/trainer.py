@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 import core.rasterizer
+from core import device
 from core.appearance.model import AppearanceModel, Look
 from core.config import Settings
 from core.data.collection import Collection
@@ -59,9 +60,12 @@ class Trainer:
         torch.manual_seed(settings.seed)
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
-        self.rasterizer = core.rasterizer.create(settings.backend)
-        factor = auto_factor(collection.photos, "cpu")
-        size = (settings.resolution, factor, settings.encoder_side_px)
+        self.device = device.chosen(settings.device, settings.backend)
+        if self.device.type == "cuda":
+            settings = settings.changed(device="cuda")  # what `auto` was is asked again when the run is used
+        self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
+        factor = auto_factor(collection.photos, self.device.type)
+        size = (settings.resolution, factor, settings.encoder_side_px, self.device)
         self.pictures = Pictures(collection.split("train"), *size)
         if not len(self.pictures):
             raise BadInput(f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}.", "Copy them again.")
@@ -69,11 +73,11 @@ class Trainer:
         self.settings = settings
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
         names = [picture.photo.name for picture in self.pictures.pictures]
-        self.model = AppearanceModel(settings, names)
+        self.model = AppearanceModel(settings, names).to(self.device)
         if self.model.encoder is not None:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
         self.optimizer = self._optimizer()
-        self.gaussians = initial_gaussians(collection, settings, self.generator)
+        self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         reach = settings.reach
         self.surroundings = densify.Surroundings(collection.points, reach) if reach else None
         self.done = 0
@@ -147,7 +151,7 @@ class Trainer:
         latents = leaves.get("latents")
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
-        probe = torch.zeros(len(rows), 2, requires_grad=True)
+        probe = torch.zeros(len(rows), 2, requires_grad=True, device=self.device)
         image = self.rasterizer.render(seen, camera, probe=probe).image
 
         picture_loss = self._picture_loss(image, target, look, progress)
@@ -190,7 +194,7 @@ class Trainer:
         if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
             return shown, target
         draw = torch.randn(4, generator=self.generator)
-        gain = torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
+        gain = torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN).to(self.device)
         return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)
 
     def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
@@ -226,7 +230,7 @@ class Trainer:
         splats, latents = self.gaussians.splats, self.gaussians.latents
         if not len(self.gaussians):
             return torch.zeros(())
-        rows = torch.randint(len(self.gaussians), (GAUGE_ROWS,), generator=self.generator)
+        rows = torch.randint(len(self.gaussians), (GAUGE_ROWS,), generator=self.generator).to(self.device)
         latents = None if latents is None else latents[rows]
         _, residual = self.model.transfer(splats.sh[rows], splats.means[rows], self.model.mean_embedding, latents)
         return (residual**2).sum(dim=(1, 2)).mean()
@@ -312,7 +316,7 @@ class Trainer:
                 look = self.model.look(picture.encoder_input)
                 splats = self.model.bake(self.gaussians.splats, look.embedding, self.gaussians.latents)
                 image = self.rasterizer.render(splats, picture.camera).image.clamp(0, 1)
-                photo = torch.from_numpy(picture.pixels).float() / 255
+                photo = torch.from_numpy(picture.pixels).to(self.device).float() / 255
                 decibels.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
                 similarities.append(1 - float(photometric(image, Target(photo), None, 1.0)[0]))
         return (fmean(decibels), fmean(similarities)) if decibels else (None, None)
@@ -335,7 +339,7 @@ class Trainer:
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:
         """Take over the state of a checkpoint of the same collection and settings."""
-        self.gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
+        self.gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(self.device)
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))

@@ -7,7 +7,6 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-import core.rasterizer
 from core.rasterizer import Rasterizer
 from core.rasterizer.views import largest_contributions
 from core.report import Report
@@ -65,13 +64,13 @@ class Trim:
         more = int((strongest <= HALF_STEP).sum()) - never
         while more and not self._weigh_little(splats, order[: never + more]):
             more //= 2
-        kept = torch.ones(len(splats), dtype=torch.bool)
+        kept = torch.ones(len(splats), dtype=torch.bool, device=strongest.device)
         kept[order[: never + more]] = False
         return kept
 
     def _weigh_little(self, splats: Splats, rows: Tensor) -> bool:
         """Whether the weights of these Gaussians add up to at most HALF_STEP in every pixel of every view."""
-        colours = torch.zeros(len(splats), 1, 3)
+        colours = torch.zeros(len(splats), 1, 3, device=splats.means.device)
         colours[rows] = 1
         shown = splats.with_sh(dc_of_colour(colours))
         return all(self.rasterizer.render(shown, camera).image.max() <= HALF_STEP for camera in self.cameras)
@@ -107,5 +106,4 @@ class Trim:
 def trim_of(trained: Run, report: Report) -> Trim:
     """The Trim of a run, over its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
-    backend = core.rasterizer.create(trained.settings.backend)
-    return Trim(trained.splats, cameras, backend, lambda done, total: report.progress("Training views", done, total))
+    return Trim(trained.splats, cameras, trained.rasterizer, lambda done, total: report.progress("Training views", done, total))

@@ -50,7 +50,7 @@ def is_interpreted(name: str) -> bool:
 def backend_or_skip(name: str, scene: str | None = None) -> Rasterizer:
     """The backend `name`, or a skip that says what this machine lacks; scene: of SCENES, that is to be drawn with it."""
     try:
-        backend = create(name)
+        backend = create(name, "cuda" if name in ON_GPU and not is_interpreted(name) else "cpu")
     except BadSetting as missing:
         pytest.skip(str(missing))
     if is_interpreted(name) and scene is not None and scene not in INTERPRETED:

@@ -31,7 +31,7 @@ NOTHING = np.empty((0, 2), dtype=np.float32)
 class CpuRasterizer:
     """Numba kernels on torch.get_num_threads() threads; float32. See `contract.Rasterizer` for the methods."""
 
-    name = "cpu"
+    name, device = "cpu", "cpu"
 
     def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
         arrays = arrays_of(splats)
@@ -47,7 +47,7 @@ class CpuRasterizer:
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         probe: Float[Tensor, "n 2"] | None = None,
     ) -> Rendering:
-        inputs.check(splats, probe, self.name, "cpu")
+        inputs.check(splats, probe, self.name, self.device)
         image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
         return Rendering(image, transmittance)
 

@@ -1,0 +1,23 @@
+"""When the GPU's memory runs out in the middle of training: what is learnt is kept, and the user told what to lower."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+
+from core.errors import TrainingStopped, command
+from core.training.trainer import Trainer
+
+
+@contextmanager
+def saved_if_memory_runs_out(trainer: Trainer) -> Iterator[None]:
+    """Training inside; TrainingStopped with a checkpoint written where torch could not get memory on the GPU."""
+    try:
+        yield
+    except torch.OutOfMemoryError:
+        path = trainer.save()  # moves tensor by tensor to the machine's own memory: takes none on the GPU
+        bake = command("wegs", "bake", "--run", trainer.folder, "--appearance", "PHOTO", "-o", "look.ply")
+        raise TrainingStopped(
+            f"The memory of the GPU ran out at step {trainer.done}, with {len(trainer.gaussians)} Gaussians. Saved {path}.",
+            f"Train anew with a lower -r or --max-gaussians; what is saved can be baked: {bake}",
+        ) from None

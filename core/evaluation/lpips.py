@@ -75,7 +75,8 @@ class Lpips(nn.Module):
 
     def features(self, picture: Float[Tensor, "1 3 h w"]) -> list[Tensor]:
         """What the stages make of a picture in [-1, 1], each pixel's features scaled to length 1."""
-        x = (picture - picture.new_tensor(SHIFT).view(1, 3, 1, 1)) / picture.new_tensor(SCALE).view(1, 3, 1, 1)
+        shift, scale = (torch.tensor(numbers).view(1, 3, 1, 1).to(picture.device) for numbers in (SHIFT, SCALE))
+        x = (picture - shift) / scale
         convolutions, outputs = iter(self.convolutions), []
         for pooling, count in self.trunk.stages:
             if pooling:

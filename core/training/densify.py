@@ -19,7 +19,7 @@ def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: in
 
     probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter.
     """
-    scale = probe_gradient.new_tensor([width / 2, height / 2])
+    scale = torch.tensor([width / 2, height / 2]).to(probe_gradient.device, non_blocking=True)
     gaussians.gradient_sum[rows] += (probe_gradient * scale).norm(dim=1)
     gaussians.seen[rows] += 1
 

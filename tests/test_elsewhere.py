@@ -1,0 +1,126 @@
+"""Every tensor of the story follows the device: trained, kept, gone on with, baked, measured on one that is not the CPU.
+
+See tests.elsewhere for what this can tell: that nothing is left behind, not what a GPU computes.
+"""
+
+import signal
+from importlib import import_module
+
+import pytest
+import torch
+
+import core.rasterizer
+from core import device, pipeline
+from core.evaluation.lpips import Lpips
+from core.rasterizer import Rendering
+from core.training import pictures
+from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
+from tests.evaluation.test_lpips import made_weights
+from tests.heard import Heard
+from tests.small import small_collection, small_settings
+
+# Not so: tests.elsewhere copies the numbers.
+pytestmark = pytest.mark.filterwarnings("ignore:for .* copying from a non-meta parameter")
+
+
+class Distant:
+    """The CPU's rasterizer for splats on DEVICE."""
+
+    name, device = "cpu", "any"
+
+    def __init__(self):
+        self.rasterizer = core.rasterizer.create("cpu")
+
+    def visible(self, splats, camera):
+        return self.rasterizer.visible(fetched(splats), camera).to(DEVICE)
+
+    def render(self, splats, camera, background=(0.0, 0.0, 0.0), probe=None):
+        probe = None if probe is None else fetched_tensor(probe)
+        rendering = self.rasterizer.render(fetched(splats), camera, background, probe)
+        return Rendering(rendering.image.to(DEVICE), rendering.transmittance.to(DEVICE))
+
+    def contributions(self, splats, camera):
+        return self.rasterizer.contributions(fetched(splats), camera).to(DEVICE)
+
+
+def fetched_tensor(tensor):
+    assert isinstance(tensor, Elsewhere)
+    return tensor.cpu()
+
+
+def fetched(splats):
+    return splats.map(fetched_tensor)
+
+
+@pytest.fixture(autouse=True)
+def on_device(monkeypatch):
+    """The settings' device is DEVICE, and so is that of a run."""
+    rasterizer = Distant()
+    monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
+    monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
+    monkeypatch.setitem(pictures.AUTO_PIXELS, DEVICE.type, pictures.AUTO_PIXELS["cpu"])
+    # torch's list of devices with a fused Adam has CUDA, and not this one.
+    monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
+    with elsewhere():
+        yield
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """A folder of which `pipeline` reads the small collection; one of its photos has a rim without picture."""
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    collection = small_collection(folder)
+    monkeypatch.setattr(pipeline, "find_kind", lambda path: "test")
+    monkeypatch.setattr(pipeline, "load_collection", lambda path: collection)
+    return folder
+
+
+def test_the_whole_story(scene, tmp_path, monkeypatch):
+    """With growth, pruning, masks, L_regTS and the checks of held-out quality."""
+    class Impatient(Heard):
+        def progress(self, what, done, total, note=""):
+            if done == 5:
+                signal.raise_signal(signal.SIGINT)
+
+    settings = small_settings(steps=12, mask_start=0.0, mask_apply=0.0)
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train(scene, settings, tmp_path / "run", Impatient())
+    heard = Heard()
+    folder = pipeline.resume(tmp_path / "run", heard)
+    assert any("held-out PSNR" in line for line in heard.lines)
+    run = pipeline.load_run(folder)
+    assert isinstance(run.splats.sh, Elsewhere) and isinstance(run.model.mean_embedding, Elsewhere)
+    pipeline.export(folder, "photo_0.png", tmp_path / "look.ply", save_as="kept")
+    pipeline.export(folder, str(scene / "photo_1.png"), tmp_path / "other.ply", prune=False)
+    pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
+    monkeypatch.setattr(pipeline.lpips, "load", lambda: Lpips("alex", made_weights("alex")))
+    monkeypatch.setattr("core.evaluation.protocols.REFINE_STEPS", 2)
+    scores = pipeline.evaluate(folder, protocol="full").views[0].scores["photo"]
+    assert scores["refined"].lpips > 0 and scores["refined"].psnr >= scores["zero_shot"].psnr - 0.1  # L1 is refined
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"embedding": "glo", "mask": "mlp", "latent_size": 3},
+        {"mask": "cnn", "mask_loss": "paper", "embedding_enters": "input", "sh_octaves": 1, "detach_sh": True},
+        {"appearance": "exposure", "channel_attention": False, "sky": "none"},
+        {"appearance": "off", "transients": "off", "exposure_jitter": 0.0},
+        {"residual": False},
+    ],
+    ids=lambda changes: "-".join(map(str, changes.values())),
+)
+def test_every_part_of_the_method(scene, tmp_path, changes):
+    settings = small_settings(steps=2, mask_start=0.0, mask_apply=0.0, **changes)
+    pipeline.train(scene, settings, tmp_path / "run")
+
+
+def test_a_tensor_left_behind_is_found():
+    there = torch.zeros(3, device=DEVICE)
+    assert isinstance(there, Elsewhere) and torch.equal((there + 1).cpu(), torch.ones(3))
+    with pytest.raises(MixedDevices, match=r"aten.add.Tensor got \[\(3,\)\] on the CPU"):
+        there + torch.ones(3)
+    with pytest.raises(MixedDevices):
+        there[torch.arange(2)]
+    assert float(there.sum() + torch.tensor(2.0)) == 2.0  # single numbers may come from anywhere

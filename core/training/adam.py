@@ -35,7 +35,7 @@ def _update(values, first, second, counts, corrections, rows, gradient, rates, b
 
 
 @cache
-def _corrections(count: int) -> np.ndarray:
+def corrections(count: int) -> np.ndarray:
     """1 / (1 - beta^t) of both moments for each number t of updates below `count`: two powers a row cost more than the rest."""
     powers = np.power([BETA_1, BETA_2], np.arange(1, count)[:, None])
     return np.concatenate([np.ones((1, 2)), 1 / (1 - powers)]).astype(np.float32)
@@ -51,13 +51,18 @@ def adam_rows(
     """
     if not len(rows):
         return  # a view of nothing
+    if values.device.type == "cuda":
+        from core.training import adam_cuda  # Triton, which a machine without a GPU need not have
+
+        adam_cuda.adam_rows(values, first, second, counts, rows, gradient, rates)
+        return
     if values.device.type != "cpu":
         _adam_rows_torch(values, first, second, counts, rows, gradient, rates)
         return
     arrays = [tensor.reshape(len(tensor), -1).numpy() for tensor in (values, first, second)]
     flat = gradient.reshape(len(gradient), -1).numpy()
-    corrections = _corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
-    fixed = counts.numpy(), corrections, rows.numpy(), flat, rates.numpy()
+    table = corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
+    fixed = counts.numpy(), table, rows.numpy(), flat, rates.numpy()
     in_parallel(
         lambda begin, end: _update(*arrays, *fixed, begin, end),
         len(rows),
@@ -66,7 +71,8 @@ def adam_rows(
 
 
 def _adam_rows_torch(values, first, second, counts, rows, gradient, rates):
-    rates = rates.to(values.device, non_blocking=True)  # a few numbers: blocking would wait for every kernel before
+    """The definition, on any device."""
+    rates = rates.to(values.device)
     gradient = gradient.clamp(-LARGEST_GRADIENT, LARGEST_GRADIENT)
     m = BETA_1 * first[rows] + (1 - BETA_1) * gradient
     v = BETA_2 * second[rows] + (1 - BETA_2) * gradient**2

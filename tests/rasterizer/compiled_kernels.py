@@ -16,6 +16,7 @@ from triton.compiler import ASTSource
 
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.launch import LAUNCH
+from core.training import adam_cuda
 
 KERNELS = {  # with the warps of a program
     project.find_visible: project.WARPS,
@@ -24,18 +25,19 @@ KERNELS = {  # with the warps of a program
     blend_forward.blend_forward: blend_forward.WARPS,
     blend_backward.blend_backward: blend_backward.WARPS,
     blend_backward.add_up: 1,
+    adam_cuda.update: 4,
     project_backward.project_backward: project_backward.WARPS,
 }
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
-    **dict.fromkeys(("count", "columns", "width", "height"), "i32"),
+    **dict.fromkeys(("count", "columns", "width", "height", "size"), "i32"),
     **dict.fromkeys(("background_red", "background_green", "background_blue"), "fp32"),
-    **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots"), "*i64"),
-    **dict.fromkeys(("tile_counts", "owners", "entry_splats"), "*i32"),
+    **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots", "rows"), "*i64"),
+    **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts"), "*i32"),
     "slot_tiles": "*i16",
     "visible": "*i8",
 }
-CONSTANTS = {"COEFFICIENTS": 16, "PROBED": True, "RECORD": False}
+CONSTANTS = {"COEFFICIENTS": 16, "COLUMNS": 48, "PROBED": True, "RECORD": False}
 
 
 def compiled(kernel, warps: int, capability: int) -> dict[str, int]:

@@ -20,6 +20,7 @@ MOST_REGISTERS = {
     "blend_forward": 64,
     "blend_backward": 136,
     "add_up": 32,
+    "update": 40,
     "project_backward": 104,
 }
 MOST_SPILLED = 8  # bytes: ptxas gives a register or two up to come below a step of occupancy (blend_forward, sm_80)

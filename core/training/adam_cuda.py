@@ -27,8 +27,8 @@ def update(
     place = row * COLUMNS + at % COLUMNS
     g = tl.load(gradient + at, mask=known, other=0.0)
     g = tl.minimum(tl.maximum(g, -LARGEST_GRADIENT), LARGEST_GRADIENT)
-    m = BETA_1 * tl.load(first + place, mask=known, other=0.0) + (1 - BETA_1) * g
-    v = BETA_2 * tl.load(second + place, mask=known, other=0.0) + (1 - BETA_2) * g * g
+    m = tl.load(first + place, mask=known, other=0.0) * BETA_1 + g * (1 - BETA_1)
+    v = tl.load(second + place, mask=known, other=0.0) * BETA_2 + g * g * (1 - BETA_2)
     tl.store(first + place, m, mask=known)
     tl.store(second + place, v, mask=known)
     unbias_1 = tl.load(corrections + 2 * count, mask=known, other=0.0)

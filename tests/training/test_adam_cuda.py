@@ -27,5 +27,5 @@ def test_both_agree_and_leave_unseen_rows_alone(shape):
     found = [tensor.clone().to(DEVICE) for tensor in start]
     adam_cuda.adam_rows(*found, ages.to(DEVICE), rows.to(DEVICE), gradient.to(DEVICE), rates)
     for ours, theirs, before in zip(found, expected, start, strict=True):
-        torch.testing.assert_close(ours.cpu(), theirs, rtol=1e-6, atol=1e-7)  # a handful of float32 operations
+        torch.testing.assert_close(ours.cpu(), theirs, rtol=1e-6, atol=5e-7)  # of values and steps of order 1, rounded
         assert torch.equal(ours.cpu()[1::2], before[1::2])

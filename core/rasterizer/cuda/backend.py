@@ -101,9 +101,10 @@ class _Render(torch.autograd.Function):
             prepared.columns, width, height, num_warps=blend_backward.WARPS, **LAUNCH,
         )  # fmt: skip
         sums = torch.empty(count, SLOT_COLUMNS, device=device)
-        blend_backward.add_up[(max(count, 1),)](
-            lists.order, lists.slot_starts, slot_gradients, sums, count, num_warps=1, **LAUNCH
-        )
+        if count:  # a grid cannot be empty
+            blend_backward.add_up[(count,)](
+                lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **LAUNCH
+            )
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
         probe_gradient = torch.empty(count if ctx.probed else 0, 2, device=device)
         project_backward.project_backward[blocks(count, project_backward.BLOCK)](

@@ -69,20 +69,19 @@ def blend_backward(
         entry += 1
 
 
-@triton.jit(do_not_specialize=["count"])
-def add_up(order, slot_starts, slot_gradients, sums, count):
+@triton.jit
+def add_up(order, slot_starts, slot_gradients, sums):
     """Sum the slots of one Gaussian, always in the same order, into its row of sums (N, SLOT_COLUMNS)."""
     position = tl.program_id(0)
     row, column = tl.arange(0, SLOTS_AT_ONCE)[:, None], tl.arange(0, PADDED_COLUMNS)[None, :]
-    exists = position < count  # no Gaussians at all are one program, too
-    end = tl.load(slot_starts + position + 1, mask=exists, other=0)
+    end = tl.load(slot_starts + position + 1)
     total = tl.zeros((PADDED_COLUMNS,), dtype=tl.float32)
-    slot = tl.load(slot_starts + position, mask=exists, other=0)
+    slot = tl.load(slot_starts + position)
     while slot < end:
         known = (slot + row < end) & (column < SLOT_COLUMNS)
         part = tl.load(slot_gradients + (slot + row) * SLOT_COLUMNS + column, mask=known, other=0.0)
         total += tl.sum(part, axis=0)
         slot += SLOTS_AT_ONCE
     column = tl.arange(0, PADDED_COLUMNS)
-    splat = tl.load(order + position, mask=exists, other=0)
-    tl.store(sums + splat * SLOT_COLUMNS + column, total, mask=exists & (column < SLOT_COLUMNS))
+    splat = tl.load(order + position)
+    tl.store(sums + splat * SLOT_COLUMNS + column, total, mask=column < SLOT_COLUMNS)

@@ -38,7 +38,7 @@ def tiles_between(low, high, slack, size):
 @triton.jit
 def touched_rows(y, half_height, height):
     """The tile rows [first, last) that hold pixel centres within the ellipse."""
-    slack = SLACK_PX + SLACK * (tl.abs(y) + half_height)
+    slack = (tl.abs(y) + half_height) * SLACK + SLACK_PX
     return tiles_between(y - half_height, y + half_height, slack, height)
 
 
@@ -55,7 +55,7 @@ def touched_columns(x, y, slope, half_height, half_width, lean, tile_row, width)
     left_row = tl.minimum(tl.maximum(-lean, top), bottom)
     right = slope * right_row + half_width * half_chord(right_row / half_height)
     left = slope * left_row - half_width * half_chord(left_row / half_height)
-    slack = SLACK_PX + SLACK * (tl.abs(x) + tl.abs(slope) * half_height + half_width)
+    slack = (tl.abs(x) + tl.abs(slope) * half_height + half_width) * SLACK + SLACK_PX
     return tiles_between(x + left, x + right, slack, width)
 
 

@@ -29,7 +29,7 @@ ALPHA_MIN = tl.constexpr(contract.ALPHA_MIN)
 QUATERNION_MIN_NORM2 = tl.constexpr(contract.QUATERNION_MIN_NORM2)
 LEAST_LOGIT = tl.constexpr(math.log(contract.ALPHA_MIN / (1.0 - contract.ALPHA_MIN)))
 LEAST_LOG_SCALE, MOST_LOG_SCALE = (tl.constexpr(limit) for limit in contract.LOG_SCALE_RANGE)
-LOG2_E = tl.constexpr(math.log2(math.e))
+HALF_LOG2_E = tl.constexpr(0.5 * math.log2(math.e))
 
 
 @triton.jit
@@ -145,7 +145,7 @@ def covariance(across, down):
     a, b, c = dot(across, across), dot(across, down), dot(down, down)
     # det(V V' + e I) from the factor: the difference a c - b^2 is nothing but rounding for a needle.
     normal = cross(across, down)
-    determinant = dot(normal, normal) + BLUR_PX2 * (a + c) + BLUR_PX2 * BLUR_PX2
+    determinant = dot(normal, normal) + (a + c + BLUR_PX2) * BLUR_PX2
     return a + BLUR_PX2, b, c + BLUR_PX2, determinant
 
 
@@ -167,7 +167,7 @@ def ellipse(view, offset, depth, quaternion, log_scale):
 @triton.jit
 def level_of(opacity):
     """d' S^-1 d where opacity * exp(-d' S^-1 d / 2) has fallen to ALPHA_MIN; never 0, as its root is divided by."""
-    return tl.maximum(2.0 / LOG2_E * tl.log2(opacity / ALPHA_MIN), 1e-6)
+    return tl.maximum(tl.log2(opacity / ALPHA_MIN) / HALF_LOG2_E, 1e-6)
 
 
 @triton.jit

@@ -17,26 +17,26 @@ def basis(direction, COEFFICIENTS: tl.constexpr):
     x, y, z = direction
     terms = (0.0 * x + SH_0,)
     if COEFFICIENTS > 1:
-        terms = terms + (-SH_1 * y, SH_1 * z, -SH_1 * x)
+        terms = terms + (y * -SH_1, z * SH_1, x * -SH_1)
     if COEFFICIENTS > 4:
         xx, yy, zz = x * x, y * y, z * z
         terms = terms + (
-            SH_20 * x * y,
-            SH_21 * y * z,
-            SH_22 * (2 * zz - xx - yy),
-            SH_23 * x * z,
-            SH_24 * (xx - yy),
+            x * y * SH_20,
+            y * z * SH_21,
+            (2 * zz - xx - yy) * SH_22,
+            x * z * SH_23,
+            (xx - yy) * SH_24,
         )
     if COEFFICIENTS > 9:
         xx, yy, zz = x * x, y * y, z * z
         terms = terms + (
-            SH_30 * y * (3 * xx - yy),
-            SH_31 * x * y * z,
-            SH_32 * y * (4 * zz - xx - yy),
-            SH_33 * z * (2 * zz - 3 * xx - 3 * yy),
-            SH_34 * x * (4 * zz - xx - yy),
-            SH_35 * z * (xx - yy),
-            SH_36 * x * (xx - 3 * yy),
+            y * (3 * xx - yy) * SH_30,
+            x * y * z * SH_31,
+            y * (4 * zz - xx - yy) * SH_32,
+            z * (2 * zz - 3 * xx - 3 * yy) * SH_33,
+            x * (4 * zz - xx - yy) * SH_34,
+            z * (xx - yy) * SH_35,
+            x * (xx - 3 * yy) * SH_36,
         )
     return terms
 
@@ -48,23 +48,23 @@ def direction_gradient(to_basis, direction, COEFFICIENTS: tl.constexpr):
     zero = 0.0 * x
     total = (zero, zero, zero)
     if COEFFICIENTS > 1:
-        total = (-SH_1 * to_basis[3], -SH_1 * to_basis[1], SH_1 * to_basis[2])
+        total = (to_basis[3] * -SH_1, to_basis[1] * -SH_1, to_basis[2] * SH_1)
     if COEFFICIENTS > 4:
-        total = add(total, scaled(SH_20 * to_basis[4], (y, x, zero)))
-        total = add(total, scaled(SH_21 * to_basis[5], (zero, z, y)))
-        total = add(total, scaled(SH_22 * to_basis[6], (-2 * x, -2 * y, 4 * z)))
-        total = add(total, scaled(SH_23 * to_basis[7], (z, zero, x)))
-        total = add(total, scaled(SH_24 * to_basis[8], (2 * x, -2 * y, zero)))
+        total = add(total, scaled(to_basis[4] * SH_20, (y, x, zero)))
+        total = add(total, scaled(to_basis[5] * SH_21, (zero, z, y)))
+        total = add(total, scaled(to_basis[6] * SH_22, (-2 * x, -2 * y, 4 * z)))
+        total = add(total, scaled(to_basis[7] * SH_23, (z, zero, x)))
+        total = add(total, scaled(to_basis[8] * SH_24, (2 * x, -2 * y, zero)))
     if COEFFICIENTS > 9:
         xx, yy, zz = x * x, y * y, z * z
         xy, yz, xz = x * y, y * z, x * z
-        total = add(total, scaled(SH_30 * to_basis[9], (6 * xy, 3 * (xx - yy), zero)))
-        total = add(total, scaled(SH_31 * to_basis[10], (yz, xz, xy)))
-        total = add(total, scaled(SH_32 * to_basis[11], (-2 * xy, 4 * zz - xx - 3 * yy, 8 * yz)))
-        total = add(total, scaled(SH_33 * to_basis[12], (-6 * xz, -6 * yz, 6 * zz - 3 * (xx + yy))))
-        total = add(total, scaled(SH_34 * to_basis[13], (4 * zz - 3 * xx - yy, -2 * xy, 8 * xz)))
-        total = add(total, scaled(SH_35 * to_basis[14], (2 * xz, -2 * yz, xx - yy)))
-        total = add(total, scaled(SH_36 * to_basis[15], (3 * (xx - yy), -6 * xy, zero)))
+        total = add(total, scaled(to_basis[9] * SH_30, (6 * xy, 3 * (xx - yy), zero)))
+        total = add(total, scaled(to_basis[10] * SH_31, (yz, xz, xy)))
+        total = add(total, scaled(to_basis[11] * SH_32, (-2 * xy, 4 * zz - xx - 3 * yy, 8 * yz)))
+        total = add(total, scaled(to_basis[12] * SH_33, (-6 * xz, -6 * yz, 6 * zz - 3 * (xx + yy))))
+        total = add(total, scaled(to_basis[13] * SH_34, (4 * zz - 3 * xx - yy, -2 * xy, 8 * xz)))
+        total = add(total, scaled(to_basis[14] * SH_35, (2 * xz, -2 * yz, xx - yy)))
+        total = add(total, scaled(to_basis[15] * SH_36, (3 * (xx - yy), -6 * xy, zero)))
     return total
 
 

@@ -12,5 +12,5 @@ def interpreted() -> bool:
 
 
 def blocks(count: int, size: int) -> tuple[int]:
-    """The grid that covers `count` with blocks of `size`; one block at least, as an empty grid cannot be launched."""
+    """The grid that covers `count` with blocks of `size`; one block at least, as a grid cannot be empty."""
     return (max(1, -(-count // size)),)

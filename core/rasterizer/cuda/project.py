@@ -6,7 +6,7 @@ import triton.language as tl
 from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.footprint import touched_columns, touched_rows
 from core.rasterizer.cuda.geometry import (
-    LOG2_E,
+    HALF_LOG2_E,
     can_be_projected,
     depth_of,
     ellipse,
@@ -78,8 +78,8 @@ def project(
     tl.store(at + footprint.X, x, mask=shows)
     tl.store(at + footprint.Y, y, mask=shows)
     tl.store(at + footprint.SLOPE, slope, mask=shows)
-    tl.store(at + footprint.SHARPNESS, tl.sqrt_rn(0.5 * LOG2_E / variance_in_row), mask=shows)
-    tl.store(at + footprint.FALL, 0.5 * LOG2_E * inverse_c, mask=shows)
+    tl.store(at + footprint.SHARPNESS, tl.sqrt_rn(c / determinant * HALF_LOG2_E), mask=shows)
+    tl.store(at + footprint.FALL, inverse_c * HALF_LOG2_E, mask=shows)
     tl.store(at + footprint.STRENGTH, tl.log2(opacity), mask=shows)
     tl.store(at + footprint.RED, tl.maximum(red, 0.0), mask=shows)
     tl.store(at + footprint.GREEN, tl.maximum(green, 0.0), mask=shows)

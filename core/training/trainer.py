@@ -205,6 +205,8 @@ class Trainer:
         if look.mask is None or progress < self.settings.mask_start:
             return torch.zeros(())
         weight = schedule.mask_regularisation(self.settings, progress)
+        if target.valid is not None:  # the target is zero there
+            image = torch.where(target.valid[..., None], image, 0)
         return losses.mask_loss(look.mask, image, target.planes, weight)
 
     def _regularisers(self, look: Look, residual, seen: Splats, camera, progress: float) -> Tensor:

@@ -17,10 +17,10 @@ from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
 
 ORANGE, BLUE = (20, 120, 240), (230, 60, 20)  # as OpenCV writes them
 # With the crowd masked, what is left to move the look is that a third of the photo is missing, not what stood there. Measured
-# here: 0.7 to 2.8 of 255 for three photos, against 9 to 22 with the crowd seen (plaza: 2.6 against 15.8; two looks of
-# plaza differ by 36). The bounds leave half as much again for other machines' rounding of 150 steps.
+# here: 1.1 to 2.7 of 255 for three photos, against 8 to 17 with the crowd seen (plaza: 2.6 against 15.8, Liberty 3.7 against
+# 16.5, where two looks differ by 36). The bounds leave half as much again for other machines' rounding of 150 steps.
 MOVES_BY = 4.0  # of 255, mean over the picture
-SHARE = 0.4  # of what the crowd does where it is seen
+SHARE = 0.4  # of what the crowd does where it is seen, on average
 
 
 def coloured(index, picture):
@@ -66,17 +66,20 @@ def with_crowd(photo, folder, colour):
     return paths
 
 
-@pytest.mark.parametrize("number", [3, 9, 15])
-def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path, number):
-    photo = trained.collection.photos[number]
-    outside = tmp_path / "outside.png"
-    outside.write_bytes(photo.path.read_bytes())
-    crowd, mask = with_crowd(photo, tmp_path, ORANGE)
-    wanted = rendered(trained, find_appearance(trained, str(outside)))
-    hidden = rendered(trained, find_appearance(trained, str(crowd), mask))
-    seen = rendered(trained, find_appearance(trained, str(crowd)))
-    moved, leaked = (float((look - wanted).abs().mean()) for look in (hidden, seen))
-    assert moved < MOVES_BY and moved < SHARE * leaked
+def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
+    moved, leaked = [], []
+    for number in (3, 9, 15):
+        photo = trained.collection.photos[number]
+        outside = tmp_path / "outside.png"
+        outside.write_bytes(photo.path.read_bytes())
+        crowd, mask = with_crowd(photo, tmp_path, ORANGE)
+        wanted, hidden, seen = (
+            rendered(trained, find_appearance(trained, str(path), hiding))
+            for path, hiding in ((outside, None), (crowd, mask), (crowd, None))
+        )
+        moved.append(float((hidden - wanted).abs().mean()))
+        leaked.append(float((seen - wanted).abs().mean()))
+    assert max(moved) < MOVES_BY and sum(moved) < SHARE * sum(leaked)
 
 
 def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_path):

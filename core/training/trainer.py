@@ -169,7 +169,7 @@ class Trainer:
             self.last_losses[index] = shown_loss
             self._update(rows, leaves, progress)
             densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
-            messages += self._remember(look, progress)
+            messages += self._remember(look, index, progress)
         return StepReport(
             step=self.done,
             seconds=self.seconds,
@@ -255,9 +255,9 @@ class Trainer:
             self.optimizer.step()
             self.optimizer.zero_grad(set_to_none=True)
 
-    def _remember(self, look: Look, progress: float) -> list[str]:
+    def _remember(self, look: Look, photo: int, progress: float) -> list[str]:
         if look.embedding is not None:
-            self.model.remember(look.embedding.detach())
+            self.model.remember(look.embedding.detach(), photo)
         if look.mask is None or progress < self.settings.mask_start:
             return []
         self.mask_mean += 0.05 * (float(look.mask.detach().mean()) - self.mask_mean)

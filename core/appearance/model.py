@@ -34,7 +34,7 @@ class AppearanceModel(nn.Module):
 
     photo_names: the photos that tables (GLO embeddings, MLP masks) have rows for, in the order of those rows.
     mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: the last one of
-    each training photo that was remembered, and the first of all for those not met yet.
+    each training photo that was remembered, and the first of all for those not met yet; no rows without an encoder's.
     """
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
@@ -60,7 +60,8 @@ class AppearanceModel(nn.Module):
         if with_appearance:
             self.sh_transfer = (SHTransfer if settings.appearance == "full" else ExposureTransfer)(settings)
         self.register_buffer("mean_embedding", torch.zeros(settings.embedding_size))
-        self.register_buffer("met_embeddings", torch.zeros(len(self.photo_names), settings.embedding_size))
+        rows = len(self.photo_names) if with_appearance and settings.embedding == "encoder" else 0
+        self.register_buffer("met_embeddings", torch.zeros(rows, settings.embedding_size))
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
     def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None, masked: bool = True) -> Look:
@@ -163,7 +164,8 @@ class AppearanceModel(nn.Module):
         """
         if not self.remembered:
             self.met_embeddings[:] = embedding
-        self.met_embeddings[photo] = embedding
+        if len(self.met_embeddings):
+            self.met_embeddings[photo] = embedding
         self.remembered += 1
         decay = 1 - 1 / (MEAN_WINDOW_ROUNDS * max(1, len(self.photo_names)))
         weight = (1 - decay) / (1 - decay ** int(self.remembered))

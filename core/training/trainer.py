@@ -65,7 +65,7 @@ class Trainer:
             settings = settings.changed(device="cuda")  # what `auto` was is asked again when the run is used
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         factor = auto_factor(collection.photos, self.device.type)
-        size = (settings.resolution, factor, settings.encoder_side_px, self.device)
+        size = settings.resolution, factor, settings.encoder_side_px, self.device
         self.pictures = Pictures(collection.split("train"), *size)
         if not len(self.pictures):
             raise BadInput(f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}.", "Copy them again.")
@@ -78,8 +78,7 @@ class Trainer:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
         self.optimizer = self._optimizer()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
-        reach = settings.reach
-        self.surroundings = densify.Surroundings(collection.points, reach) if reach else None
+        self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
         self.seconds = 0.0
         self.order: list[int] = []
@@ -173,7 +172,7 @@ class Trainer:
             self.last_losses[index] = shown_loss
             self._update(rows, leaves, progress)
             densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
-            messages += self._remember(look, progress)
+            messages += self._remember(look, index, progress)
         return StepReport(
             step=self.done,
             seconds=self.seconds,
@@ -209,6 +208,8 @@ class Trainer:
         if look.mask is None or progress < self.settings.mask_start:
             return torch.zeros(())
         weight = schedule.mask_regularisation(self.settings, progress)
+        if target.valid is not None:  # the target is zero there
+            image = torch.where(target.valid[..., None], image, 0)
         return losses.mask_loss(look.mask, image, target.planes, weight)
 
     def _regularisers(self, look: Look, residual, seen: Splats, camera, progress: float) -> Tensor:
@@ -257,9 +258,9 @@ class Trainer:
             self.optimizer.step()
             self.optimizer.zero_grad(set_to_none=True)
 
-    def _remember(self, look: Look, progress: float) -> list[str]:
+    def _remember(self, look: Look, photo: int, progress: float) -> list[str]:
         if look.embedding is not None:
-            self.model.remember(look.embedding.detach())
+            self.model.remember(look.embedding.detach(), photo)
         if look.mask is None or progress < self.settings.mask_start:
             return []
         self.mask_mean += 0.05 * (float(look.mask.detach().mean()) - self.mask_mean)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from core.training import adam
 
+FUSED = {"enable_fp_fusion": True}  # said in so many words: the default differs between versions of Triton
 BLOCK = 256  # numbers a program, two a thread
 BETA_1, BETA_2 = tl.constexpr(adam.BETA_1), tl.constexpr(adam.BETA_2)
 EPSILON, LARGEST_GRADIENT = tl.constexpr(adam.EPSILON), tl.constexpr(adam.LARGEST_GRADIENT)
@@ -48,7 +49,7 @@ def adam_rows(
     size = gradient.numel()
     update[(triton.cdiv(size, BLOCK),)](
         values, first, second, counts, _corrections(values.device), rows, gradient, rates, size,
-        COLUMNS=size // len(rows), BLOCK=BLOCK,
+        COLUMNS=size // len(rows), BLOCK=BLOCK, **FUSED,
     )  # fmt: skip
 
 

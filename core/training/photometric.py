@@ -7,7 +7,7 @@ V is the number of valid pixels, whatever the weights: a mask that hides half of
 pixels do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma
 1.5, constants 0.01^2 and 0.03^2 for a range of 1, and zeros beyond the picture. Invalid pixels are beyond the picture:
 zero on both sides. Paper: section IV-C (lambda_1 = 0.2 is `ssim_weight`). This module is the definition, in any dtype
-on any device; float32 on a CPU goes through core.training.photometric_kernel, which equals it.
+on any device; float32 goes through core.training.photometric_kernel on a CPU and photometric_cuda on a GPU, which equal it.
 """
 
 from copy import copy
@@ -53,7 +53,7 @@ class Target:
 
     def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None):
         self.valid = None if valid is None or bool(valid.all()) else valid
-        self.padded = F.pad(_planes(picture, self.valid), (0, 0, RADIUS, RADIUS))
+        self.padded = F.pad(planes_of(picture, self.valid), (0, 0, RADIUS, RADIUS))
         self.planes = self.padded[:, RADIUS:-RADIUS]
         self.mean = blur(self.planes)
         self.mean_square = blur(self.planes**2)
@@ -83,6 +83,10 @@ def photometric(
         from core.training.photometric_kernel import photometric_fast  # Numba takes half a second to load
 
         return photometric_fast(image, target, weight, ssim_weight)
+    if image.dtype == torch.float32 and image.device.type == "cuda":
+        from core.training.photometric_cuda import photometric_fused  # Triton, which is there with a GPU only
+
+        return photometric_fused(image, target, weight, ssim_weight)
     return photometric_definition(image, target, weight, ssim_weight)
 
 
@@ -90,7 +94,7 @@ def photometric_definition(
     image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
 ) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
     """`photometric` in plain torch: what the kernel has to equal."""
-    planes = _planes(image, target.valid)
+    planes = planes_of(image, target.valid)
     error = _error(planes, target.planes, target.mean, target.mean_square, ssim_weight)
     if target.valid is not None:
         error = torch.where(target.valid, error, 0)
@@ -114,7 +118,7 @@ def photometric_paper(
     return loss, error
 
 
-def _planes(picture: Tensor, valid: Tensor | None) -> Tensor:
+def planes_of(picture: Tensor, valid: Tensor | None) -> Tensor:
     """(H, W, 3) -> contiguous (3, H, W), zero where invalid (also where an invalid pixel is not finite)."""
     planes = picture.permute(2, 0, 1).contiguous()
     return planes if valid is None else torch.where(valid, planes, 0)

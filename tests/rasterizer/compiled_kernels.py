@@ -16,22 +16,26 @@ from triton.compiler import ASTSource
 
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.launch import LAUNCH
-from core.training import adam_cuda
+from core.training import adam_cuda, photometric_cuda
 
-KERNELS = {  # with the warps of a program
-    project.find_visible: project.WARPS,
-    project.project: project.WARPS,
-    bin.list_tiles: bin.WARPS,
-    blend_forward.blend_forward: blend_forward.WARPS,
-    blend_backward.blend_backward: blend_backward.WARPS,
-    blend_backward.add_up: 1,
-    adam_cuda.update: 4,
-    project_backward.project_backward: project_backward.WARPS,
+KERNELS = {  # with the options that they are launched with
+    project.find_visible: {"num_warps": project.WARPS, **LAUNCH},
+    project.project: {"num_warps": project.WARPS, **LAUNCH},
+    bin.list_tiles: {"num_warps": bin.WARPS, **LAUNCH},
+    blend_forward.blend_forward: {"num_warps": blend_forward.WARPS, **LAUNCH},
+    blend_backward.blend_backward: {"num_warps": blend_backward.WARPS, **LAUNCH},
+    blend_backward.add_up: {"num_warps": 1, **LAUNCH},
+    project_backward.project_backward: {"num_warps": project_backward.WARPS, **LAUNCH},
+    adam_cuda.update: adam_cuda.FUSED,
+    photometric_cuda.blur_products_down: adam_cuda.FUSED,
+    photometric_cuda.blur_down: adam_cuda.FUSED,
+    photometric_cuda.compare: adam_cuda.FUSED,
+    photometric_cuda.combine: adam_cuda.FUSED,
 }
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
     **dict.fromkeys(("count", "columns", "width", "height", "size"), "i32"),
-    **dict.fromkeys(("background_red", "background_green", "background_blue"), "fp32"),
+    **dict.fromkeys(("background_red", "background_green", "background_blue", "share", "scale"), "fp32"),
     **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots", "rows"), "*i64"),
     **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts"), "*i32"),
     "slot_tiles": "*i16",
@@ -40,14 +44,14 @@ TYPES = {
 CONSTANTS = {"COEFFICIENTS": 16, "COLUMNS": 48, "PROBED": True, "RECORD": False}
 
 
-def compiled(kernel, warps: int, capability: int) -> dict[str, int]:
+def compiled(kernel, options: dict, capability: int) -> dict[str, int]:
     """What ptxas says of a kernel."""
     block = getattr(sys.modules[kernel.fn.__module__], "BLOCK", None)
     constants = {name: value for name, value in {**CONSTANTS, "BLOCK": block}.items() if name in kernel.arg_names}
     signature = {name: "constexpr" if name in constants else TYPES.get(name, "*fp32") for name in kernel.arg_names}
     target = GPUTarget("cuda", capability, 32)
     with contextlib.redirect_stdout(io.StringIO()) as log:
-        triton.compile(ASTSource(kernel, signature, constants), target=target, options={"num_warps": warps, **LAUNCH})
+        triton.compile(ASTSource(kernel, signature, constants), target=target, options=options)
     registers = re.search(r"Used (\d+) registers", log.getvalue())
     spilled = re.search(r"(\d+) bytes spill stores", log.getvalue())
     return {"registers": int(registers.group(1)), "spilled": int(spilled.group(1))}
@@ -57,7 +61,7 @@ if __name__ == "__main__":
     triton.knobs.compilation.always_compile = True  # what comes out of Triton's cache has no log
     triton.knobs.nvidia.dump_ptxas_log = True
     found = {
-        f"sm_{capability}": {kernel.fn.__name__: compiled(kernel, warps, capability) for kernel, warps in KERNELS.items()}
+        f"sm_{capability}": {kernel.fn.__name__: compiled(kernel, options, capability) for kernel, options in KERNELS.items()}
         for capability in map(int, sys.argv[1:])
     }
     print(json.dumps(found))

@@ -22,9 +22,13 @@ MOST_REGISTERS = {
     "blend_backward": 136,
     "add_up": 32,
     "update": 40,
+    "blur_products_down": 64,
+    "blur_down": 40,
+    "compare": 80,
+    "combine": 80,
     "project_backward": 120,
 }
-MOST_SPILLED = 8  # bytes: ptxas gives a register or two up to come below a step of occupancy (blend_forward, sm_80)
+MOST_SPILLED = 24  # bytes: ptxas gives some registers up to come below a step of occupancy (sm_80)
 USUAL = (75, 90)  # the oldest and one with 228 kB of shared memory; the others differ little and are for -m slow
 GENERATIONS = (75, 80, 86, 89, 90, 100)
 

@@ -1,0 +1,170 @@
+"""The picture loss of core.training.photometric, fused, for float32 on a GPU: two launches forward and two backward.
+
+The same as photometric_kernel: the first pass forms the windowed means that depend on the render, the error, and the derivatives
+of SSIM by those means; the backward pass blurs the derivatives, because the window is its own adjoint:
+
+    dL/dx = w (1 - s) sign(x - y) / (3 V) + blur(D_mean) + 2 x blur(D_square) + y blur(D_product)
+
+Every blur is one kernel down the columns and one along the rows, which goes on with the result. One pixel a lane.
+"""
+
+import torch
+import triton
+import triton.language as tl
+from jaxtyping import Float
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from core.training import photometric
+from core.training.adam_cuda import FUSED
+
+BLOCK = 128  # pixels a program, one a thread
+RADIUS, WINDOW = tl.constexpr(photometric.RADIUS), tl.constexpr(photometric.WINDOW)
+C1, C2 = tl.constexpr(photometric.C1), tl.constexpr(photometric.C2)
+SIZES = ["height", "width"]  # Triton would compile anew for sizes that are multiples of 16
+
+
+@triton.jit(do_not_specialize=SIZES)
+def blur_products_down(x, y, taps, blurred, height, width, BLOCK: tl.constexpr):
+    """The window down the columns of x, x^2 and x y (3, height, width) -> blurred (3 products, 3, height, width)."""
+    size = height * width
+    pixel, plane = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK), tl.program_id(1)
+    row = pixel // width
+    mean = tl.zeros((BLOCK,), dtype=tl.float32)
+    square, product = mean, mean
+    for tap in tl.static_range(WINDOW):
+        inside = (row + (tap - RADIUS) >= 0) & (row + (tap - RADIUS) < height)
+        there = plane * size + pixel + (tap - RADIUS) * width
+        a = tl.load(x + there, mask=inside, other=0.0)
+        weighted = a * tl.load(taps + tap)
+        mean += weighted
+        square += weighted * a
+        product += weighted * tl.load(y + there, mask=inside, other=0.0)
+    known = pixel < size
+    tl.store(blurred + plane * size + pixel, mean, mask=known)
+    tl.store(blurred + (3 + plane) * size + pixel, square, mask=known)
+    tl.store(blurred + (6 + plane) * size + pixel, product, mask=known)
+
+
+@triton.jit(do_not_specialize=SIZES)
+def blur_down(planes, taps, blurred, height, width, BLOCK: tl.constexpr):
+    """The window down the columns of as many planes as the grid has."""
+    size = height * width
+    pixel, plane = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK), tl.program_id(1)
+    row = pixel // width
+    total = tl.zeros((BLOCK,), dtype=tl.float32)
+    for tap in tl.static_range(WINDOW):
+        inside = (row + (tap - RADIUS) >= 0) & (row + (tap - RADIUS) < height)
+        there = plane * size + pixel + (tap - RADIUS) * width
+        total += tl.load(planes + there, mask=inside, other=0.0) * tl.load(taps + tap)
+    tl.store(blurred + plane * size + pixel, total, mask=pixel < size)
+
+
+@triton.jit
+def blur_along(plane, taps, pixel, column, width, known):
+    """The window along the rows, at the pixels."""
+    total = tl.zeros_like(pixel).to(tl.float32)
+    for tap in tl.static_range(WINDOW):
+        inside = known & (column + (tap - RADIUS) >= 0) & (column + (tap - RADIUS) < width)
+        total += tl.load(plane + pixel + (tap - RADIUS), mask=inside, other=0.0) * tl.load(taps + tap)
+    return total
+
+
+@triton.jit(do_not_specialize=SIZES)
+def compare(
+    blurred, x, y, y_means, y_squares, weights, taps, error, slopes, share, scale, height, width, BLOCK: tl.constexpr
+):
+    """The error (height, width) and the derivatives (3 products, 3, height, width) of the loss by the windowed means."""
+    size = height * width
+    pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    known, column = pixel < size, pixel % width
+    slope = tl.load(weights + pixel, mask=known, other=0.0) * (-share * scale)
+    total = tl.zeros((BLOCK,), dtype=tl.float32)
+    for channel in tl.static_range(3):
+        x_mean = blur_along(blurred + channel * size, taps, pixel, column, width, known)
+        x_square = blur_along(blurred + (3 + channel) * size, taps, pixel, column, width, known)
+        product = blur_along(blurred + (6 + channel) * size, taps, pixel, column, width, known)
+        at = channel * size + pixel
+        y_mean = tl.load(y_means + at, mask=known, other=0.0)
+        y_square = tl.load(y_squares + at, mask=known, other=0.0)
+        likeness = 2 * x_mean * y_mean + C1
+        structure = 2 * (product - x_mean * y_mean) + C2
+        brightness = x_mean * x_mean + y_mean * y_mean + C1
+        contrast = x_square - x_mean * x_mean + y_square - y_mean * y_mean + C2
+        inverse = 1.0 / (brightness * contrast)
+        similarity = likeness * structure * inverse
+        difference = tl.load(x + at, mask=known, other=0.0) - tl.load(y + at, mask=known, other=0.0)
+        total += tl.abs(difference) * (1 - share) + (1 - similarity) * share
+        by_product = 2 * likeness * inverse
+        by_square = -similarity * brightness * inverse
+        by_mean = 2 * inverse * (y_mean * structure - x_mean * similarity * contrast)
+        tl.store(slopes + at, slope * (by_mean - y_mean * by_product - 2 * x_mean * by_square), mask=known)
+        tl.store(slopes + 3 * size + at, slope * by_square, mask=known)
+        tl.store(slopes + 6 * size + at, slope * by_product, mask=known)
+    tl.store(error + pixel, total / 3, mask=known)
+
+
+@triton.jit(do_not_specialize=SIZES)
+def combine(blurred, x, y, weights, taps, factor, gradient, share, scale, height, width, BLOCK: tl.constexpr):
+    """dL/dx (height, width, 3) from the derivatives blurred down; factor: a number in memory, dL/d(loss)."""
+    size = height * width
+    pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    known, column = pixel < size, pixel % width
+    pull = tl.load(weights + pixel, mask=known, other=0.0) * ((1 - share) * scale)
+    for channel in tl.static_range(3):
+        at = channel * size + pixel
+        a, b = tl.load(x + at, mask=known, other=0.0), tl.load(y + at, mask=known, other=0.0)
+        slope = tl.where(a > b, pull, tl.where(a < b, -pull, 0.0))
+        slope += blur_along(blurred + channel * size, taps, pixel, column, width, known)
+        slope += blur_along(blurred + (3 + channel) * size, taps, pixel, column, width, known) * 2 * a
+        slope += blur_along(blurred + (6 + channel) * size, taps, pixel, column, width, known) * b
+        tl.store(gradient + 3 * pixel + channel, slope * tl.load(factor), mask=known)
+
+
+def photometric_fused(
+    image: Float[Tensor, "h w 3"],
+    target: photometric.Target,
+    weight: Float[Tensor, "h w"] | None,
+    ssim_weight: float,
+) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+    """`core.training.photometric.photometric` for float32 on a GPU."""
+    return _Photometric.apply(image, target, weight, float(ssim_weight))
+
+
+class _Photometric(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, image, target, weight, share):
+        height, width = image.shape[:2]
+        x, y, valid = photometric.planes_of(image.detach(), target.valid), target.planes.contiguous(), target.valid
+        weights = torch.ones_like(image[..., 0]) if weight is None else weight.detach()
+        weights = (weights if valid is None else weights * valid).contiguous()
+        taps = photometric.window(torch.float32).to(image.device, non_blocking=True)
+        ctx.sizes = share, 1 / (3 * target.valid_pixels), height, width
+        blurred, slopes = (image.new_empty(9, height, width) for _ in range(2))
+        error = image.new_empty(height, width)
+        grid = triton.cdiv(height * width, BLOCK)
+        blur_products_down[(grid, 3)](x, y, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
+        means = target.mean.contiguous(), target.mean_square.contiguous()
+        compare[(grid,)](blurred, x, y, *means, weights, taps, error, slopes, *ctx.sizes, BLOCK=BLOCK, **FUSED)
+        if valid is not None:
+            error = torch.where(valid, error, 0)
+        ctx.save_for_backward(x, y, weights, taps, slopes)
+        ctx.valid = valid
+        ctx.mark_non_differentiable(error)
+        return (error * weights).sum() / target.valid_pixels, error
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, loss_gradient, _):
+        x, y, weights, taps, slopes = ctx.saved_tensors
+        share, scale, height, width = ctx.sizes
+        grid = triton.cdiv(height * width, BLOCK)
+        blurred, gradient = torch.empty_like(slopes), x.new_empty(height, width, 3)
+        blur_down[(grid, 9)](slopes, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
+        combine[(grid,)](
+            blurred, x, y, weights, taps, loss_gradient.contiguous(), gradient, share, scale, height, width,
+            BLOCK=BLOCK, **FUSED,
+        )  # fmt: skip
+        if ctx.valid is not None:
+            gradient = torch.where(ctx.valid[..., None], gradient, 0)
+        return gradient, None, None, None

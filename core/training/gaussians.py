@@ -83,10 +83,12 @@ class Gaussians:
             gradient = leaf.grad
             if gradient is None or name not in rates:
                 continue
+            # Filled through a mask: an index of unknown length would have the host wait for a GPU.
+            sky = sky_rows.view(-1, *[1] * (gradient.dim() - 1))
             if name == "sh":
-                gradient[sky_rows, 1:] = 0  # seen from one side only: a dome Gaussian needs no more than DC
+                gradient[:, 1:].masked_fill_(sky, 0)  # seen from one side only: a dome Gaussian needs no more than DC
             elif name != "latents":
-                gradient[sky_rows] = 0
+                gradient.masked_fill_(sky, 0)
             adam_rows(
                 self.parameters[name], self.first[name], self.second[name], self.counts, rows, gradient, rates[name]
             )

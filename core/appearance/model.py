@@ -106,6 +106,10 @@ class AppearanceModel(nn.Module):
             return output, None
         return sh + output, output
 
+    def transfer_parameters(self) -> list[nn.Parameter]:
+        """The weights of the SH transfer, or of what stands in for it."""
+        return [] if self.sh_transfer is None else list(self.sh_transfer.parameters())
+
     @torch.no_grad()
     def bake(
         self,

@@ -72,17 +72,17 @@ class Gaussians:
         return {name: tensor.index_select(0, rows).requires_grad_() for name, tensor in self.parameters.items()}
 
     def step(self, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor]) -> None:
-        """One Adam step of the chosen rows from the gradients gathered by their leaves; what has no rate stays."""
-        sky_rows = rows >= self.solid
+        """One Adam step of the chosen rows, ascending, from the gradients gathered by their leaves; what has no rate stays."""
+        sky = int(torch.searchsorted(rows, self.solid))  # where the dome's begin
         self.counts[rows] += 1
         for name, leaf in leaves.items():
             gradient = leaf.grad
             if gradient is None or name not in rates:
                 continue
             if name == "sh":
-                gradient[sky_rows, 1:] = 0  # seen from one side only: a dome Gaussian needs no more than DC
+                gradient[sky:, 1:] = 0  # seen from one side only: a dome Gaussian needs no more than DC
             elif name != "latents":
-                gradient[sky_rows] = 0
+                gradient[sky:] = 0
             adam_rows(
                 self.parameters[name], self.first[name], self.second[name], self.counts, rows, gradient, rates[name]
             )

@@ -18,8 +18,8 @@ from core.rasterizer.contract import (
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
-from core.rasterizer.cpu.simd import fetch_add
 from core.rasterizer.cpu.tuples import SCALAR, cross, dot, row, scaled, subtract
+from core.simd import fetch_add
 
 BLOCK = 512  # Gaussians a thread takes at a time
 HALF_LOG2_E = 0.5 * math.log2(math.e)

@@ -27,7 +27,7 @@ FORWARD = ["visible, gather", "visible, gather", "encoder forward", "SH transfer
 FORWARD += ["picture loss"]
 # In capitals: a kernel's backward pass, followed by the lap that it has to count for. The gauge has an MLP of its own.
 PLAIN = [*["mask, regularisers"] * 4, "SSIM BACK", "picture loss", "DRAWING BACK", "rasterizer backward"]
-FULL = ["MLP BACK", *PLAIN, "MLP BACK"]
+FULL = ["mask, regularisers", "MLP BACK", *PLAIN[1:], "MLP BACK"]
 END = ["SH transfer backward", "Adam", "encoder backward", "Adam"]
 
 

@@ -153,14 +153,15 @@ class Trainer:
 
         judging = beside(lambda: self._mask_loss(look, image, target, progress))
         picture_loss = self._picture_loss(image, target, look, progress)
-        loss = picture_loss + regularising() + self._transient_loss(look, seen, camera, progress)
+        loss = picture_loss + self._transient_loss(look, seen, camera, progress)
+        residual_loss, residual_gradient = regularising()
         mask_loss = judging()
         self.done += 1
         messages = []
-        total, shown_loss = float(loss.detach() + mask_loss.detach()), float(picture_loss.detach())
+        total, shown_loss = float(loss.detach() + residual_loss + mask_loss.detach()), float(picture_loss.detach())
         fault = guards.fault_of_loss(total, shown_loss, index, self.last_losses)
         if fault is None:
-            loss.backward()
+            losses.backward((loss, None), (residual, residual_gradient))
             teaching = beside(lambda: self._teach_encoder(look, embedding, mask_loss))
             if not guards.finite(tensor.grad for tensor in (*leaves.values(), embedding, *self.model.transfer_parameters())):
                 fault = "gradient was not finite"
@@ -220,23 +221,23 @@ class Trainer:
         opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
         return settings.transient_regularisation * TRANSIENT_EVERY * opacity
 
-    def _residual_losses(self, residual: Tensor | None) -> Tensor:
-        """L_regSH and the gauge, whose gradient is in the networks already, so that its backward pass is beside as well."""
-        settings, total = self.settings, torch.zeros(())
+    def _residual_losses(self, residual: Tensor | None) -> tuple[Tensor, Tensor | None]:
+        """L_regSH and the gauge, and L_regSH's gradient by the residual; the gauge's is in the networks already.
+
+        Their backward pass goes here, beside the rasterizer, because it depends on nothing that comes later.
+        """
+        settings = self.settings
         if residual is None:
-            return total
+            return torch.zeros(()), None
+        leaf = residual.detach().requires_grad_()
+        total = settings.sh_regularisation * losses.residual_norm(leaf)
         if settings.gauge:
-            total = settings.gauge * gauge(self.model, self.gaussians, self.generator)
-            if total.requires_grad:  # not without Gaussians
-                total.backward()
-        return total.detach() + settings.sh_regularisation * losses.residual_norm(residual)
+            total = total + settings.gauge * gauge(self.model, self.gaussians, self.generator)
+        total.backward()
+        return total.detach(), leaf.grad
 
     def _teach_encoder(self, look: Look, embedding: Tensor, mask_loss: Tensor) -> None:
-        """The backward pass of the encoder, apart: it is too small to gain from a second thread."""
-        pairs = [(look.embedding, embedding.grad), (mask_loss, None)]
-        pairs = [pair for pair in pairs if pair[0].requires_grad and (pair[0] is mask_loss or pair[1] is not None)]
-        if pairs:
-            torch.autograd.backward(*zip(*pairs))
+        losses.backward((look.embedding, embedding.grad), (mask_loss, None))
 
     def _update_gaussians(self, rows: Tensor, leaves: dict[str, Tensor], progress: float) -> None:
         settings = self.settings

@@ -12,6 +12,7 @@ from core.config import Settings
 from core.data import find_kind, find_photos, load_collection, sfm
 from core.data.collection import Collection, Photo
 from core.data.found_cameras import scene_of_photos
+from core.data.given_masks import with_masks, with_masks_of
 from core.data.photo_file import named_with_fault
 from core.data.split import counted, name_them
 from core.errors import BadInput, BadSetting, command
@@ -62,9 +63,16 @@ def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
 
 
 def train(
-    scene: Path, settings: Settings, output: Path | None = None, report: Report = QUIET, force: bool = False
+    scene: Path,
+    settings: Settings,
+    output: Path | None = None,
+    report: Report = QUIET,
+    force: bool = False,
+    masks: Path | None = None,
 ) -> Path:
     """Train on the photos in `scene`; returns the run folder. The run is made once the scene has been read.
+
+    masks: a folder of pictures that are white where the photo of that name is to be used (core.data.given_masks).
 
     Plain photos go through structure from motion first; the scene it makes lies beside the run and is used again.
     """
@@ -79,7 +87,7 @@ def train(
     folder = run.choose_folder(output, name, force)
     if find_kind(scene) == "photos":
         scene = scene_of_photos(find_photos(scene), folder.parent / f"{name}-scene", report)
-    collection = load_collection(scene)
+    collection = load_collection(scene) if masks is None else with_masks(load_collection(scene), masks)
     _tell_collection(collection, report)
     trainer = Trainer(collection, settings, folder)
     run.create(folder, collection, trainer.settings, trainer.decisions)
@@ -104,7 +112,7 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
         )
     if not before.root.is_dir():
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
-    collection = load_collection(before.root)
+    collection = with_masks_of(load_collection(before.root), before)
     trainer = Trainer(collection, settings, folder)
     names = [picture.photo.name for picture in trainer.pictures.pictures]
     if _essence(collection) != _essence(before) or names != saved.facts["photos"]:
@@ -189,10 +197,11 @@ def export(
     force: bool = False,
     save_as: str | None = None,
     prune: bool = True,
+    mask: Path | None = None,
 ) -> Path:
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
-    prune: leave out what no training view shows.
+    prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used.
     """
     core.export.check_format(output)
     check_file(output)
@@ -201,7 +210,7 @@ def export(
     trained = load_run(run.find_run(folder))
     if save_as is not None and (kept := saved_look.path_of(trained.folder, save_as)).exists() and not force:
         raise BadInput(f"{kept} exists.", "Add --force to replace it, or choose another name.")
-    appearance = find_appearance(trained, word)
+    appearance = find_appearance(trained, word, mask)
     report.say(f"{trained.folder}, step {trained.step}: look of {appearance.source}")
     for note in trained.collection.frame.offset_notes():
         report.warn(note)
@@ -234,7 +243,7 @@ def interpolate(
     """
     trained = load_run(run.find_run(folder))
     ends = [find_appearance(trained, word) for word in (first, last)]
-    photo = _view(trained.collection, view)
+    photo = trained.collection.view(view)
     output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
     camera = trained.camera(photo)
     rasterizer = core.rasterizer.create(trained.settings.backend)
@@ -253,16 +262,6 @@ def interpolate(
         write_video(work / "video.mp4", frames)
     report.say(f"{output}: {steps} frames, sheet.png, video.mp4")
     return output
-
-
-def _view(collection: Collection, name: str | None) -> Photo:
-    """The photo called `name`, or the first held-out one, or the first."""
-    if name is None:
-        return (collection.split("test") or collection.photos)[0]
-    for photo in collection.photos:
-        if photo.name == name:
-            return photo
-    raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {collection.photos[0].name}.")
 
 
 # --- trained run -> figures

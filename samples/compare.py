@@ -4,7 +4,7 @@
     python samples/compare.py SCENE -r 2 --output runs/compare
 
 The rivals: plain 3DGS (`--preset vanilla`) and the affine exposure model (`--set appearance=exposure`), the latter with
-all else of the method. Finished runs in the output folder are measured again, not trained again.
+all else of the method. What is finished in the output folder is neither trained nor measured again.
 """
 
 import json
@@ -17,13 +17,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import click
 
-from core import pipeline
 from core.config import PRESETS, preset
-from core.training import run
+from samples.measurements.finished import measured
+from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS
 from wegs_cli.terminal import Terminal
 
-PLAIN = PRESETS["vanilla"] | {"sh_degree": 1}  # on plaza half a dB better for it than the degree 0 that looks call for
-RIVALS = {"wegs": {}, "affine exposure": {"appearance": "exposure"}, "plain 3DGS": PLAIN}
+RIVALS = {"wegs": FULL, "affine exposure": AFFINE, "plain 3DGS": PLAIN}
 
 
 @click.command()
@@ -36,16 +35,12 @@ def main(scene: Path, preset_name: str, resolution: int, output: Path, protocols
     """Train and measure wegs, the affine exposure model and plain 3DGS on SCENE."""
     rows = []
     with Terminal() as terminal:
-        for name, changes in RIVALS.items():
+        for name, variant in RIVALS.items():
+            settings = preset(preset_name).changed(**VARIANTS[variant].changes, resolution=resolution)
             folder = output / f"{scene.name}-{name.replace(' ', '-')}"
-            if not (folder / "point_cloud").is_dir():
-                settings = preset(preset_name).changed(**changes, resolution=resolution)
-                pipeline.train(scene, settings, folder, terminal, force=True)
-            trained = pipeline.load_run(folder)
-            bytes_ = run.point_cloud_path(folder, trained.step).stat().st_size
-            for protocol in protocols:
-                results = pipeline.evaluate(folder, protocol, terminal)
-                rows.append({"method": name, "protocol": protocol, "MB": bytes_ / 1e6, **results.to_json()})
+            figures = measured(scene, settings, folder, protocols, terminal)
+            common = {"method": name, "MB": figures["bytes"] / 1e6}
+            rows += [common | {"protocol": protocol} | figures["results"][protocol] for protocol in protocols]
     (output / f"{scene.name}.json").write_text(json.dumps(rows, indent=1))
     click.echo(table(rows))
 

@@ -1,6 +1,11 @@
-"""The picture at the top of the README: one scene from one camera in six lights, from the newest run of samples/plaza.
+"""The README's pictures of looks: a run from one camera in the lights of its own photos, and in those of photos from outside.
 
-    python samples/lights.py [RUN]
+    python samples/lights.py                                    # of the newest run of samples/plaza: lights.jpg and styles.jpg
+    python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
+
+lights.jpg: six looks. styles.jpg: for each style photo a row, photo | neutral | its look | truth where it is known; below them
+the looks between the first style (or neutral) and the last. Where the truth is known it also prints how near the look
+comes to it, beside the nearest look of a training photo and the look fitted to the truth itself, in dB of PSNR.
 """
 
 import os
@@ -11,30 +16,121 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does,
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
+import click
+import cv2
 import numpy as np
+import torch
 
 import core.rasterizer
-from core import pipeline
-from core.export.pictures import to_8_bit, write_png
+from core.data import photos
+from core.data.collection import Photo
+from core.evaluation import metrics
+from core.evaluation.protocols import refine_embedding
+from core.evaluation.subject import TrainedScene
+from core.export.atomic import replacing
+from core.export.pictures import to_8_bit
 from core.training import run
+from core.training.trained import Run, bake, blend, find_appearance, load_run
 
-VIEW = "0006.jpg"  # held out
-STYLES = HERE / "plaza/styles"
-LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", str(STYLES / "noon.jpg"), str(STYLES / "dusk.jpg"))
-WIDTH = 320  # px of each picture
+PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
+PLAZA_VIEWS = "0006.jpg", "0040.jpg"  # held out; of lights.jpg and of styles.jpg
+TILE_PX = 180  # height of each picture of the sheet
+FRAMES = 6  # of the strip
+QUALITY = 88  # of JPEG
 
 
-def main() -> None:
-    trained = pipeline.load_run(run.find_run(Path(sys.argv[1]) if len(sys.argv) > 1 else None))
-    photo = next(photo for photo in trained.collection.photos if photo.name == VIEW)
-    camera = photo.camera.resized(WIDTH, round(WIDTH * photo.camera.height / photo.camera.width))
+@click.command()
+@click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
+@click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
+@click.option("--view", help="Photo of the run whose camera looks on.  [default: a held-out one]")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="The sheet.  [default: samples/styles.jpg]")
+def main(run_folder: Path | None, styles: tuple[str, ...], view: str | None, output: Path | None) -> None:
+    """Draw the looks of RUN (default: the newest)."""
+    trained = load_run(run.find_run(run_folder))
+    if styles:
+        photo = trained.collection.view(view)
+    else:
+        styles = PLAZA_LOOKS[-2:]
+        from_left, photo = (trained.collection.view(name) for name in (PLAZA_VIEWS[0], view or PLAZA_VIEWS[1]))
+        shots = [tile(rendered(trained, find_appearance(trained, look), from_left), 240) for look in PLAZA_LOOKS]
+        write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]])
+    write_jpeg(output or HERE / "styles.jpg", sheet(trained, styles, photo))
+    for style in styles:
+        if line := nearness(trained, style):
+            click.echo(line)
+
+
+def sheet(trained: Run, styles: tuple[str, ...], photo: Photo) -> list[list[np.ndarray]]:
+    """Rows of pictures: one a style, then the strip of what lies between the first look and the last."""
+    neutral, *looks = (find_appearance(trained, word) for word in ("neutral", *styles))
+    rows = []
+    for style, look in zip(styles, looks, strict=True):
+        row = [photos.read(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]
+        truth = truths(trained, style).get(photo.name)
+        rows.append([tile(picture, TILE_PX) for picture in (row if truth is None else [*row, photos.read(truth)])])
+    first = looks[0] if len(looks) > 1 else neutral
+    strip = [rendered(trained, blend(first, looks[-1], share), photo) for share in np.linspace(0, 1, FRAMES)]
+    width = max(sum(picture.shape[1] for picture in row) for row in rows)
+    height = min(TILE_PX, width // FRAMES * strip[0].shape[0] // strip[0].shape[1])
+    return [*rows, [tile(frame, height) for frame in strip]]
+
+
+def rendered(trained: Run, appearance, photo: Photo) -> np.ndarray:
+    """A look from the camera of a photo, 8 bit."""
     rasterizer = core.rasterizer.create(trained.settings.backend)
-    pictures = []
-    for look in LOOKS:
-        splats = pipeline.bake(trained, pipeline.find_appearance(trained, look))
-        pictures.append(to_8_bit(rasterizer.render(splats, camera).image))
-    rows = [np.concatenate(pictures[start : start + 3], axis=1) for start in (0, 3)]
-    write_png(HERE / "lights.png", np.concatenate(rows))
+    return to_8_bit(rasterizer.render(bake(trained, appearance), trained.camera(photo)).image)
+
+
+def tile(picture: np.ndarray, height: int) -> np.ndarray:
+    """The picture at a height in pixels."""
+    width = round(picture.shape[1] * height / picture.shape[0])
+    shrinks = height < picture.shape[0]
+    return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
+
+
+def write_jpeg(path: Path, rows: list[list[np.ndarray]]) -> None:
+    """The rows below each other, white where one is shorter."""
+    width = max(sum(picture.shape[1] for picture in row) for row in rows)
+    lines = [np.concatenate(row, axis=1) for row in rows]
+    canvas = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0)), constant_values=255) for line in lines]
+    data = cv2.imencode(".jpg", np.concatenate(canvas)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def truths(trained: Run, style: str) -> dict[str, Path]:
+    """The views of a made scene that are known in the light of a style photo, by the photo's name."""
+    known = {Path(photo.name).stem: photo.name for photo in trained.collection.photos}
+    folder = trained.collection.root / "truth" / "styles" / Path(style).stem
+    return {known[path.stem]: path for path in sorted(folder.glob("*.png")) if path.stem in known}
+
+
+def nearness(trained: Run, style: str) -> str | None:
+    """How near the look of a style photo comes to the truth in its light; None where that is not known."""
+    subject = TrainedScene(trained.splats, trained.latents, trained.model, core.rasterizer.create(trained.settings.backend))
+    own = find_appearance(trained, style).embedding
+    seen = {photo.name: find_appearance(trained, photo.name).embedding for photo in trained.collection.split("train")}
+    found: dict[str, list[float]] = {}
+    for name, path in truths(trained, style).items():
+        camera = trained.camera(trained.collection.view(name))
+        pixels = cv2.resize(photos.read(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+        truth = torch.from_numpy(pixels).float() / 255
+        looks = {"own": own, "neutral": trained.model.mean_embedding} | seen
+        fitted = refine_embedding(subject, own, camera, truth)
+        looks |= {} if fitted is None else {"fitted": fitted}
+        for look, embedding in looks.items():
+            with torch.no_grad():
+                picture = metrics.quantised(subject.render(embedding, camera))
+            found.setdefault(look, []).append(metrics.psnr(picture, truth))
+    if not found:
+        return None
+    means = {look: sum(values) / len(values) for look, values in found.items()}
+    nearest = max(seen, key=means.__getitem__)
+    return (
+        f"{Path(style).name}: {means['own']:.2f} dB from the truth in {len(found['own'])} views; the nearest of {len(seen)} looks of "
+        f"training photos ({nearest}) {means[nearest]:.2f}, neutral {means['neutral']:.2f}, "
+        f"fitted to the truth {means.get('fitted', means['own']):.2f}"
+    )
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import click
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The .ply to write.")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Replace OUTPUT, and the look that is kept, if they exist.")
+@click.option("--mask", type=click.Path(path_type=Path), help="Picture that is white where PHOTO is to be used.")
 @click.option("--save-appearance", metavar="NAME", help="Keep the look in the run as appearance/NAME.json.")
 @click.option(
     "--prune",
@@ -23,7 +24,7 @@ import click
     show_default=True,
     help="Leave out Gaussians and SH bands that change no training view by more than half an 8-bit step, or keep all.",
 )
-def bake(appearance, output, run_folder, force, save_appearance, prune) -> None:
+def bake(appearance, output, run_folder, force, mask, save_appearance, prune) -> None:
     """Write the scene in the light of a photo, as a .ply that every 3DGS viewer opens.
 
     \b
@@ -36,4 +37,4 @@ def bake(appearance, output, run_folder, force, save_appearance, prune) -> None:
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance, prune == "auto")
+        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance, prune == "auto", mask)

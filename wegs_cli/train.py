@@ -11,10 +11,11 @@ from wegs_cli.options import settings_from, settings_options, settings_table
 @click.command(epilog=settings_table(), short_help="Photos in, a run out.")
 @click.argument("scene", type=click.Path(path_type=Path), required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the run.  [default: runs/SCENE]")
+@click.option("--masks", type=click.Path(path_type=Path), help="Folder of masks named as the photos; white = use.")
 @settings_options
 @click.option("--resume", is_flag=True, help="Go on with the run in -o (default: the newest), with its own settings.")
 @click.option("--force", is_flag=True, help="Replace the run that -o holds.")
-def train(scene, output, preset_name, config, assignments, resume, force, **typed) -> None:
+def train(scene, output, masks, preset_name, config, assignments, resume, force, **typed) -> None:
     """Train a scene whose light can be changed, from the photos in SCENE (default: the current folder).
 
     SCENE is a COLMAP model with its photos, a PhotoTourism folder, or plain photos, whose cameras are then found first.
@@ -23,11 +24,13 @@ def train(scene, output, preset_name, config, assignments, resume, force, **type
     Examples:
       wegs train samples/plaza --preset quick
       wegs train photos/ -o runs/home -r 640 --set sky=none
+      wegs train photos/ --masks people/
       wegs train --resume
     """
     if resume:
         given = [name for name, value in typed.items() if value is not None]
-        given += [word for word, value in (("SCENE", scene), ("--preset", preset_name), ("--config", config)) if value]
+        words = (("SCENE", scene), ("--masks", masks), ("--preset", preset_name), ("--config", config))
+        given += [word for word, value in words if value]
         given += ["--set"] * bool(assignments) + ["--force"] * force
         if given:
             raise BadSetting(f"A resumed run keeps its scene and settings; {given[0]} changes them.", "Leave it out.")
@@ -41,4 +44,4 @@ def train(scene, output, preset_name, config, assignments, resume, force, **type
         if resume:
             pipeline.resume(output, terminal)
         else:
-            pipeline.train(scene or Path("."), settings, output, terminal, force)
+            pipeline.train(scene or Path("."), settings, output, terminal, force, masks)

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from core.appearance.attention import ChannelAttention, MaskUNet, rectified
 from core.config import Settings
 from core.errors import BadInput
+from core.threads import one_torch_thread
 
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms a photo on one core
 WEAK_COMPONENT = 0.1  # of the strongest: what varies less between photos is amplified less
@@ -136,7 +137,8 @@ class PhotoEncoder(nn.Module):
     def spread(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
         """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.spread."""
         if self.enc2 is not None:
-            self.enc2.spread(torch.stack([self.enc2.pooled(self.attend(photo, True)[0]) for photo in photos]))
+            with one_torch_thread():  # more would round the principal components differently
+                self.enc2.spread(torch.stack([self.enc2.pooled(self.attend(photo, True)[0]) for photo in photos]))
 
 
 class PlainMask(nn.Module):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 
@@ -17,7 +18,8 @@ class Photo:
     """A posed photo. `camera` is pinhole, at the size the photo has on disk (as displayed), in the scene frame.
 
     lens: the COLMAP camera as {"model", "width", "height", "params"} where the file itself is distorted, else None;
-    core.data.photos undistorts with it. points: indices into Collection.points of the SfM points it sees.
+    core.data.photos undistorts with it. points: indices into Collection.points of the SfM points it sees. mask: a picture that
+    is white where the photo is to be used (core.data.given_masks), else None.
     """
 
     name: str
@@ -26,6 +28,7 @@ class Photo:
     split: str  # "train" or "test"
     points: np.ndarray
     lens: dict | None = None
+    mask: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,15 @@ class Collection:
     def split(self, name: str) -> tuple[Photo, ...]:
         """The photos of one split, in order of name."""
         return tuple(photo for photo in self.photos if photo.split == name)
+
+    def view(self, name: str | None) -> Photo:
+        """The photo called `name`; for None the first held-out one, or the first. Raises BadInput where there is none."""
+        if name is None:
+            return (self.split("test") or self.photos)[0]
+        for photo in self.photos:
+            if photo.name == name:
+                return photo
+        raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {self.photos[0].name}.")
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:

@@ -8,11 +8,14 @@ import numpy as np
 
 from core.data import lens as lenses
 from core.data.collection import Photo
+from core.data.fill import fill
 from core.data.photo_file import TRUNCATED, Header, bad_photo, decode, read_header
+from core.errors import BadInput
 
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
+LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake, such as a white of 1 instead of 255
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
 
@@ -24,32 +27,45 @@ class Picture:
     valid: np.ndarray | None
 
 
-def read(path: Path) -> np.ndarray:
+def read(path: Path, mask: Path | None = None) -> np.ndarray:
     """A photo as displayed: (H, W, 3) uint8 RGB, EXIF rotation applied.
+
+    mask: a picture that is white where the photo is to be used; elsewhere the photo then shows the colours around.
 
     Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparency is laid on white, as
     viewers do.
-    Raises BadInput for what is missing, truncated or no photo.
+    Raises BadInput for what is missing, truncated or no photo, and for a mask that leaves nothing of it.
     """
     header, pixels, alpha = _read_file(Path(path))
-    return upright(_on_white(pixels, alpha), header.orientation)
+    pixels = upright(_on_white(pixels, alpha), header.orientation)
+    if mask is None:
+        return pixels
+    return _filled(pixels, _read_mask(mask, pixels.shape[:2]), path, mask)
 
 
 def load(photo: Photo, width: int, height: int) -> Picture:
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that
-    the lens did not see and those with any transparency. Raises BadInput like `read`.
+    the lens did not see, those with any transparency, and those that the photo's mask hides; the last show the colours
+    around them. Raises BadInput like `read`.
     """
     header, pixels, alpha = _read_file(Path(photo.path), (width, height))
     pixels = _on_white(pixels, alpha)
     valid = None if alpha is None else alpha == 255
+    if photo.mask is not None:
+        shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
+        use = _as_stored(_read_mask(photo.mask, shown), header.orientation)
+        valid = use if valid is None else valid & use
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
         valid = None if valid is None else upright(valid, header.orientation)
     else:
         pixels, valid = _undistort(pixels, valid, photo, header, (width, height))
-    return Picture(_resize(pixels, width, height), _resize_valid(valid, width, height))
+    pixels, valid = _resize(pixels, width, height), _resize_valid(valid, width, height)
+    if photo.mask is not None and valid is not None:
+        pixels = _filled(pixels, valid, photo.path, photo.mask)
+    return Picture(pixels, valid)
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
@@ -61,6 +77,28 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     if orientation in (3, 4, 7, 8):
         pixels = pixels[::-1]
     return np.ascontiguousarray(pixels)
+
+
+def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """`upright` backwards."""
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
+
+
+def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
+    """(H, W) bool, True where the mask of a photo of this `size` is white, both as displayed; resized to the nearest pixel."""
+    white = (read(path).mean(axis=2) >= 128).astype(np.uint8)
+    return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
+
+
+def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path) -> np.ndarray:
+    if use.mean() < LEAST_USE:
+        why = f"is left with {use.mean():.1%} of its pixels by its mask {mask}"
+        raise BadInput(f"{path} {why}.", "White (255) marks what is to be used, black what is not.")
+    return fill(pixels, use)
 
 
 def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:

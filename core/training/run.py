@@ -188,12 +188,22 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
 
 
 def _photo_to_json(photo: Photo, root: Path) -> dict:
-    path = photo.path.resolve()
-    if path.is_relative_to(root.resolve()):
-        path = path.relative_to(root.resolve())
     camera = asdict(photo.camera)
     camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}
-    return {"name": photo.name, "path": str(path), "split": photo.split, "camera": camera, "lens": photo.lens}
+    return {
+        "name": photo.name,
+        "path": _path_to_json(photo.path, root),
+        "split": photo.split,
+        "camera": camera,
+        "lens": photo.lens,
+        "mask": None if photo.mask is None else _path_to_json(photo.mask, root),
+    }
+
+
+def _path_to_json(path: Path, root: Path) -> str:
+    """Relative where it lies in the scene's folder, so that this may be moved."""
+    path = path.resolve()
+    return str(path.relative_to(root.resolve()) if path.is_relative_to(root.resolve()) else path)
 
 
 def _photo_from_json(values: dict, root: Path) -> Photo:
@@ -203,7 +213,16 @@ def _photo_from_json(values: dict, root: Path) -> Photo:
     }
     nothing = np.zeros(0, dtype=np.int64)
     path = root / values["path"]  # an absolute path stays as it is
-    return Photo(values["name"], path, Camera(**camera), values["split"], points=nothing, lens=values["lens"])
+    mask = values.get("mask")  # runs made before there were given masks have none
+    return Photo(
+        values["name"],
+        path,
+        Camera(**camera),
+        values["split"],
+        points=nothing,
+        lens=values["lens"],
+        mask=None if mask is None else root / mask,
+    )
 
 
 # --- the original project's files

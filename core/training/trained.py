@@ -1,7 +1,7 @@
 """A trained run, ready to be looked at: its Gaussians, its appearance model, and the looks it can take."""
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -100,26 +100,32 @@ def blend(first: Appearance, last: Appearance, share: float) -> Appearance:
 
 
 @torch.no_grad()
-def find_appearance(trained: Run, word: str) -> Appearance:
+def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appearance:
     """The look that `word` stands for.
+
+    mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all.
 
     Tried in this order: `neutral`; a look saved in the run (its name, or the path of its .json); the path of a photo,
     which may be one of the collection; the name of a photo of the collection. A training photo is encoded with its
-    predicted mask, any other with M := 1. Raises BadInput naming what is near, if nothing fits.
+    predicted mask, any other with M := 1. Raises BadInput naming what is near, if nothing fits, and for the mask of a
+    look that comes from no photo.
     """
-    if word == NEUTRAL:
-        return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
     path = Path(word)
     kept = trained.folder / saved_look.FOLDER / f"{path.name.removesuffix('.json')}.json"
-    if path.suffix == ".json" or (kept.is_file() and not path.is_file()):
+    is_kept = path.suffix == ".json" or (kept.is_file() and not path.is_file())
+    if mask is not None and (word == NEUTRAL or is_kept):
+        raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")
+    if word == NEUTRAL:
+        return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
+    if is_kept:
         look = saved_look.load(path if path.is_file() else kept, trained.identity, trained.settings.embedding_size)
         return Appearance(look.name, look.source, look.embedding)
     photos = {photo.name: photo for photo in trained.collection.photos}
     if path.is_file():
         photo = next((photo for photo in photos.values() if _same_file(photo.path, path)), None)
-        return _of_outside(trained, path) if photo is None else _of_photo(trained, photo)
+        return _of_outside(trained, path, mask) if photo is None else _of_photo(trained, photo, mask)
     if word in photos:
-        return _of_photo(trained, photos[word])
+        return _of_photo(trained, photos[word], mask)
     near = difflib.get_close_matches(word, photos, n=1, cutoff=0.0) or [NEUTRAL]
     raise BadInput(
         f"{word} is neither a photo file, nor a photo or saved look of {trained.folder}.",
@@ -127,19 +133,21 @@ def find_appearance(trained: Run, word: str) -> Appearance:
     )
 
 
-def _of_photo(trained: Run, photo: Photo) -> Appearance:
+def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
+    if mask is not None:
+        photo = replace(photo, mask=mask)
     look = trained.model.look(trained.picture(photo).encoder_input, row)
     kind = "training" if row is not None else "held-out"
     return Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
 
 
-def _of_outside(trained: Run, path: Path) -> Appearance:
+def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     _refuse_unknown_to_table(trained, str(path))
-    pixels = files.read(path)
+    pixels = files.read(path, mask)
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")

@@ -179,7 +179,7 @@ class Trainer:
             self.skipped_in_a_row = 0
             self.last_losses[index] = shown_loss
             self._update_networks(progress)
-            messages += self._remember(look, progress)
+            messages += self._remember(look, index, progress)
         return StepReport(
             step=self.done,
             seconds=self.seconds,
@@ -210,6 +210,8 @@ class Trainer:
         if look.mask is None or progress < self.settings.mask_start:
             return torch.zeros(())
         weight = schedule.mask_regularisation(self.settings, progress)
+        if target.valid is not None:  # the target is zero there
+            image = torch.where(target.valid[..., None], image, 0)
         return losses.mask_loss(look.mask, image, target.planes, weight)
 
     def _transient_loss(self, look: Look, seen: Splats, camera, progress: float) -> Tensor:
@@ -255,9 +257,9 @@ class Trainer:
             self.optimizer.step()
             self.optimizer.zero_grad(set_to_none=True)
 
-    def _remember(self, look: Look, progress: float) -> list[str]:
+    def _remember(self, look: Look, photo: int, progress: float) -> list[str]:
         if look.embedding is not None:
-            self.model.remember(look.embedding.detach())
+            self.model.remember(look.embedding.detach(), photo)
         if look.mask is None or progress < self.settings.mask_start:
             return []
         self.mask_mean += 0.05 * (float(look.mask.detach().mean()) - self.mask_mean)

@@ -118,3 +118,17 @@ def test_shrink_averages_and_never_enlarges():
 def test_a_photo_without_pixels_is_refused():
     with pytest.raises(BadInput, match="5 x 0 px"):
         shrink(torch.zeros(3, 0, 5), 64)
+
+
+def test_embeddings_start_apart_by_the_same_bits_for_any_number_of_threads():
+    photos, found, before = [torch.rand(3, 64, 86) for _ in range(20)], [], torch.get_num_threads()
+    try:
+        for threads in (1, 2):
+            torch.manual_seed(0)
+            torch.set_num_threads(threads)
+            encoder = PhotoEncoder(whole_settings())
+            encoder.spread(photos)
+            found.append(encoder.enc2.embedding.weight)
+    finally:
+        torch.set_num_threads(before)
+    assert torch.equal(*found)

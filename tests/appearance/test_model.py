@@ -124,7 +124,7 @@ def test_look_does_not_depend_on_the_number_of_threads():
 
 def test_glo_gives_rows_inside_and_the_mean_outside():
     model = model_of(embedding="glo", transients="off")
-    model.remember(torch.arange(6.0))
+    model.remember(torch.arange(6.0), 0)
     assert torch.equal(model.look(torch.rand(3, 9, 9), 3).embedding, model.embedding_table[3])
     assert torch.equal(model.look(torch.rand(3, 9, 9)).embedding, torch.arange(6.0))
 
@@ -189,8 +189,8 @@ def test_neutral_look_is_a_corrected_running_mean():
     decay = 1 - 1 / (MEAN_WINDOW_ROUNDS * len(PHOTOS))
     seen = torch.randn(30, 6)
     assert not model.mean_embedding.any()
-    for embedding in seen:
-        model.remember(embedding.requires_grad_())
+    for number, embedding in enumerate(seen):
+        model.remember(embedding.requires_grad_(), number % len(PHOTOS))
     weights = decay ** torch.arange(29, -1, -1)
     expected = (weights[:, None] * seen.detach()).sum(0) / weights.sum()
     assert torch.allclose(model.mean_embedding, expected, atol=1e-6)  # thirty float32 roundings
@@ -199,10 +199,36 @@ def test_neutral_look_is_a_corrected_running_mean():
 
 def test_remember_leaves_older_looks_alone():
     model = model_of(embedding="glo", transients="off")
-    model.remember(torch.ones(6))
+    model.remember(torch.ones(6), 0)
     look = model.look(torch.rand(3, 8, 8))
-    model.remember(torch.zeros(6))
+    model.remember(torch.zeros(6), 0)
     assert torch.equal(look.embedding, torch.ones(6))
+
+
+def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypatch):
+    """Along their principal axes; inside, and for training photos, nothing changes by a bit."""
+    model = model_of()
+    directions = torch.linalg.qr(torch.randn(6, 6)).Q
+    met = 1.5 + torch.randn(5, 3).clamp(-2, 2) * torch.tensor([3.0, 1.0, 0.2]) @ directions[:3]  # in a plane of three
+    outside = torch.full((6,), 1.5) + 50 * directions[0] + 7 * directions[4]
+
+    def given(embedding, photo=None):
+        monkeypatch.setattr(model.encoder, "forward", lambda picture, masked: (embedding, None))
+        return model.look(torch.rand(3, 8, 8), photo).embedding
+
+    assert torch.equal(given(outside), outside)  # before anything was met
+    for photo, embedding in enumerate(met):
+        model.remember(embedding, photo)
+    assert torch.equal(given(outside, 2), outside)
+    inside = met.mean(dim=0)
+    assert torch.allclose(given(inside), inside, atol=1e-6)
+    held = given(outside) - met.mean(dim=0)
+    axes = torch.linalg.svd(met - met.mean(dim=0), full_matrices=False).Vh
+    reached = (met - met.mean(dim=0)) @ axes.T
+    assert (held @ axes.T <= reached.amax(dim=0) + 1e-5).all() and (held @ axes.T >= reached.amin(dim=0) - 1e-5).all()
+    assert (held - (held @ axes[:3].T) @ axes[:3]).norm() < 1e-4  # nothing off the plane is left
+    model.remember(outside, 0)  # a photo like it was met: now it is within reach
+    assert torch.allclose(given(outside), outside, atol=1e-4)
 
 
 def test_interpolation_ends_exactly():
@@ -215,7 +241,7 @@ def test_interpolation_ends_exactly():
 @pytest.mark.parametrize("changes", [{}, {"embedding": "glo", "mask": "mlp"}, {"appearance": "exposure"}], ids=str)
 def test_state_survives_a_safetensors_file(changes):
     model = model_of(**changes)
-    model.remember(torch.randn(6))
+    model.remember(torch.randn(6), 2)
     saved = safetensors.torch.load(safetensors.torch.save(model.state_dict()))
     torch.manual_seed(99)
     other = AppearanceModel(model.settings, PHOTOS)

@@ -42,27 +42,29 @@ def invoke(*arguments: str):
 @pytest.mark.parametrize(
     "line, call",
     [
-        ("train", ("train", Path("."), Settings(), None, False)),
+        ("train", ("train", Path("."), Settings(), None, False, None)),
         (
             "train plaza -o out --preset quick --steps 9 -r 2 --force",
-            ("train", Path("plaza"), Settings(**PRESETS["quick"]).changed(steps=9, resolution=2), Path("out"), True),
+            ("train", Path("plaza"), Settings(**PRESETS["quick"]).changed(steps=9, resolution=2), Path("out"), True, None),
         ),
-        ("train --set sky=none --sh-degree 0", ("train", Path("."), Settings(sky="none", sh_degree=0), None, False)),
+        ("train plaza --masks people", ("train", Path("plaza"), Settings(), None, False, Path("people"))),
+        ("train --set sky=none --sh-degree 0", ("train", Path("."), Settings(sky="none", sh_degree=0), None, False, None)),
         (
             "train --sh-degree auto --appearance exposure --transients off",
-            ("train", Path("."), Settings(appearance="exposure", transients="off"), None, False),
+            ("train", Path("."), Settings(appearance="exposure", transients="off"), None, False, None),
         ),
         ("train --resume", ("resume", None)),
         ("train --resume -o runs/a", ("resume", Path("runs/a"))),
-        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None, True)),
+        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None, True, None)),
         (
             "bake --appearance a.jpg -o a.ply --prune off",
-            ("export", None, "a.jpg", Path("a.ply"), False, None, False),
+            ("export", None, "a.jpg", Path("a.ply"), False, None, False, None),
         ),
         (
             "bake --appearance neutral -o a.ply --run r --force --save-appearance x",
-            ("export", Path("r"), "neutral", Path("a.ply"), True, "x", True),
+            ("export", Path("r"), "neutral", Path("a.ply"), True, "x", True, None),
         ),
+        ("bake --appearance a.jpg -o a.ply --mask m.png", ("export", None, "a.jpg", Path("a.ply"), False, None, True, Path("m.png"))),
         ("interpolate a b", ("interpolate", None, "a", "b", 10, None, None, False, False)),
         (
             "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",

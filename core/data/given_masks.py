@@ -1,0 +1,68 @@
+"""Masks that the user gives: which photo each belongs to, and what is said about them (`wegs train --masks DIR`)."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from core.data.collection import Collection
+from core.data.photo_file import list_photos, probe
+from core.data.split import counted, name_them
+from core.errors import BadInput
+
+
+def with_masks(collection: Collection, folder: Path) -> Collection:
+    """The collection whose training photos know their masks in `folder`; white = use, any format, in any size.
+
+    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`; for photos in folders (`left/0001.jpg`) a mask in the
+    same folder beats one in `folder` itself. A photo without a mask is used whole. Held-out photos get none: masks never
+    enter a figure. Notes say how many there are, and which are missing, are of another size than their photo (they are
+    resized, nearest pixel) or belong to no photo. Raises BadInput for a folder without any match, and for two
+    masks of one photo.
+    """
+    if not folder.is_dir():
+        raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
+    listed = {place: _by_stem(folder / place) for place in {".", *(_place(photo.name) for photo in collection.photos)}}
+    masks = {}
+    for photo in collection.photos:
+        stem = Path(photo.name).stem
+        masks[photo.name] = listed[_place(photo.name)].get(stem) or listed["."].get(stem)
+    training = collection.split("train")
+    known = {photo.name: masks[photo.name] for photo in training if masks[photo.name]}
+    if not known:
+        example = Path(training[0].name).with_suffix(".png")
+        raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
+    resized = [
+        photo.name
+        for photo in training
+        if photo.name in known and probe(known[photo.name]).displayed != (photo.camera.width, photo.camera.height)
+    ]
+    missing = [photo.name for photo in training if photo.name not in known]
+    strangers = sorted({path.name for found in listed.values() for path in found.values()} - {m.name for m in masks.values() if m})
+    notes = [f"{counted(len(known), 'photo')} with a mask from {folder}."]
+    notes += name_them("without one, used whole", missing)
+    notes += name_them("with a mask of another size, which is resized", resized)
+    if strangers:
+        notes.append(f"{counted(len(strangers), 'mask')} of no photo in use, such as {strangers[0]}.")
+    photos = tuple(replace(photo, mask=known.get(photo.name)) for photo in collection.photos)
+    return replace(collection, photos=photos, notes=(*collection.notes, *notes))
+
+
+def with_masks_of(collection: Collection, before: Collection) -> Collection:
+    """The collection with the masks that an earlier reading of it had: how a run goes on."""
+    masks = {photo.name: photo.mask for photo in before.photos}
+    return replace(
+        collection, photos=tuple(replace(photo, mask=masks.get(photo.name)) for photo in collection.photos)
+    )
+
+
+def _place(name: str) -> str:
+    return str(Path(name).parent)
+
+
+def _by_stem(folder: Path) -> dict[str, Path]:
+    """The pictures of a folder, none where there is no such folder."""
+    found: dict[str, Path] = {}
+    for path in list_photos(folder) if folder.is_dir() else ():
+        if path.stem in found:
+            raise BadInput(f"{found[path.stem]} and {path.name} are masks of one photo.", "Remove one of them.")
+        found[path.stem] = path
+    return found

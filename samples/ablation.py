@@ -1,0 +1,145 @@
+"""What each part of the method is worth: the paper's ablation (its Table IV) and our differences from the paper, by switches.
+
+    python samples/ablation.py samples/plaza --seeds 3
+    python samples/ablation.py statue_of_liberty --preset default -r 2
+    python samples/ablation.py SCENE --split val.tsv --only "no mask" --only "mask by MLP"     # to choose by, not to publish
+
+Each variant (samples/measurements/variants.py) is the base preset with a few settings changed; one that changes nothing is the full model.
+One run after the other; what is finished is stored in the output folder and not trained again, what was killed goes on.
+Prints a Markdown table for each scene and protocol, and writes it as SCENE.md, and all figures run by run as SCENE.csv.
+"""
+
+import csv
+import io
+import os
+import sys
+from pathlib import Path
+from statistics import fmean, stdev
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import click
+
+from core.config import PRESETS, preset
+from core.evaluation.protocols import PROTOCOLS
+from core.export.atomic import write_text
+from samples.measurements.finished import measured, with_split
+from samples.measurements.variants import FULL, VARIANTS
+from wegs_cli.terminal import Terminal
+
+METRICS = ("psnr", "ssim", "lpips")
+HEADER = (
+    *("variant", "PSNR zero-shot", "to full", "PSNR refined", "to full", "SSIM / LPIPS", "mask IoU", ".ply MB"),
+    *("training s", "paper: PSNR to full", "paper: MB"),
+)
+GLO = "GLO has no encoder: its zero-shot look of a held-out photo is the mean embedding. "
+
+
+@click.command()
+@click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
+@click.option("--preset", "preset_name", default="quick", show_default=True, type=click.Choice(sorted(PRESETS)))
+@click.option("--steps", type=click.IntRange(min=1), help="Of each run.  [default: the preset's]")
+@click.option("-r", "--resolution", default=-1, show_default=True)
+@click.option("--seeds", default=1, show_default=True, type=click.IntRange(min=1), help="Runs of each variant.")
+@click.option("--protocol", "protocols", multiple=True, default=("full",), show_default=True, type=click.Choice(list(PROTOCOLS)))
+@click.option("--only", "names", multiple=True, type=click.Choice(list(VARIANTS)), help="Beside the full model; repeatable.")
+@click.option("--split", type=click.Path(path_type=Path, exists=True), help="Hold out what this .tsv says instead.")
+@click.option("-o", "--output", default=Path("runs/ablation"), show_default=True, type=click.Path(path_type=Path))
+def main(scenes, preset_name, steps, resolution, seeds, protocols, names, split, output) -> None:
+    """Train and measure the full model and its variants on each of SCENES."""
+    base = preset(preset_name).changed(resolution=resolution, **({"steps": steps} if steps else {}))
+    variants = {name: VARIANTS[name].changes for name in VARIANTS if not names or name in names or name == FULL}
+    with Terminal() as terminal:
+        for scene in scenes:
+            scene = with_split(scene, split, output) if split else scene
+            runs = ablate(scene, base, variants, seeds, protocols, output / scene.resolve().name, terminal)
+            text = "\n\n".join(table(scene.resolve().name, protocol, runs) for protocol in protocols)
+            write_text(output / f"{scene.resolve().name}.md", text + "\n")
+            write_text(output / f"{scene.resolve().name}.csv", csv_of(runs))
+            click.echo(text)
+
+
+def ablate(scene, base, variants, seeds, protocols, folder, report) -> dict[str, list[dict]]:
+    """The figures of each variant, one entry a seed; seeds go round together, so that a first answer comes early."""
+    runs = {name: [] for name in variants}
+    for seed in range(seeds):
+        for number, (name, changes) in enumerate(variants.items(), 1):
+            full = base.changed(seed=seed)
+            settings = full.changed(**changes)
+            title = FULL if settings == full else name
+            report.say(f"--- {scene.name}, seed {seed}: {name} ({number} of {len(variants)})")
+            words = "".join(letter if letter.isalnum() else "-" for letter in title)
+            runs[name].append(measured(scene, settings, folder / f"{words}-seed{seed}", protocols, report))
+    return runs
+
+
+def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
+    """Markdown: means over the seeds, with their standard deviation where there are several."""
+    first = runs[FULL][0]["results"][protocol]
+    against = "clean" if "clean" in first["means"] else "photo"
+    what = "the clean truth" if against == "clean" else "the test photos"
+    seeds = len(runs[FULL])
+    lines = [
+        f"{scene}: protocol {protocol}, against {what}; {first['steps']} steps, scale {first['scale']:.2f}, "
+        + ("one seed" if seeds == 1 else f"{seeds} seeds (mean ± standard deviation)")
+        + f", LPIPS {first['lpips']}. "
+        + GLO * ("embedding by GLO" in runs)
+        + "SSIM and LPIPS are those refined, or zero-shot where nothing can be.",
+        "",
+        "| " + " | ".join(HEADER) + " |",
+        "|---" * len(HEADER) + "|",
+    ]
+    for name, group in runs.items():
+        results = [one["results"][protocol] for one in group]
+        cells = [name]
+        for whose in ("zero_shot", "refined"):
+            scores, own = ([_score(r, against, whose, "psnr") for r in rs] for rs in (_of(runs[FULL], protocol), results))
+            differences = [b - a for a, b in zip(scores, own, strict=True) if a is not None and b is not None]
+            cells += [_cell(own, "{:.2f}"), "" if name == FULL else _cell(differences, "{:+.2f}")]
+        best = "refined" if _score(results[0], against, "refined", "psnr") is not None else "zero_shot"
+        cells.append(" / ".join(_cell([_score(r, against, best, m) for r in results], "{:.3f}", False) for m in METRICS[1:]))
+        cells.append(_cell([r["mask_iou"] for r in results], "{:.2f}"))
+        cells.append(_cell([one["bytes"] / 1e6 for one in group], "{:.1f}"))
+        cells.append(_cell([r["training_seconds"] for r in results], "{:.0f}"))
+        paper = VARIANTS[name]
+        cells.append("" if paper.psnr is None or name == FULL else f"{paper.psnr - VARIANTS[FULL].psnr:+.2f}")
+        cells.append("" if paper.megabytes is None else f"{paper.megabytes}")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def csv_of(runs: dict[str, list[dict]]) -> str:
+    """A row for each run, protocol, thing compared with, and embedding."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("variant", "seed", "protocol", "against", "embedding", *METRICS, "mask_iou", "bytes", "training_seconds"))
+    for name, group in runs.items():
+        for one in group:
+            for protocol, result in one["results"].items():
+                ends = (result["mask_iou"], one["bytes"], result["training_seconds"])
+                for against, by_embedding in result["means"].items():
+                    for whose, scores in by_embedding.items():
+                        figures = (scores[metric] for metric in METRICS)
+                        rows.writerow((name, result["seed"], protocol, against, whose, *figures, *ends))
+    return text.getvalue()
+
+
+def _of(group: list[dict], protocol: str) -> list[dict]:
+    return [one["results"][protocol] for one in group]
+
+
+def _score(result: dict, against: str, whose: str, metric: str) -> float | None:
+    return result["means"][against].get(whose, {}).get(metric)
+
+
+def _cell(values: list[float | None], form: str, spread: bool = True) -> str:
+    known = [value for value in values if value is not None]
+    if not known:
+        return "-"
+    mean = form.format(fmean(known))
+    return f"{mean} ± {form.replace('+', '').format(stdev(known))}" if spread and len(known) > 1 else mean
+
+
+if __name__ == "__main__":
+    main()

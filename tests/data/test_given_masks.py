@@ -1,0 +1,122 @@
+"""Masks that the user gives: found by name, said, and laid over the photo as the photo is laid out."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from core.data.given_masks import with_masks, with_masks_of
+from core.data.photos import load, read
+from core.errors import BadInput
+from tests.data.small_scene import add_exif, exif_block
+from tests.data.test_lens import HEIGHT, WIDTH, SmallScene, load_collection
+from tests.data.test_photos import noise, photo_at, save
+from tests.small import small_collection
+
+
+@pytest.fixture
+def collection(tmp_path):
+    """photo_0 to photo_5; 2 and 5 are held out."""
+    (tmp_path / "masks").mkdir()
+    return small_collection(tmp_path)
+
+
+def save_mask(path, height=36, width=48, hidden=np.s_[20:, :10]):
+    mask = np.full((height, width), 255, np.uint8)
+    mask[hidden] = 0
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return save(path, mask)
+
+
+def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(collection, tmp_path):
+    folder = tmp_path / "masks"
+    save_mask(folder / "photo_0.jpg")
+    save_mask(folder / "photo_1.bmp", 18, 24)
+    save_mask(folder / "photo_2.png")  # of a held-out photo
+    save_mask(folder / "passer.png")
+    (folder / "read.me").write_text("not a picture")
+    found = with_masks(collection, folder)
+    assert [photo.mask and photo.mask.name for photo in found.photos] == ["photo_0.jpg", "photo_1.bmp", None, None, None, None]
+    assert found.notes == (
+        f"2 photos with a mask from {folder}.",
+        "2 photos without one, used whole: photo_3.png, photo_4.png",
+        "1 photo with a mask of another size, which is resized: photo_1.png",
+        "1 mask of no photo in use, such as passer.png.",
+    )
+    assert with_masks_of(collection, found).photos == found.photos
+
+
+def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_path):
+    folder = tmp_path / "masks"
+    names = {"photo_0.png": "left/a.jpg", "photo_1.png": "right/a.jpg", "photo_3.png": "right/b.jpg"}
+    photos = tuple(replace(photo, name=names.get(photo.name, photo.name)) for photo in collection.photos)
+    wanted = [save_mask(folder / "a.png"), save_mask(folder / "right" / "a.png"), save_mask(folder / "b.tif")]
+    found = {photo.name: photo.mask for photo in with_masks(replace(collection, photos=photos), folder).photos}
+    assert [found[name] for name in names.values()] == wanted
+
+
+def test_what_cannot_be_meant_is_refused(collection, tmp_path):
+    folder = tmp_path / "masks"
+    with pytest.raises(BadInput, match="no folder .*nowhere"):
+        with_masks(collection, tmp_path / "nowhere")
+    save_mask(folder / "0.png")
+    save_mask(folder / "photo_2.png")
+    with pytest.raises(BadInput, match="no mask of a training photo.*such as photo_0.png"):
+        with_masks(collection, folder)
+    save_mask(folder / "photo_0.png")
+    save_mask(folder / "photo_0.jpg")
+    with pytest.raises(BadInput, match="photo_0.jpg and photo_0.png are masks of one photo"):
+        with_masks(collection, folder)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_mask_lies_on_the_photo_as_displayed(tmp_path, orientation):
+    path = save(tmp_path / "a.png", noise())
+    add_exif(path, exif_block(orientation))
+    whole = read(path)
+    height, width = whole.shape[:2]
+    mask = save_mask(tmp_path / "m.png", height, width, np.s_[: height // 3, : width // 2])
+    picture = load(replace(photo_at(path, width, height), mask=mask), width, height)
+    use = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE) == 255
+    np.testing.assert_array_equal(picture.valid, use)
+    np.testing.assert_array_equal(picture.pixels[use], whole[use])
+    np.testing.assert_array_equal(read(path, mask), picture.pixels)  # filled alike
+    assert (picture.pixels[~use] != whole[~use]).any(axis=1).mean() > 0.9  # noise: a chance hit is rare
+
+
+def test_masks_of_other_sizes_and_shrunk_photos(tmp_path):
+    path = save(tmp_path / "a.jpg", noise(64, 96))
+    half = save_mask(tmp_path / "m.png", 32, 48, np.s_[8:16, 16:32])
+    photo = replace(photo_at(path, 96, 64), mask=half)
+    expected = np.ones((64, 96), bool)
+    expected[16:32, 32:64] = False
+    np.testing.assert_array_equal(load(photo, 96, 64).valid, expected)
+    # Shrunk, a pixel is hidden if any of it is: rows 16 to 31 of 64 are 4 to 7 of 16.
+    np.testing.assert_array_equal(load(photo, 24, 16).valid, expected[::4, ::4])
+
+
+def test_a_mask_is_undistorted_with_its_photo(tmp_path):
+    collection = load_collection(SmallScene(model="SIMPLE_RADIAL").write(tmp_path / "scene"))
+    photo = collection.photos[1]
+    stored = cv2.imread(str(photo.path))
+    marked = save_mask(tmp_path / "m.png", HEIGHT, WIDTH, np.s_[30:60, 20:50])
+    hidden = cv2.imread(str(marked), cv2.IMREAD_GRAYSCALE) == 0
+    stored[hidden], stored[~hidden] = 0, 255
+    painted = save(tmp_path / "painted.png", stored)  # the photo itself shows its mask
+    picture = load(replace(photo, path=painted), WIDTH, HEIGHT)
+    masked = load(replace(photo, path=painted, mask=marked), WIDTH, HEIGHT)
+    assert not (picture.pixels[masked.valid] < 250).any()  # nothing dark is left to be used
+    rim = picture.valid is not None and ~picture.valid
+    dark = (picture.pixels < 128).all(axis=2) | rim
+    # But for the pixels that mix both: an edge of 1 px around 30 x 30 px, within the 2 px of the kernel.
+    assert (~masked.valid).sum() - dark.sum() < 4 * 30 * 2
+
+
+def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
+    path = save(tmp_path / "a.png", noise())
+    mask = save(tmp_path / "m.png", np.ones((30, 44), np.uint8))  # white as 1, not 255
+    with pytest.raises(BadInput, match=r"a.png is left with 0.0% .* White \(255\)"):
+        load(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
+    with pytest.raises(BadInput, match="White"):
+        read(path, mask)

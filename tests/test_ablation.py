@@ -1,0 +1,141 @@
+"""The ablation: every variant is another run that works, figures are taken once, and the tables say what they are."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from click.testing import CliRunner
+
+from core import pipeline
+from core.config import PRESETS
+from core.data import load_collection
+from core.errors import BadInput
+from core.evaluation import lpips, protocols
+from samples import ablation, compare
+from samples.measurements import finished
+from samples.measurements.variants import FULL, VARIANTS
+from tests.heard import Heard
+from tests.small import small_collection, small_settings
+
+PLAZA = Path(ablation.__file__).parent / "plaza"
+TINY = {"steps": 3, "max_gaussians": 300, "densify_rounds": 1, "checkpoints": 3, "held_out_checks": 0, "mask_start": 0.0}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_scene(tmp_path_factory):
+    """Every scene is the small collection; nothing of what is measured here depends on long refinements or on LPIPS."""
+    folder = tmp_path_factory.mktemp("scene")
+    collection = small_collection(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pipeline, "find_kind", lambda path: "test")
+        patch.setattr(pipeline, "load_collection", lambda path: replace(collection, root=path))
+        patch.setattr(protocols, "REFINE_STEPS", 2)
+        patch.setattr(lpips, "load", lambda: None)
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def runs(small_scene, tmp_path_factory):
+    """All variants of one seed, by both protocols, and the folder they are kept in."""
+    folder = tmp_path_factory.mktemp("ablation")
+    changes = {name: variant.changes for name, variant in VARIANTS.items()}
+    found = ablation.ablate(small_scene, small_settings(**TINY), changes, 1, ("full", "half"), folder, Heard())
+    return found, folder
+
+
+def test_every_variant_trains_and_is_measured(runs):
+    found, folder = runs
+    full = found[FULL][0]["results"]["full"]
+    for name, (one,) in found.items():
+        means = one["results"]["half"]["means"]["photo"]
+        assert means["zero_shot"]["psnr"] > 0 and one["bytes"] > 0, name
+        # Plain 3DGS has no look to refine. All else has, a table of embeddings (GLO) too.
+        assert ("refined" in means) == (name != "plain 3DGS"), name
+        changed = one["settings"] != found[FULL][0]["settings"]
+        if changed and name != "no L_regTS":  # in three steps no mask comes down to hide a Gaussian
+            assert one["results"]["full"]["means"] != full["means"], name  # the switch does something
+    assert sum(one[0]["settings"] != found[FULL][0]["settings"] for one in found.values()) > 15
+    assert len(list(folder.glob("*.json"))) < len(VARIANTS)  # some change nothing: they are the full model
+
+
+def test_a_table_of_embeddings_starts_from_its_mean(runs):
+    _, folder = runs
+    live = pipeline.load_run(next(folder.glob("embedding-by-GLO*/")))
+    look = live.model.look(torch.rand(3, 24, 32))
+    assert torch.equal(look.embedding, live.model.mean_embedding) and look.embedding.abs().max() > 0
+
+
+def test_figures_are_taken_once_and_killed_runs_go_on(small_scene, tmp_path, monkeypatch):
+    settings, folder = small_settings(**TINY), tmp_path / "run"
+
+    class Killed(Exception):
+        pass
+
+    class Killer(Heard):
+        def progress(self, what, done, total, note=""):
+            if what == "Training" and done == 2:
+                raise Killed
+
+    with pytest.raises(Killed):
+        finished.measured(small_scene, settings, folder, ("full",), Killer())
+    assert not (tmp_path / "run.json").exists()
+    heard = Heard()
+    first = finished.measured(small_scene, settings, folder, ("full",), heard)
+    assert any(line.startswith(f"Going on with {folder} from step 2") for line in heard.lines)
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "train", None)
+        patch.setattr(pipeline, "resume", None)
+        assert finished.measured(small_scene, settings, folder, ("full",), heard) == first
+        both = finished.measured(small_scene, settings, folder, ("full", "half"), heard)  # measured, not trained
+        assert set(both["results"]) == {"full", "half"} and both["results"]["full"] == first["results"]["full"]
+    other = finished.measured(small_scene, settings.changed(seed=1), folder, ("full",), heard)
+    assert other["results"]["full"]["seed"] == 1 and "half" not in other["results"]
+
+
+def test_tables_say_what_they_are(runs):
+    found = runs[0]
+    text = ablation.table("small", "half", found)
+    head, _, columns, rule, *rows = text.splitlines()
+    assert "protocol half, against the test photos; 3 steps, scale 1.00, one seed" in head and "mean embedding" in head
+    assert len(rows) == len(found) and {line.count("|") for line in (columns, rule, *rows)} == {columns.count("|")}
+    cells = {row.split(" | ")[0].removeprefix("| "): [cell.strip(" |") for cell in row.split(" | ")] for row in rows}
+    assert cells["embedding of 8"][-2:] == ["-1.09", "66.3"] and cells["no L_regTS"][-2:] == ["-0.04", "147.6"]
+    assert cells["embedding of 16"][2] == "+0.00" and cells[FULL][2] == "" and cells["plain 3DGS"][3:5] == ["-", "-"]
+    # Two seeds: the mean difference is that of pairs, and the spread stands beside it.
+    pair = {name: [group[0], json.loads(json.dumps(group[0]))] for name, group in found.items()}
+    for name, shift in ((FULL, 1.0), ("no mask", 3.0)):
+        pair[name][1]["results"]["half"]["means"]["photo"]["zero_shot"]["psnr"] += shift
+    row = next(line for line in ablation.table("small", "half", pair).splitlines() if line.startswith("| no mask"))
+    alone = float(cells["no mask"][2])
+    assert row.split(" | ")[2] == f"{alone + 1:+.2f} ± 1.41"
+
+
+def test_the_program_writes_tables_and_figures(small_scene, tmp_path, monkeypatch):
+    monkeypatch.setitem(PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"})
+    line = [str(small_scene), "--seeds", "2", "--only", "no mask", "-o", str(tmp_path)]
+    result = CliRunner().invoke(ablation.main, line, catch_exceptions=False)
+    assert result.exit_code == 0
+    assert (tmp_path / f"{small_scene.name}.md").read_text().strip() in result.output
+    with (tmp_path / f"{small_scene.name}.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["variant"], row["seed"], row["embedding"]) for row in rows} == {
+        (name, seed, whose) for name in (FULL, "no mask") for seed in "01" for whose in ("zero_shot", "refined")
+    }
+    result = CliRunner().invoke(compare.main, [str(small_scene), "-o", str(tmp_path), "--protocol", "full"], catch_exceptions=False)
+    assert [line.split(" | ")[0] for line in result.output.splitlines()[-3:]] == ["| wegs", "| affine exposure", "| plain 3DGS"]
+
+
+def test_another_split_holds_out_other_photos(tmp_path):
+    table = tmp_path / "val.tsv"
+    table.write_text("filename\tid\tsplit\n0001.jpg\t1\ttrain\n0002.jpg\t2\ttest\n0003.jpg\t3\ttrain\n")
+    scene = finished.with_split(PLAZA, table, tmp_path / "out")
+    assert finished.with_split(PLAZA, table, tmp_path / "out") == scene  # again
+    collection = load_collection(scene)
+    assert {photo.name: photo.split for photo in collection.photos} == {"0001.jpg": "train", "0002.jpg": "test", "0003.jpg": "train"}
+    assert (scene / "truth" / "masks").is_dir()
+    table.write_text(table.read_text() + "0004.jpg\t4\ttest\n")
+    with pytest.raises(BadInput, match="another split"):
+        finished.with_split(PLAZA, table, tmp_path / "out")

@@ -1,0 +1,63 @@
+"""The pictures of looks are made from any run, and say how near a look comes to a truth that is known."""
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from core.training import run
+from core.training.trained import find_appearance, load_run
+from core.training.trainer import Trainer
+from samples import lights
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A run of seconds."""
+    scene, folder = tmp_path_factory.mktemp("scene"), tmp_path_factory.mktemp("runs") / "small"
+    collection = small_collection(scene)
+    trainer = Trainer(collection, small_settings(steps=4), folder)
+    run.create(folder, collection, trainer.settings)
+    for _ in trainer.train():
+        pass
+    return folder
+
+
+def test_a_sheet_of_styles(folder, tmp_path):
+    styles = []
+    for name, colour in (("red", (0, 0, 200)), ("blue", (200, 0, 0))):
+        styles.append(str(tmp_path / f"{name}.png"))
+        cv2.imwrite(styles[-1], np.full((30, 40, 3), colour, np.uint8))
+    sheet = tmp_path / "sheet.jpg"
+    line = [str(folder), "--style", styles[0], "--style", styles[1], "--view", "photo_5.png", "-o", str(sheet)]
+    told = CliRunner().invoke(lights.main, line, catch_exceptions=False)
+    assert told.output == ""  # nobody knows the truth
+    pixels = cv2.imread(str(sheet))
+    wide = round(lights.TILE_PX * WIDTH / HEIGHT)
+    strip = 3 * wide // lights.FRAMES * HEIGHT // WIDTH
+    assert pixels.shape == (2 * lights.TILE_PX + strip, 3 * wide, 3)  # photo, neutral, look; and what lies between
+    middle = lights.TILE_PX // 2
+    assert (np.abs(pixels[[middle, 3 * middle], wide // 2].astype(int) - ((0, 0, 200), (200, 0, 0))) < 8).all()  # JPEG
+    # The strip begins with the first look and ends with the last.
+    live = load_run(folder)
+    photo = live.collection.view("photo_5.png")
+    frame = lights.rendered(live, find_appearance(live, styles[1]), photo)
+    shown = lights.sheet(live, tuple(styles), photo)[-1]
+    np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
+
+
+def test_nearness_to_a_truth(folder):
+    live = load_run(folder)
+    root = live.collection.root
+    style = root / "styles" / "own.png"
+    known = root / "truth" / "styles" / "own"
+    for path in (style.parent, known):
+        path.mkdir(parents=True)
+    style.write_bytes((root / "photo_2.png").read_bytes())  # a held-out photo, its own truth
+    (known / "photo_2.png").write_bytes(style.read_bytes())
+    words = lights.nearness(live, str(style))
+    assert words.startswith("own.png: ") and "in 1 views; the nearest of 4 looks of training photos" in words
+    own, fitted = (float(words.split(mark)[1].split()[0]) for mark in ("own.png: ", "fitted to the truth "))
+    assert fitted >= own - 0.1  # fitted by L1, told in dB
+    assert len(lights.sheet(live, (str(style),), live.collection.view("photo_2.png"))[0]) == 4  # the truth beside it

@@ -1,0 +1,102 @@
+"""Training under masks that the user gives: what they hide has no influence, from the first step to the last bit."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from core import pipeline
+from core.data.given_masks import with_masks
+from core.training import run
+from core.training.trainer import Trainer
+from tests.heard import Heard
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+
+HIDDEN = np.s_[20:, 8:28]
+STEPS = 12
+
+
+def crowded(folder, colour):
+    """The small collection with a block of one colour in each training photo, and masks that hide it."""
+    (folder / "masks").mkdir(parents=True)
+    collection = small_collection(folder)
+    for photo in collection.split("train"):
+        pixels, mask = cv2.imread(str(photo.path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
+        pixels[HIDDEN], mask[HIDDEN] = colour, 0
+        cv2.imwrite(str(photo.path), pixels)
+        cv2.imwrite(str(folder / "masks" / photo.name), mask)
+    return collection
+
+
+def trained(collection, folder, **changes):
+    folder.mkdir()
+    trainer = Trainer(collection, small_settings(steps=STEPS, **changes), folder)
+    reports = list(trainer.train())
+    return {**trainer.gaussians.tensors(), **trainer.model.state_dict()}, reports
+
+
+@pytest.mark.parametrize("changes", [{}, {"transients": "off"}, {"mask_loss": "paper", "mask_start": 0.0, "mask_apply": 0.0}])
+def test_who_is_hidden_has_no_influence(tmp_path, changes):
+    runs = []
+    for name, colour in (("orange", (20, 120, 240)), ("blue", (240, 30, 30))):
+        collection = crowded(tmp_path / name, colour)
+        given = with_masks(collection, tmp_path / name / "masks")
+        runs.append(trained(given, tmp_path / f"{name}-run", held_out_checks=0, **changes)[0])
+    for name, tensor in runs[0].items():
+        assert torch.equal(tensor, runs[1][name]), name
+
+
+def test_hidden_places_count_for_nothing_from_step_0(tmp_path):
+    """Their loss is gone: with masks the first steps' pictures are less wrong than without, by what the block adds."""
+    collection = crowded(tmp_path / "scene", (255, 0, 255))
+    _, free = trained(collection, tmp_path / "free", transients="off")
+    _, given = trained(with_masks(collection, tmp_path / "scene" / "masks"), tmp_path / "given", transients="off")
+    assert all(report.picture_loss > 1.2 * other.picture_loss for report, other in zip(free[:4], given[:4], strict=True))
+
+
+def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatch):
+    scene = tmp_path / "scene"
+    collection = crowded(scene, (20, 120, 240))
+    monkeypatch.setattr(pipeline, "find_kind", lambda path: "test")
+    monkeypatch.setattr(pipeline, "load_collection", lambda path: replace(collection, root=scene))
+    heard = Heard()
+    settings = small_settings(steps=STEPS, checkpoints=2)
+    whole = pipeline.train(scene, settings, tmp_path / "whole", heard, masks=scene / "masks")
+    assert f"! 4 photos with a mask from {scene / 'masks'}." in heard.lines
+    assert [photo.mask and photo.mask.name for photo in run.read_config(whole)[2].photos] == [
+        photo.name if photo.split == "train" else None for photo in collection.photos
+    ]
+
+    class Stopped(Exception):
+        pass
+
+    class Impatient(Heard):
+        def progress(self, what, done, total, note=""):
+            if done == 8:
+                raise Stopped
+
+    with pytest.raises(Stopped):
+        pipeline.train(scene, settings, tmp_path / "broken", Impatient(), masks=scene / "masks")
+    broken = pipeline.resume(tmp_path / "broken", Heard())
+    first, second = pipeline.load_run(whole), pipeline.load_run(broken)
+    for name, tensor in first.splats.tensors().items():
+        assert torch.equal(tensor, getattr(second.splats, name)), name
+    # Looks are read as they were trained: what was hidden stays so.
+    looks = [pipeline.find_appearance(live, "photo_0.png").embedding for live in (first, second)]
+    assert torch.equal(*looks)
+
+
+def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
+    collection = crowded(tmp_path / "scene", (20, 120, 240))
+    trainer = Trainer(with_masks(collection, tmp_path / "scene" / "masks"), small_settings(), tmp_path)
+    target = trainer.pictures.target(0, 1)[1]
+    look = trainer.model.look(trainer.pictures[0].encoder_input, 0)
+    image = torch.full((HEIGHT, WIDTH, 3), 0.4)
+    losses = []
+    for value, place in ((0.4, HIDDEN), (1.0, HIDDEN), (1.0, np.s_[:10, :10])):
+        changed = image.clone()
+        changed[place] = value
+        losses.append(float(trainer._mask_loss(look, changed, target, 0.9).detach()))
+    assert losses[0] == losses[1] != losses[2]

@@ -13,9 +13,9 @@ ROWS = 1024  # Gaussians drawn each step
 def gauge(model: AppearanceModel, gaussians: Gaussians, generator: torch.Generator) -> Float[Tensor, ""]:
     """The mean squared residual of the mean embedding, over a draw of Gaussians: 0 where the base is the neutral look.
 
-    For a model with residuals. Its gradient reaches the networks alone, no other tensor of a step.
+    Its gradient reaches the networks alone, no other tensor of a step. Zero, without one, if there are no residuals.
     """
-    if not len(gaussians):
+    if not (len(gaussians) and model.predicts_residuals):
         return torch.zeros(())
     splats, latents = gaussians.splats, gaussians.latents
     rows = torch.randint(len(gaussians), (ROWS,), generator=generator)

@@ -7,15 +7,24 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from core.config import Settings
 from core.training.photometric import Target
 
 LARGEST_GAIN = 1.4  # a photo has nothing above 1 to be brightened
 
 
-def jittered(
-    shown: Float[Tensor, "3 h w"], target: Target, spread: float, generator: torch.Generator
-) -> tuple[Float[Tensor, "3 h w"], Target]:
-    """Both with each channel times a random gain. spread: of the log of the gain common to the channels; their own is half of it."""
+def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:
+    """A random gain of each channel, or None where looks are not learnt from photos."""
+    if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
+        return None
     draw = torch.randn(4, generator=generator)
-    gain = torch.exp(spread * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
+    return torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
+
+
+def jittered(
+    shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None
+) -> tuple[Float[Tensor, "3 h w"], Target]:
+    """Both with each channel times its gain; for None as they are."""
+    if gain is None:
+        return shown, target
     return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)

@@ -66,6 +66,21 @@ def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
     return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
 
 
+def residual_loss(
+    residual: Float[Tensor, "v c 3"] | None, weight: float
+) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"] | None, float]:
+    """weight * L_regSH, its gradient by the residual, and the mean absolute residual; zeros and None for no residual.
+
+    The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's.
+    """
+    if residual is None:
+        return torch.zeros(()), None, 0.0
+    leaf = residual.detach().requires_grad_()
+    loss = weight * residual_norm(leaf)
+    loss.backward()
+    return loss.detach(), leaf.grad, float(leaf.detach().abs().mean()) if len(leaf) else 0.0
+
+
 def transient_rows(
     means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], camera: Camera
 ) -> Bool[Tensor, " v"]:

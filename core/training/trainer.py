@@ -23,7 +23,7 @@ from core.threads import beside, threads_for_blocks
 from core.training import checkpoint, densify, guards, losses, needs, schedule
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
-from core.training.jitter import jittered
+from core.training.jitter import draw_gain, jittered
 from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Pictures, auto_factor
 
@@ -139,14 +139,16 @@ class Trainer:
         settings, progress = self.settings, self.done / self.settings.steps
         index = self._next_photo()
         camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
-        looking = beside(lambda: self._look(index, target))
+        gain = draw_gain(settings, self.generator)
+        looking = beside(lambda: self._look(index, target, gain))
         rows = self.rasterizer.visible(self.gaussians.splats, camera)
         leaves = self.gaussians.leaves(rows)
+        gauge_loss = self._gauge() if settings.gauge else 0.0
         look, target = looking()
         embedding = look.embedding.detach().requires_grad_()
         latents = leaves.get("latents")
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
-        regularising = beside(lambda: self._residual_losses(residual))
+        regularising = beside(lambda: losses.residual_loss(residual, settings.sh_regularisation))
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(rows), 2, requires_grad=True)
         image = self.rasterizer.render(seen, camera, probe=probe).image
@@ -154,11 +156,12 @@ class Trainer:
         judging = beside(lambda: self._mask_loss(look, image, target, progress))
         picture_loss = self._picture_loss(image, target, look, progress)
         loss = picture_loss + self._transient_loss(look, seen, camera, progress)
-        residual_loss, residual_gradient = regularising()
+        residual_loss, residual_gradient, residual_size = regularising()
         mask_loss = judging()
         self.done += 1
         messages = []
-        total, shown_loss = float(loss.detach() + residual_loss + mask_loss.detach()), float(picture_loss.detach())
+        total = float(loss.detach() + residual_loss + mask_loss.detach()) + gauge_loss
+        shown_loss = float(picture_loss.detach())
         fault = guards.fault_of_loss(total, shown_loss, index, self.last_losses)
         if fault is None:
             losses.backward((loss, None), (residual, residual_gradient))
@@ -187,15 +190,12 @@ class Trainer:
             loss=total,
             picture_loss=shown_loss,
             mask_mean=self.mask_mean,
-            residual=0.0 if residual is None or not len(rows) else float(residual.detach().abs().mean()),
+            residual=residual_size,
             messages=tuple(messages),
         )
 
-    def _look(self, index: int, target: Target) -> tuple[Look, Target]:
-        """The look of a photo, and its target: both in a random exposure, where looks are learnt from photos."""
-        settings, shown = self.settings, self.pictures[index].encoder_input
-        if settings.exposure_jitter and settings.appearance != "off" and settings.embedding != "glo":
-            shown, target = jittered(shown, target, settings.exposure_jitter, self.generator)
+    def _look(self, index: int, target: Target, gain: Tensor | None) -> tuple[Look, Target]:
+        shown, target = jittered(self.pictures[index].encoder_input, target, gain)
         return self.model.look(shown, index), target
 
     def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
@@ -223,20 +223,11 @@ class Trainer:
         opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
         return settings.transient_regularisation * TRANSIENT_EVERY * opacity
 
-    def _residual_losses(self, residual: Tensor | None) -> tuple[Tensor, Tensor | None]:
-        """L_regSH and the gauge, and L_regSH's gradient by the residual; the gauge's is in the networks already.
-
-        Their backward pass goes here, beside the rasterizer, because it depends on nothing that comes later.
-        """
-        settings = self.settings
-        if residual is None:
-            return torch.zeros(()), None
-        leaf = residual.detach().requires_grad_()
-        total = settings.sh_regularisation * losses.residual_norm(leaf)
-        if settings.gauge:
-            total = total + settings.gauge * gauge(self.model, self.gaussians, self.generator)
-        total.backward()
-        return total.detach(), leaf.grad
+    def _gauge(self) -> float:
+        """The weighted gauge. Its backward pass is here too: it only touches the networks, and the encoder is still busy."""
+        loss = self.settings.gauge * gauge(self.model, self.gaussians, self.generator)
+        losses.backward((loss, None))
+        return float(loss.detach())
 
     def _teach_encoder(self, look: Look, embedding: Tensor, mask_loss: Tensor) -> None:
         losses.backward((look.embedding, embedding.grad), (mask_loss, None))

@@ -95,7 +95,7 @@ def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_pa
 
 @pytest.mark.parametrize("enters", ["output", "input"])
 def test_the_largest_step_of_a_fade_is_at_most_twice_the_mean_one(trained, tmp_path, enters):
-    """On plaza and Liberty 1.03 in 22 pairs: as an input of the output layer, embeddings mix almost linearly. A deeper way in
+    """On plaza and Liberty 1.03 in 20 pairs: as an input of the output layer, embeddings mix almost linearly. A deeper way in
     bends more (1.5 here), and is held to the same bound."""
     live = trained if enters == "output" else train(tmp_path, embedding_enters=enters)
     for words in (("neutral", "photo_09.png"), ("photo_05.png", "photo_09.png"), ("photo_01.png", "photo_20.png")):

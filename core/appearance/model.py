@@ -70,9 +70,9 @@ class AppearanceModel(nn.Module):
         photo: its row in `photo_names`, or None for one that was not trained on. masked: whether the embedding heeds the
         predicted mask; a photo from outside the collection is encoded with M := 1 instead (paper, unseen appearance
         transfer), and its mask is only for looking at. The embedding of a photo without a row is held within what training
-        photos reach: beyond it the SH transfer was never asked, and makes up colours. A GLO table knows nothing of a photo without a row: its
-        embedding is the mean, the place to start a refinement. Without appearance the embedding is the mean too
-        (zeros). Raises BadInput for a row that does not exist.
+        photos reach: beyond it the SH transfer was never asked, and makes up colours. A GLO table knows nothing of such a
+        photo: its embedding is the mean, the place to start a refinement. Without appearance the embedding is the mean
+        too (zeros). Raises BadInput for a row that does not exist.
         """
         if photo is not None and not 0 <= photo < len(self.photo_names):
             raise BadInput(f"There is no photo {photo} among {len(self.photo_names)}.", "Count from 0.")
@@ -164,10 +164,8 @@ class AppearanceModel(nn.Module):
     def remember(self, embedding: Float[Tensor, " e"], photo: int) -> None:
         """Let the embedding of a training photo (its row) enter `met_embeddings` and `mean_embedding`.
 
-        The mean is an exponential moving average corrected for its start.
-
-        With decay d the t-th embedding enters with weight (1 - d) / (1 - d^t), 1 for the first: Adam's correction of
-        the start (its section 3), written for the corrected mean.
+        The mean is an exponential moving average corrected for its start. With decay d the t-th embedding enters with weight
+        (1 - d) / (1 - d^t), 1 for the first: Adam's correction of the start (its section 3), written for the corrected mean.
         """
         if not self.remembered:
             self.met_embeddings[:] = embedding

@@ -15,7 +15,7 @@ from torch import Tensor
 from core.errors import BadInput, command
 
 PATTERN = "checkpoint_[0-9]*.safetensors"
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)

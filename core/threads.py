@@ -1,38 +1,72 @@
-"""Work in blocks on a few Python threads, without OpenMP, whose threads wait by spinning.
+"""Work in blocks, or one piece beside another, on a few Python threads: without OpenMP, whose threads wait by spinning.
 
 On a machine that does something else as well, a spinning thread keeps the one it waits for from running: a step of the
 SH transfer on two OpenMP threads that share one core takes ten times as long as on one thread. Blocks are cut by size,
 never by the number of threads, so results do not depend on it.
+
+What is too small or too serial to be cut goes `beside` other work. A thread that is busy with such a piece joins the
+blocks when it is through; nobody waits for it to begin.
 """
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
+from typing import TypeVar
 
 import torch
+
+Result = TypeVar("Result")
 
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
     """Keep this thread's torch from starting OpenMP threads meanwhile; the number is put back at the end."""
-    threads = torch.get_num_threads()
+    before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         yield
     finally:
-        torch.set_num_threads(threads)
+        torch.set_num_threads(before)
+
+
+@contextmanager
+def threads_for_blocks() -> Iterator[None]:
+    """As `one_torch_thread`, but `in_parallel` and `beside` go on using as many threads as torch had. A decorator too.
+
+    For work in which torch's own operations are small: OpenMP's threads save less than they cost where ours are at work.
+    """
+    before, _ours.threads = _ours.threads, threads()
+    try:
+        with one_torch_thread():
+            yield
+    finally:
+        _ours.threads = before
+
+
+class _Ours(threading.local):
+    """The calling thread's number of threads for blocks, where it is not that of torch."""
+
+    threads: int | None = None
+
+
+_ours = _Ours()
+
+
+def threads() -> int:
+    """How many threads work in blocks when the calling thread asks for it: torch's number, or the one it had."""
+    return torch.get_num_threads() if _ours.threads is None else _ours.threads
 
 
 def in_parallel(work: Callable[[int, int], None], total: int, block: int) -> None:
     """Call work(begin, end) for each block of range(total), the last maybe shorter, in any order; wait for all.
 
-    On as many threads as torch has in the calling thread, each with one torch thread and without gradients. Kernels release
-    the interpreter lock. An exception in `work` is raised here, after all threads have stopped.
+    On `threads()` threads, each with one torch thread and without gradients. Kernels release the interpreter lock. An exception in `work` is raised here, after all threads have stopped.
     """
     starts = iter(range(0, total, block))  # next() on it is atomic under the interpreter lock
-    extra = min(torch.get_num_threads(), -(-total // block)) - 1
+    extra = min(threads(), -(-total // block)) - 1
 
     def take_turns() -> None:
         torch.set_num_threads(1)  # belongs to the thread that sets it, and so does no_grad
@@ -45,9 +79,37 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int) -> Non
         try:
             take_turns()
         finally:
-            wait(others)
-    for other in others:
+            # A thread that is busy beside would find nothing left to do: only those that came are waited for.
+            came = [other for other in others if not other.cancel()]
+            wait(came)
+    for other in came:
         other.result()
+
+
+def beside(work: Callable[[], Result]) -> Callable[[], Result]:
+    """Start work() on another thread; calling what is returned gives its result, or raises its exception.
+
+    With one torch thread, and with gradients if the caller has them. Where there is no other thread, or none has come to it until
+    the result is asked for, the caller does the work then. So the work may not depend on what the caller does meanwhile.
+    """
+    with_gradients = torch.is_grad_enabled()
+
+    def there() -> Result:
+        torch.set_num_threads(1)
+        with torch.set_grad_enabled(with_gradients):
+            return work()
+
+    if threads() == 1:
+        return work
+    other = _pool().submit(there)
+
+    def finish() -> Result:
+        if not other.cancel():
+            return other.result()
+        with one_torch_thread():
+            return work()
+
+    return finish
 
 
 @cache

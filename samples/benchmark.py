@@ -3,7 +3,7 @@
     python samples/benchmark.py                                       # everything: about five minutes on two idle cores
     OMP_NUM_THREADS=1 python samples/benchmark.py step --json step.json   # one measurement, one thread, and a file
 
-step, plain-step: a whole training step, everything on or off, part by part. rasterizer: forward + backward of a garden;
+step, plain-step: a training step, everything on or off; its parts on one thread. rasterizer: forward + backward of a garden;
 plain-torch: the same by a rasterizer in plain torch. gaussians, pixels: how time and memory grow. threads: one against two.
 bake: a look, beside its matrix products. first-use: kernels compiled. What each does stands in samples/measurements.
 

@@ -61,6 +61,7 @@ def on_device(monkeypatch):
     monkeypatch.setitem(pictures.AUTO_PIXELS, DEVICE.type, pictures.AUTO_PIXELS["cpu"])
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
+    torch.set_num_threads(1)  # what `elsewhere` does is for one thread
     with elsewhere():
         yield
 

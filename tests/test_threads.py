@@ -1,9 +1,14 @@
-"""Blocks on threads: every row once, exceptions come out, torch's own setting is put back."""
+"""Blocks on threads and work beside: every row once, exceptions come out, nobody waits for a busy thread, torch's own setting is
+put back."""
+
+import os
+import threading
 
 import pytest
 import torch
 
-from core.threads import in_parallel, one_torch_thread
+import core.threads
+from core.threads import beside, in_parallel, one_torch_thread, threads_for_blocks
 
 
 @pytest.fixture(params=[1, 2, 4])
@@ -42,3 +47,42 @@ def test_exceptions_come_out_and_the_setting_is_put_back(threads):
         assert torch.get_num_threads() == 1
         raise KeyError
     assert torch.get_num_threads() == threads
+
+
+@pytest.mark.parametrize("with_gradients", [True, False])
+def test_beside_gives_the_result_from_one_torch_thread_with_the_callers_gradients(threads, with_gradients):
+    with torch.set_grad_enabled(with_gradients):
+        finish = beside(lambda: (torch.get_num_threads(), torch.is_grad_enabled(), torch.ones(1, requires_grad=True) * 2))
+        assert finish()[:2] == (1, with_gradients)
+    assert torch.get_num_threads() == threads
+
+
+def test_beside_raises_where_the_result_is_asked_for(threads):
+    def work():
+        raise ArithmeticError("beside")
+
+    finish = beside(work)
+    with pytest.raises(ArithmeticError, match="beside"):
+        finish()
+    assert torch.get_num_threads() == threads
+
+
+def test_a_busy_thread_is_not_waited_for():
+    """Neither by blocks nor by work beside: with every thread of the pool held up, the caller does all of it."""
+    torch.set_num_threads(2)
+    free, seen = threading.Event(), []
+    held = [beside(free.wait) for _ in range(os.cpu_count() or 1)]
+    in_parallel(lambda begin, end: seen.append((begin, threading.current_thread())), 40, 8)
+    finish = beside(threading.current_thread)
+    assert seen == [(begin, threading.main_thread()) for begin in range(0, 40, 8)]
+    assert finish() is threading.main_thread()
+    free.set()
+    assert all(finish() for finish in held)
+
+
+def test_blocks_keep_the_threads_that_torch_gives_up(threads):
+    with threads_for_blocks():
+        assert (torch.get_num_threads(), core.threads.threads()) == (1, threads)
+        with threads_for_blocks():
+            assert core.threads.threads() == threads
+    assert (torch.get_num_threads(), core.threads.threads()) == (threads, threads)

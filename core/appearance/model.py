@@ -108,9 +108,16 @@ class AppearanceModel(nn.Module):
         if self.sh_transfer is None:
             return sh, None
         output = self.sh_transfer(sh, means, embedding, latents)
-        if self.settings.appearance == "full" and not self.settings.residual:
-            return output, None
-        return sh + output, output
+        return (sh + output, output) if self.predicts_residuals else (output, None)
+
+    @property
+    def predicts_residuals(self) -> bool:
+        """Whether `transfer` adds something to the base, which can be regularised."""
+        return self.sh_transfer is not None and (self.settings.appearance != "full" or self.settings.residual)
+
+    def transfer_parameters(self) -> list[nn.Parameter]:
+        """The weights of the SH transfer, or of what stands in for it."""
+        return [] if self.sh_transfer is None else list(self.sh_transfer.parameters())
 
     @torch.no_grad()
     def bake(

@@ -1,6 +1,6 @@
 """What lies before and behind the matrix products of the SH transfer, in Numba: torch's passes took longer than the products.
 
-A block of ROWS rows is in cache while a kernel works on it. Numba may contract a product and a sum into one instruction
+A strip of rows is in cache while they work on it. Numba may contract a product and a sum into one instruction
 here; a row's result does not depend on the other rows.
 """
 

@@ -20,7 +20,8 @@ def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: in
     probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter.
     """
     scale = torch.tensor([width / 2, height / 2]).to(probe_gradient.device, non_blocking=True)
-    gaussians.gradient_sum[rows] += (probe_gradient * scale).norm(dim=1)
+    # norm(dim=1) of so few columns takes three times as long
+    gaussians.gradient_sum.index_add_(0, rows, (probe_gradient * scale).square().sum(dim=1).sqrt())
     gaussians.seen[rows] += 1
 
 

@@ -76,19 +76,17 @@ class Gaussians:
         return {name: tensor.index_select(0, rows).requires_grad_() for name, tensor in self.parameters.items()}
 
     def step(self, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor]) -> None:
-        """One Adam step of the chosen rows from the gradients gathered by their leaves; what has no rate stays."""
-        sky_rows = rows >= self.solid
+        """One Adam step of the chosen rows, ascending, from the gradients gathered by their leaves; what has no rate stays."""
+        sky = int(torch.searchsorted(rows, self.solid))  # where the dome's begin
         self.counts[rows] += 1
         for name, leaf in leaves.items():
             gradient = leaf.grad
             if gradient is None or name not in rates:
                 continue
-            # Filled through a mask: an index of unknown length would have the host wait for a GPU.
-            sky = sky_rows.view(-1, *[1] * (gradient.dim() - 1))
             if name == "sh":
-                gradient[:, 1:].masked_fill_(sky, 0)  # seen from one side only: a dome Gaussian needs no more than DC
+                gradient[sky:, 1:] = 0  # seen from one side only: a dome Gaussian needs no more than DC
             elif name != "latents":
-                gradient.masked_fill_(sky, 0)
+                gradient[sky:] = 0
             adam_rows(
                 self.parameters[name], self.first[name], self.second[name], self.counts, rows, gradient, rates[name]
             )

@@ -35,6 +35,17 @@ def mask_loss(
     return TYPICAL_ERROR * (mask * excess).mean() + regularisation * ((1 - mask) ** 2).mean()
 
 
+def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
+    """torch's backward pass from several tensors at once, each with its gradient, or None for a scalar: a loss.
+
+    What does not exist, or has no gradient to pass on, is left out.
+    """
+    found = [root for root in roots if root[0] is not None and root[0].requires_grad]
+    found = [root for root in found if root[1] is not None or not root[0].dim()]
+    if found:
+        torch.autograd.backward(*zip(*found))
+
+
 def pixel_weights(
     mask: Float[Tensor, "1 h w"], height: int, width: int, mean_mask: float
 ) -> Float[Tensor, "H W"]:
@@ -53,6 +64,21 @@ def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
     if not len(residual):
         return residual.sum()
     return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
+
+
+def residual_loss(
+    residual: Float[Tensor, "v c 3"] | None, weight: float
+) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"] | None, float]:
+    """weight * L_regSH, its gradient by the residual, and the mean absolute residual; zeros and None for no residual.
+
+    The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's.
+    """
+    if residual is None:
+        return torch.zeros(()), None, 0.0
+    leaf = residual.detach().requires_grad_()
+    loss = weight * residual_norm(leaf)
+    loss.backward()
+    return loss.detach(), leaf.grad, float(leaf.detach().abs().mean()) if len(leaf) else 0.0
 
 
 def transient_rows(

@@ -20,17 +20,17 @@ from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
 from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
-from core.threads import one_torch_thread
+from core.threads import beside, threads_for_blocks
 from core.training import checkpoint, densify, guards, losses, needs, schedule
+from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
+from core.training.jitter import draw_gain, jittered
 from core.training.photometric import Target, photometric, photometric_paper
-from core.training.pictures import Picture, Pictures, auto_factor
+from core.training.pictures import Pictures, auto_factor
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
-GAUGE_ROWS = 1024  # Gaussians drawn each step to hold the neutral look
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4
-LARGEST_GAIN = 1.4  # of the exposure jitter; a photo has nothing above 1 to be brightened
 HISTORY = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr", "held_out_ssim")
 
 
@@ -136,42 +136,55 @@ class Trainer:
                     self.save()
                 yield report
 
+    @threads_for_blocks()
     def step(self) -> StepReport:
         """One photo, one update of everything."""
         settings, progress = self.settings, self.done / self.settings.steps
         index = self._next_photo()
         camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
-        picture = self.pictures[index]
+        gain = draw_gain(settings, self.generator)
+        looking = beside(lambda: self._look(index, target, gain))
         rows = self.rasterizer.visible(self.gaussians.splats, camera)
         leaves = self.gaussians.leaves(rows)
-        shown, target = self._jittered(picture.encoder_input, target)
-        look = self.model.look(shown, index)
+        gauge_loss = self._gauge() if settings.gauge else 0.0
+        look, target = looking()
         embedding = look.embedding.detach().requires_grad_()
         latents = leaves.get("latents")
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
+        regularising = beside(lambda: losses.residual_loss(residual, settings.sh_regularisation))
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(rows), 2, requires_grad=True, device=self.device)
         image = self.rasterizer.render(seen, camera, probe=probe).image
 
+        judging = beside(lambda: self._mask_loss(look, image, target, progress))
         picture_loss = self._picture_loss(image, target, look, progress)
-        mask_loss = self._mask_loss(look, image, target, progress)
-        loss = picture_loss + self._regularisers(look, residual, seen, camera, progress)
+        loss = picture_loss + self._transient_loss(look, seen, camera, progress)
+        residual_loss, residual_gradient, residual_size = regularising()
+        mask_loss = judging()
         self.done += 1
         messages = []
-        total, shown_loss = float(loss.detach() + mask_loss.detach()), float(picture_loss.detach())
+        total = float(loss.detach() + residual_loss + mask_loss.detach()) + gauge_loss
+        shown_loss = float(picture_loss.detach())
         fault = guards.fault_of_loss(total, shown_loss, index, self.last_losses)
         if fault is None:
-            loss.backward()
-            self._teach_encoder(look, embedding, mask_loss)
-            gradients = (tensor.grad for tensor in (*leaves.values(), *self.model.parameters()))
-            fault = None if guards.finite(gradients) else "gradient was not finite"
+            losses.backward((loss, None), (residual, residual_gradient))
+            teaching = beside(lambda: self._teach_encoder(look, embedding, mask_loss))
+            if not guards.finite(tensor.grad for tensor in (*leaves.values(), embedding, *self.model.transfer_parameters())):
+                fault = "gradient was not finite"
+            else:
+                # The Gaussians do not wait for the encoder, which learns from a finite gradient by now. Should its own overflow
+                # all the same, only the networks learn nothing.
+                self._update_gaussians(rows, leaves, progress)
+                densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
+            teaching()
+            if fault is None and not guards.finite(weight.grad for weight in self.model.parameters()):
+                fault = "encoder's gradient was not finite"
         if fault is not None:
-            messages.append(self._skip(picture, fault))
+            messages.append(self._skip(index, fault))
         else:
             self.skipped_in_a_row = 0
             self.last_losses[index] = shown_loss
-            self._update(rows, leaves, progress)
-            densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
+            self._update_networks(progress)
             messages += self._remember(look, index, progress)
         return StepReport(
             step=self.done,
@@ -180,21 +193,13 @@ class Trainer:
             loss=total,
             picture_loss=shown_loss,
             mask_mean=self.mask_mean,
-            residual=0.0 if residual is None or not len(rows) else float(residual.detach().abs().mean()),
+            residual=residual_size,
             messages=tuple(messages),
         )
 
-    def _jittered(self, shown: Tensor, target: Target) -> tuple[Tensor, Target]:
-        """The photo in another exposure and white balance, for the encoder and as the target alike.
-
-        A collection holds few photos; with this the encoder meets each in many tones and learns to tell tone from light.
-        """
-        settings = self.settings
-        if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
-            return shown, target
-        draw = torch.randn(4, generator=self.generator)
-        gain = torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN).to(self.device)
-        return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)
+    def _look(self, index: int, target: Target, gain: Tensor | None) -> tuple[Look, Target]:
+        shown, target = jittered(self.pictures[index].encoder_input, target, gain)
+        return self.model.look(shown, index), target
 
     def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
         settings = self.settings
@@ -212,39 +217,25 @@ class Trainer:
             image = torch.where(target.valid[..., None], image, 0)
         return losses.mask_loss(look.mask, image, target.planes, weight)
 
-    def _regularisers(self, look: Look, residual, seen: Splats, camera, progress: float) -> Tensor:
+    def _transient_loss(self, look: Look, seen: Splats, camera, progress: float) -> Tensor:
         settings = self.settings
-        total = torch.zeros(())
-        if look.mask is not None and progress >= settings.mask_apply and self.done % TRANSIENT_EVERY == 0:
-            front = self.rasterizer.contributions(seen.detached(), camera)
-            rows = losses.transient_rows(seen.means, front, look.mask, camera)
-            opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
-            total = total + settings.transient_regularisation * TRANSIENT_EVERY * opacity
-        if residual is not None:
-            total = total + settings.sh_regularisation * losses.residual_norm(residual)
-            if settings.gauge:
-                total = total + settings.gauge * self._gauge()
-        return total
-
-    def _gauge(self) -> Tensor:
-        """The mean squared residual of the mean embedding, over a draw of Gaussians: 0 where the base is the neutral look."""
-        splats, latents = self.gaussians.splats, self.gaussians.latents
-        if not len(self.gaussians):
+        if look.mask is None or progress < settings.mask_apply or self.done % TRANSIENT_EVERY:
             return torch.zeros(())
-        rows = torch.randint(len(self.gaussians), (GAUGE_ROWS,), generator=self.generator).to(self.device)
-        latents = None if latents is None else latents[rows]
-        _, residual = self.model.transfer(splats.sh[rows], splats.means[rows], self.model.mean_embedding, latents)
-        return (residual**2).sum(dim=(1, 2)).mean()
+        front = self.rasterizer.contributions(seen.detached(), camera)
+        rows = losses.transient_rows(seen.means, front, look.mask, camera)
+        opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
+        return settings.transient_regularisation * TRANSIENT_EVERY * opacity
+
+    def _gauge(self) -> float:
+        """The weighted gauge. Its backward pass is here too: it only touches the networks, and the encoder is still busy."""
+        loss = self.settings.gauge * gauge(self.model, self.gaussians, self.generator)
+        losses.backward((loss, None))
+        return float(loss.detach())
 
     def _teach_encoder(self, look: Look, embedding: Tensor, mask_loss: Tensor) -> None:
-        """The backward pass of the encoder, apart: it is too small to gain from a second thread."""
-        pairs = [(look.embedding, embedding.grad), (mask_loss, None)]
-        pairs = [pair for pair in pairs if pair[0].requires_grad and (pair[0] is mask_loss or pair[1] is not None)]
-        if pairs:
-            with one_torch_thread():
-                torch.autograd.backward(*zip(*pairs))
+        losses.backward((look.embedding, embedding.grad), (mask_loss, None))
 
-    def _update(self, rows: Tensor, leaves: dict[str, Tensor], progress: float) -> None:
+    def _update_gaussians(self, rows: Tensor, leaves: dict[str, Tensor], progress: float) -> None:
         settings = self.settings
         mean_rate = schedule.decayed(settings.mean_rate, progress, schedule.MEAN_RATE_DECAY)
         latent_rate = schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)
@@ -252,6 +243,8 @@ class Trainer:
         if progress < settings.geometry_from:
             rates = {name: rates[name] for name in ("sh", "latents")}
         self.gaussians.step(rows, leaves, rates)
+
+    def _update_networks(self, progress: float) -> None:
         if self.optimizer is not None:
             for group in self.optimizer.param_groups:
                 group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)
@@ -272,7 +265,8 @@ class Trainer:
             + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 
-    def _skip(self, picture: Picture, fault: str) -> str:
+    def _skip(self, index: int, fault: str) -> str:
+        name = self.pictures[index].photo.name
         self.skipped += 1
         self.skipped_in_a_row += 1
         if self.optimizer is not None:
@@ -280,11 +274,11 @@ class Trainer:
         if self.skipped_in_a_row >= SKIPS_ALLOWED:
             path = self.save()
             raise TrainingStopped(
-                f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {picture.photo.name}). "
+                f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {name}). "
                 f"Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
-        return f"Step {self.done} was skipped: its {fault} (photo {picture.photo.name})."
+        return f"Step {self.done} was skipped: its {fault} (photo {name})."
 
     def _next_photo(self) -> int:
         if not self.order:

@@ -36,7 +36,9 @@ def _step(measured: dict) -> tuple[str, str, str]:
     others = {part: _cpu(measured, part) for part in parts if part not in ("whole", *ENGINE)}
     largest = max(others, key=others.get)
     share = others[largest] / _cpu(measured)
-    found = f"{_cpu(measured):.3f} CPU-s; the largest other part is {largest}, {share:.0%}"
+    facts = measured["facts"]
+    found = f"{1e-3 * facts['cpu_ms']:.3f} CPU-s, {1e-3 * facts['wall_ms']:.3f} s wall on {facts['threads']} threads; "
+    found += f"the largest other part is {largest}, {share:.0%}"
     return "a step with everything on", "0.10 CPU-s, no part but rasterizer and SH transfer above 10 %", found
 
 

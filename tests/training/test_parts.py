@@ -181,3 +181,11 @@ def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(BadInput, match="not a readable checkpoint"):
         checkpoint.load(path)
+
+
+def test_backward_from_several_roots_leaves_out_what_has_no_gradient():
+    x = torch.tensor([1.0, 2.0], requires_grad=True)
+    y = x * 3
+    losses.backward((x.sum(), None), (y, torch.tensor([1.0, 10.0])), (None, None), (torch.zeros(()), None), (x * 5, None))
+    assert x.grad.tolist() == [4, 31]
+    losses.backward((torch.zeros(()), None))  # nothing to do

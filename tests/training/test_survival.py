@@ -261,6 +261,28 @@ def test_a_step_of_no_use_is_skipped_counted_and_leaves_no_trace(collection, tmp
     assert trainer.step().messages == () and (trainer.skipped, trainer.skipped_in_a_row) == (1, 0)
 
 
+def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learning(collection, tmp_path):
+    """It is found out when the Gaussians, whose gradients were finite, are updated already."""
+    trainer = Trainer(collection, small_settings(), tmp_path)
+    trainer.step()
+    honest = trainer._teach_encoder
+
+    def overflowing(*arguments):
+        honest(*arguments)
+        next(trainer.model.encoder.parameters()).grad += math.inf
+
+    trainer._teach_encoder = overflowing
+    networks = {name: tensor.clone() for name, tensor in trainer.model.state_dict().items()}
+    harmonics = trainer.gaussians.splats.sh.clone()
+    (message,) = trainer.step().messages
+    assert message.startswith("Step 2 was skipped: its encoder's gradient was not finite (photo ")
+    assert not torch.equal(trainer.gaussians.splats.sh, harmonics)
+    for name, tensor in trainer.model.state_dict().items():
+        assert torch.equal(tensor, networks[name]), name
+    trainer._teach_encoder = honest
+    assert trainer.step().messages == () and trainer.skipped == 1
+
+
 @pytest.mark.parametrize("words", WRONG)
 def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collection, tmp_path, words):
     folder = tmp_path / "run"

@@ -20,7 +20,7 @@ from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.threads import in_parallel
+from core.threads import in_parallel, threads
 
 # A Gaussian in a tile costs 12 bytes in the forward pass (entry, drawn chunks) and 36 in the backward one (slot).
 BYTES_A_PAIR = 12 + 4 * SLOT_WIDTH
@@ -29,7 +29,7 @@ NOTHING = np.empty((0, 2), dtype=np.float32)
 
 
 class CpuRasterizer:
-    """Numba kernels on torch.get_num_threads() threads; float32. See `contract.Rasterizer` for the methods."""
+    """Numba kernels on core.threads.threads() threads; float32. See `contract.Rasterizer` for the methods."""
 
     name, device = "cpu", "cpu"
 
@@ -174,9 +174,9 @@ def draw(
 
 
 def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
-    """Run work(counter) on torch.get_num_threads() threads at once; they take what there is to do off the counter."""
+    """Run work(counter) on all threads at once; they take what there is to do off the counter."""
     counter = np.zeros(1, dtype=np.int64)
-    in_parallel(lambda begin, end: work(counter), torch.get_num_threads(), 1)
+    in_parallel(lambda begin, end: work(counter), threads(), 1)
 
 
 def arguments_of(camera: Camera) -> tuple:

@@ -10,7 +10,7 @@ from numba import njit
 
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.footprint import touched_columns, touched_rows
-from core.rasterizer.cpu.simd import prefetch
+from core.simd import prefetch
 
 DIGIT_BITS = 11  # three passes for 32 bits; a pass's cursors stay in the first-level cache
 DIGITS = 1 << DIGIT_BITS

@@ -10,7 +10,7 @@ from numba import njit
 from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.footprint import TILE
-from core.rasterizer.cpu.simd import (
+from core.simd import (
     LANES,
     bits,
     broadcast,

@@ -27,7 +27,7 @@ from core.rasterizer.cpu.blend import (
 )
 from core.rasterizer.cpu.blend_forward import STOP
 from core.rasterizer.cpu.footprint import TILE
-from core.rasterizer.cpu.simd import (
+from core.simd import (
     LANES,
     broadcast,
     fetch_add,

@@ -18,7 +18,7 @@ from core.rasterizer.cpu.blend import (
     write_row_terms,
 )
 from core.rasterizer.cpu.footprint import TILE
-from core.rasterizer.cpu.simd import (
+from core.simd import (
     LANES,
     bits,
     broadcast,

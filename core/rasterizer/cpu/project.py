@@ -18,14 +18,16 @@ from core.rasterizer.contract import (
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
-from core.rasterizer.cpu.simd import fetch_add
 from core.rasterizer.cpu.tuples import SCALAR, cross, dot, row, scaled, subtract
+from core.simd import fetch_add
 
 BLOCK = 512  # Gaussians a thread takes at a time
 HALF_LOG2_E = 0.5 * math.log2(math.e)
 LOG2_ALPHA_MIN = math.log2(ALPHA_MIN)
 LEAST_LOGIT = math.log(ALPHA_MIN / (1.0 - ALPHA_MIN))
 LEAST_LOG_SCALE, MOST_LOG_SCALE = LOG_SCALE_RANGE
+MOST_LEVEL = 2.0 * math.log(1.0 / ALPHA_MIN) * (1 + 1e-9)  # `level_of` an opacity of 1, and rounding
+SPHERE_MARGIN = 1 + 1e-9  # rounding of the axes' lengths
 
 
 @njit(**SCALAR)
@@ -138,6 +140,28 @@ def meets_picture(x, y, reach_x, reach_y, size):
     return x + reach_x >= 0 and x - reach_x <= size[0] and y + reach_y >= 0 and y - reach_y <= size[1]
 
 
+@njit(**SCALAR)
+def centre_in_picture(offset, rotation, lens, limits, size):
+    fx, fy, cx, cy = lens
+    _, x, y, _, _ = slopes_of(offset, rotation, limits)
+    return meets_picture(fx * x + cx, fy * y + cy, 0.0, 0.0, size)
+
+
+@njit(**SCALAR)
+def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
+    """Whether the picture is met by the box around an opaque sphere of Gaussian `i`'s largest scale: its own lies within."""
+    fx, fy, cx, cy = lens
+    inverse_depth, x, y, clamped_x, clamped_y = slopes_of(offset, rotation, limits)
+    across = pixel_gradient(rotation, 0, fx * inverse_depth, clamped_x)
+    down = pixel_gradient(rotation, 1, fy * inverse_depth, clamped_y)
+    largest = max(log_scales[i, 0], log_scales[i, 1], log_scales[i, 2])
+    scale = math.exp(min(max(np.float64(largest), LEAST_LOG_SCALE), MOST_LOG_SCALE))
+    variance = scale * scale * SPHERE_MARGIN
+    reach_x = math.sqrt(MOST_LEVEL * (variance * dot(across, across) + BLUR_PX2))
+    reach_y = math.sqrt(MOST_LEVEL * (variance * dot(down, down) + BLUR_PX2))
+    return meets_picture(fx * x + cx, fy * y + cy, reach_x, reach_y, size)
+
+
 @njit(cache=True, nogil=True, **SCALAR)
 def find_visible(
     counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible
@@ -154,9 +178,12 @@ def find_visible(
             depth = dot(row(rotation, 2), offset)
             if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
                 continue
-            x, y, a, _, c, _ = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
-            level = level_of(opacity_of(logit_opacities[i]))
-            inside = meets_picture(x, y, math.sqrt(level * a), math.sqrt(level * c), size)
+            # What the ellipse would say is mostly plain from the centre, and from the largest scale.
+            inside = centre_in_picture(offset, rotation, lens, limits, size)
+            if not inside and sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
+                x, y, a, _, c, _ = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
+                level = level_of(opacity_of(logit_opacities[i]))
+                inside = meets_picture(x, y, math.sqrt(level * a), math.sqrt(level * c), size)
             visible[i] = inside and is_finite(sh, i)
 
 

@@ -31,8 +31,8 @@ from core.rasterizer.cpu.project import (
     scales_of,
     slopes_of,
 )
-from core.rasterizer.cpu.simd import fetch_add
 from core.rasterizer.cpu.tuples import SCALAR, add, dot, row, scaled, subtract
+from core.simd import fetch_add
 
 
 @njit(cache=True, nogil=True, **SCALAR)

@@ -143,15 +143,32 @@ def fetch_add(typing_context, counters, index, amount):
 # ---------------------------------------------------------------------------------------------------------- arithmetic
 
 
+def in_all_lanes(builder, number):
+    vector = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(vector, ir.Constant(FLOATS, ir.Undefined), ir.Constant(INTEGERS, [0] * LANES))
+
+
 @intrinsic
 def broadcast(typing_context, number):
     """A number, rounded to float32, in all eight lanes."""
 
     def generate(context, builder, sig, args):
-        vector = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), args[0], ir.Constant(ir.IntType(32), 0))
-        return builder.shuffle_vector(vector, ir.Constant(FLOATS, ir.Undefined), ir.Constant(INTEGERS, [0] * LANES))
+        return in_all_lanes(builder, args[0])
 
     return float8(types.float32), generate
+
+
+@intrinsic
+def broadcast_element(typing_context, array, index):
+    """Element `index` of a contiguous float32 array, counted over the whole of it, in all eight lanes.
+
+    Without a check for negative indices, which cost as much as the arithmetic of a matrix product.
+    """
+
+    def generate(context, builder, sig, args):
+        return in_all_lanes(builder, builder.load(element_pointer(context, builder, sig.args[0], *args)))
+
+    return float8(array, types.intp), generate
 
 
 @intrinsic

@@ -1,0 +1,24 @@
+"""What holds the neutral look: without it, base harmonics and the residual of the mean embedding could drift against each other."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from core.appearance.model import AppearanceModel
+from core.training.gaussians import Gaussians
+
+ROWS = 1024  # Gaussians drawn each step
+
+
+def gauge(model: AppearanceModel, gaussians: Gaussians, generator: torch.Generator) -> Float[Tensor, ""]:
+    """The mean squared residual of the mean embedding, over a draw of Gaussians: 0 where the base is the neutral look.
+
+    Its gradient reaches the networks alone, no other tensor of a step. Zero, without one, if there are no residuals.
+    """
+    if not (len(gaussians) and model.predicts_residuals):
+        return torch.zeros(())
+    splats, latents = gaussians.splats, gaussians.latents
+    rows = torch.randint(len(gaussians), (ROWS,), generator=generator).to(splats.means.device, non_blocking=True)
+    latents = None if latents is None else latents[rows]
+    _, residual = model.transfer(splats.sh[rows], splats.means[rows], model.mean_embedding, latents)
+    return (residual**2).sum(dim=(1, 2)).mean()

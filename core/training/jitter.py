@@ -1,0 +1,31 @@
+"""A photo in another exposure and white balance, for the encoder and as the target alike.
+
+A collection holds few photos; with this the encoder meets each in many tones and learns to tell tone from light.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from core.config import Settings
+from core.training.photometric import Target
+
+LARGEST_GAIN = 1.4  # a photo has nothing above 1 to be brightened
+
+
+def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:
+    """A random gain of each channel, or None where looks are not learnt from photos."""
+    if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
+        return None
+    draw = torch.randn(4, generator=generator)
+    return torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
+
+
+def jittered(
+    shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None
+) -> tuple[Float[Tensor, "3 h w"], Target]:
+    """Both with each channel times its gain; for None as they are."""
+    if gain is None:
+        return shown, target
+    gain = gain.to(shown.device, non_blocking=True)
+    return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)

@@ -1,0 +1,57 @@
+"""The matrix product of the SH transfer's kernels, and what the compiler makes of them. Values and gradients: test_sh_transfer."""
+
+import platform
+import re
+
+import llvmlite.binding
+import numba
+import numpy as np
+import pytest
+import torch
+
+from core.appearance.sh_transfer import SHTransfer
+from core.appearance.transfer_blocks import ANY, ZERO, differentiate, evaluate, multiply
+from tests.small import whole_settings
+
+
+def product(left, right, start, least, turned=False):
+    into = np.empty((left.shape[1] if turned else left.shape[0], right.shape[1]), np.float32)
+    multiply(left, turned, right, start, into, np.float32(least))
+    return into
+
+
+@pytest.mark.parametrize("rows, columns, inner", [(4, 16, 1), (8, 48, 27), (12, 32, 0), (128, 16, 33)])
+def test_product(rows, columns, inner):
+    """Small integers: sums are exact in any order."""
+    random = np.random.default_rng(rows)
+    sizes = (rows, inner), (inner, columns), (rows, columns), (1, columns)
+    left, right, start, bias = (random.integers(-4, 5, size).astype(np.float32) for size in sizes)
+    np.testing.assert_array_equal(product(left, right, bias, ANY), left @ right + bias)
+    np.testing.assert_array_equal(product(left, right, start, ZERO), np.maximum(left @ right + start, 0))
+    turned = np.ascontiguousarray(left.T)
+    np.testing.assert_array_equal(product(turned, right, start, ANY, turned=True), left @ right + start)
+    sums = start.copy()
+    multiply(turned, True, right, sums, sums, ANY)
+    np.testing.assert_array_equal(sums, left @ right + start)
+
+
+def test_a_relu_keeps_what_is_not_a_number():
+    left = np.ones((4, 2), np.float32)
+    left[1, 0] = np.nan
+    result = product(left, -np.ones((2, 16), np.float32), np.zeros((1, 16), np.float32), ZERO)
+    assert np.isnan(result[1]).all() and (result[[0, 2, 3]] == 0).all()
+
+
+@pytest.mark.parametrize("kernel", [evaluate, differentiate], ids=["forward", "backward"])
+def test_kernels_use_wide_registers(kernel):
+    """A product whose vectors were lost is right and eight times as slow; nothing but the assembly tells."""
+    features = llvmlite.binding.get_host_cpu_features()
+    if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
+        pytest.skip("says something of AVX2 only")
+    transfer = SHTransfer(whole_settings(sh_degree=1))
+    transfer(torch.zeros(2, 4, 3), torch.zeros(2, 3), torch.zeros(16)).sum().backward()
+    flags = {name: kernel.targetoptions[name] for name in ("nogil", "error_model", "fastmath")}
+    fresh = numba.njit(**flags)(kernel.py_func)  # code that comes from the cache cannot be inspected
+    fresh.compile(kernel.signatures[0])
+    (assembly,) = fresh.inspect_asm().values()
+    assert len(re.findall(r"vfmadd\d+ps\s.*%ymm", assembly)) >= 8

@@ -34,9 +34,9 @@ def coverage(footprints, splat, x, y):
     """Alpha of a splat in the pixels before the clamp at ALPHA_MAX, 0 where it is below ALPHA_MIN; and e = dx - slope dy, dy."""
     at = footprints + splat * footprint.COLUMNS
     dy = y - tl.load(at + footprint.Y)
-    e = tl.fma(-tl.load(at + footprint.SLOPE) + 0.0 * dy, dy, x - tl.load(at + footprint.X))
+    e = tl.fma(-tl.load(at + footprint.SLOPE), dy, x - tl.load(at + footprint.X))
     across = tl.load(at + footprint.SHARPNESS) * e
-    along = tl.fma(-tl.load(at + footprint.FALL) * dy, dy, tl.load(at + footprint.STRENGTH) + 0.0 * dy)
+    along = tl.fma(-tl.load(at + footprint.FALL) * dy, dy, tl.load(at + footprint.STRENGTH))
     exponent = tl.fma(-across, across, along)
     return tl.where(exponent >= LOG2_ALPHA_MIN, tl.exp2(exponent), 0.0), e, dy
 

@@ -22,7 +22,7 @@ def blend_forward(
     tile = tl.program_id(0)
     x, y, place, inside = pixels_of(tile, columns, width, height)
     light = tl.where(inside, 1.0, -1.0)
-    nothing = 0.0 * x
+    nothing = tl.zeros_like(x)
     red, green, blue = nothing, nothing, nothing
     entry, end = tl.load(tile_starts + tile), tl.load(tile_starts + tile + 1)
     unfinished = entry < end
@@ -33,9 +33,9 @@ def blend_forward(
             alpha, _, _ = coverage(footprints, splat, x, y)
             _, weight, light = blended(light, tl.minimum(alpha, ALPHA_MAX))
             at = footprints + splat * footprint.COLUMNS
-            red = tl.fma(weight, tl.load(at + footprint.RED) + 0.0 * x, red)
-            green = tl.fma(weight, tl.load(at + footprint.GREEN) + 0.0 * x, green)
-            blue = tl.fma(weight, tl.load(at + footprint.BLUE) + 0.0 * x, blue)
+            red = tl.fma(weight, tl.load(at + footprint.RED), red)
+            green = tl.fma(weight, tl.load(at + footprint.GREEN), green)
+            blue = tl.fma(weight, tl.load(at + footprint.BLUE), blue)
             if RECORD:
                 tl.store(strongest + tl.load(entry_slots + entry), tl.max(weight, axis=0))
             entry += 1

@@ -150,7 +150,8 @@ class AppearanceModel(nn.Module):
         """The embedding, moved into the box that spans the training photos' along their principal axes; one inside stays as it is.
 
         A night photo among eight of daylight lay at eight times their spread, and turned a white church green; held, it
-        is dark and golden. On held-out photos, which lie inside but for a few, no figure changes by more than 0.03 dB.
+        is dark. Figures of held-out photos change by 0.03 dB at most where training photos are many, and fell by 0.1 and 0.2 dB
+        where there were eight.
         """
         met = self.met_embeddings.double()
         centre = met.mean(dim=0)

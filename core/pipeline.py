@@ -276,7 +276,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train on a scene whose split has test photos.")
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: {len(photos)} held-out photos, protocol {protocol}")
-    subject = TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer)
+    subject = subject_of(trained)
     distance = lpips.load()
     if distance is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
@@ -319,6 +319,11 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     report.table(f"Held-out quality, protocol {protocol}", _rows(results))
     report.say(f"{trained.folder}: results.json, per_view.json, sheet.png")
     return results
+
+
+def subject_of(trained: Run) -> TrainedScene:
+    """The run as what the protocols measure."""
+    return TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer)
 
 
 def held_out_view(trained: Run, photo: Photo) -> View:

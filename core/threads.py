@@ -63,7 +63,8 @@ def threads() -> int:
 def in_parallel(work: Callable[[int, int], None], total: int, block: int) -> None:
     """Call work(begin, end) for each block of range(total), the last maybe shorter, in any order; wait for all.
 
-    On `threads()` threads, each with one torch thread and without gradients. Kernels release the interpreter lock. An exception in `work` is raised here, after all threads have stopped.
+    On `threads()` threads, each with one torch thread and without gradients. Kernels release the interpreter lock. An
+    exception in `work` is raised here, after all threads have stopped.
     """
     starts = iter(range(0, total, block))  # next() on it is atomic under the interpreter lock
     extra = min(threads(), -(-total // block)) - 1

@@ -25,9 +25,9 @@ from core.data import photos
 from core.data.collection import Photo
 from core.evaluation import metrics
 from core.evaluation.protocols import refine_embedding
-from core.evaluation.subject import TrainedScene
 from core.export.atomic import replacing
 from core.export.pictures import to_8_bit
+from core.pipeline import subject_of
 from core.training import run
 from core.training.trained import Run, bake, blend, find_appearance, load_run
 
@@ -106,7 +106,7 @@ def truths(trained: Run, style: str) -> dict[str, Path]:
 
 def nearness(trained: Run, style: str) -> str | None:
     """How near the look of a style photo comes to the truth in its light; None where that is not known."""
-    subject = TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer)
+    subject = subject_of(trained)
     own = find_appearance(trained, style).embedding
     seen = {photo.name: find_appearance(trained, photo.name).embedding for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}

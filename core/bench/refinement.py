@@ -10,12 +10,11 @@ import torch
 
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
-from core.data.collection import Photo
+from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import REFINE_STEPS, View, refinement, regions
-from core.evaluation.subject import TrainedScene
-from core.pipeline import held_out_view
+from core.pipeline import held_out_view, subject_of
 from core.report import Report
 from core.training.trained import Run
 
@@ -54,14 +53,9 @@ def refinement_figure(trained: list[Run], protocols: tuple[str, ...], photos: in
     return Figure("refinement", title, tuple(quantities), tuple(panels), tuple(points), made, NOTES)
 
 
-def spread_over(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
-    """At most `count` of the photos, evenly spread."""
-    return photos[:: -(-len(photos) // count)] if photos else ()
-
-
 def _course(trained: Run, view: View, protocol: str) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
-    subject = TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer)
+    subject = subject_of(trained)
     fitted, scored = regions(view, protocol)
     photo = metrics.quantised(view.picture)
     region, valid = photo[:, fitted], None if view.valid is None else view.valid[:, fitted]

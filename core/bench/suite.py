@@ -9,12 +9,12 @@ from torch import Tensor
 from core.bench import files, small_scene
 from core.bench.baking import baking_figure
 from core.bench.figure import Figure
-from core.bench.refinement import refinement_figure, spread_over
+from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
 from core.bench.training import Course, training_figure
 from core.config import PRESETS, Settings, preset
 from core.data import load_collection
-from core.data.collection import Collection
+from core.data.collection import Collection, spread_over
 from core.errors import BadInput
 from core.evaluation.protocols import PROTOCOLS
 from core.report import Report

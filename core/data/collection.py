@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+
+Item = TypeVar("Item")
 
 FAR = 100.0  # times the median camera's distance from the scene's centre
 
@@ -60,6 +63,11 @@ class Collection:
             if photo.name == name:
                 return photo
         raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {self.photos[0].name}.")
+
+
+def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
+    """At most `count` of the items (photos, cameras), evenly spread."""
+    return items[:: -(-len(items) // count)] if items else items
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:

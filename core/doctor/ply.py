@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from core.data.collection import spread_over
 from core.doctor import views
 from core.doctor.finding import Finding
 from core.doctor.gaussians import look_at_gaussians
@@ -41,7 +42,7 @@ def examine_ply(path: Path, report: Report) -> list[Finding]:
         cameras = views.cameras_beside(path)
     except BadInput as problem:
         findings.append(Finding("cameras", "damaged", problem.what.rstrip("."), problem.fix))
-    cameras = [camera.in_scene(frame) for camera in cameras[:: -(-len(cameras) // MOST_CAMERAS) or 1]]
+    cameras = [camera.in_scene(frame) for camera in spread_over(cameras, MOST_CAMERAS)]
     findings.append(views.float32_error(frame, frame.to_scene(centres), cameras))
     if cameras:
         findings.append(views.never_seen(in_scene, [_small(camera) for camera in cameras], 0, report))

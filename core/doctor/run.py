@@ -7,6 +7,7 @@ from pathlib import Path
 import torch
 
 from core.config import Settings
+from core.data.collection import spread_over
 from core.doctor import views
 from core.doctor.finding import Finding, part
 from core.doctor.gaussians import look_at_gaussians
@@ -95,8 +96,7 @@ def _settings(settings: Settings) -> Finding:
 
 def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
     """What the training photos' looks add to the base, and how much their masks hide."""
-    photos = trained.collection.split("train")
-    photos = photos[:: -(-len(photos) // MOST_PHOTOS)]
+    photos = spread_over(trained.collection.split("train"), MOST_PHOTOS)
     names = trained.model.photo_names
     masks: dict[str, float] = {}
     unreadable: list[str] = []

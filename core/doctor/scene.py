@@ -83,9 +83,7 @@ def _cameras(collection: Collection) -> list[Finding]:
 def _shown(photo: Photo, points: np.ndarray) -> float:
     """The share of the photo's own points (of all, if it has none, and then one is enough) inside its picture."""
     own = points[photo.points] if len(photo.points) else points
-    pixels, depths = photo.camera.project(own)
-    size = (photo.camera.width, photo.camera.height)
-    inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels <= size).all(axis=1)
+    inside, _ = photo.camera.shows(own)
     return float(inside.mean()) if len(photo.points) else float(inside.any())
 
 

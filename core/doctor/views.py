@@ -35,8 +35,7 @@ def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -
 
 def _depth(camera: Camera, means: np.ndarray) -> float | None:
     """The median depth of what the camera sees of the centres, or None if that is nothing."""
-    pixels, depths = camera.project(means[:: max(1, len(means) // SAMPLE)])
-    inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels <= (camera.width, camera.height)).all(axis=1)
+    inside, depths = camera.shows(means[:: max(1, len(means) // SAMPLE)])
     return float(np.median(depths[inside])) if inside.any() else None
 
 

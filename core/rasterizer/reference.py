@@ -113,9 +113,7 @@ class ReferenceRasterizer:
 
 def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:
     """Which Gaussians are finite, in front of the camera, really rotated and not too faint to show anywhere."""
-    keep = torch.ones(len(splats), dtype=torch.bool, device=splats.means.device)
-    for tensor in splats.tensors().values():
-        keep &= torch.isfinite(tensor[..., None]).flatten(1).all(dim=1)
+    keep = splats.finite_rows()
     offsets = offsets_from(camera, splats.means)
     _, _, depths = in_camera_axes(camera, offsets)
     norms2 = splats.quaternions.square().sum(dim=1)

@@ -46,6 +46,11 @@ class Camera:
         """The camera moved from the scene frame back into world units."""
         return replace(self, centre=frame.to_world(self.centre))
 
+    def shows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of the points (P, 3) lie before the camera and inside its picture, (P,) bool, and their depths (P,)."""
+        pixels, depths = self.project(points)
+        return (depths > 0) & (pixels >= 0).all(axis=1) & (pixels <= (self.width, self.height)).all(axis=1), depths
+
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (P, 3) -> pixel positions (P, 2) and depths (P,), float64. Depths <= 0 lie behind the camera."""
         local = (np.asarray(points, dtype=np.float64) - self.centre) @ self.world_to_camera.T

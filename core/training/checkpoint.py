@@ -55,22 +55,22 @@ def newest(folder: Path) -> Path | None:
     return max(folder.glob(PATTERN), key=lambda path: (len(path.name), path.name), default=None)
 
 
-def _facts(file) -> dict:
-    return json.loads((file.metadata() or {})["wegs"])
-
-
 def read_facts(path: Path) -> dict:
-    """The facts of a checkpoint that `load` accepts, without its tensors."""
-    with safe_open(path, framework="pt") as file:
-        return _facts(file)
+    """The facts of a checkpoint, without its tensors; BadInput if it is cut off or not one of ours."""
+    return _read(path, with_tensors=False).facts
 
 
 def load(path: Path) -> Checkpoint:
     """Read a checkpoint; BadInput if it is cut off or not one of ours."""
+    return _read(path, with_tensors=True)
+
+
+def _read(path: Path, with_tensors: bool) -> Checkpoint:
     try:
         with safe_open(path, framework="pt") as file:
-            facts = _facts(file)
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no dict
+            facts = json.loads((file.metadata() or {})["wegs"])
+            names = file.keys() if with_tensors else ()
+            tensors = {name: file.get_tensor(name) for name in names}
     except (OSError, SafetensorError, KeyError, ValueError) as error:
         raise BadInput(f"{path} is not a readable checkpoint: {error}.", "Train again, or name another run.") from None
     if facts.get("version") != VERSION:

@@ -25,24 +25,30 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
     kept = json.loads(path.read_text()) if path.is_file() else {}
     if {name: kept.get(name) for name in key} != key:
         kept = key | {"results": {}}
-    for protocol in protocols:
-        if protocol not in kept["results"]:
-            trained = pipeline.load_run(_finished(scene, settings, folder, report))
-            kept["bytes"] = run.point_cloud_path(folder, trained.step).stat().st_size
-            kept["results"][protocol] = pipeline.evaluate(folder, protocol, report).to_json()
-            write_json(path, kept)
+    missing = [protocol for protocol in protocols if protocol not in kept["results"]]
+    if missing:
+        _finish(scene, settings, folder, report)
+        kept["bytes"] = run.point_cloud_path(folder, _step(checkpoint.newest(folder))).stat().st_size
+    for protocol in missing:
+        kept["results"][protocol] = pipeline.evaluate(folder, protocol, report).to_json()
+        write_json(path, kept)
     return kept
 
 
-def _finished(scene: Path, settings: Settings, folder: Path, report: Report) -> Path:
-    """The run in `folder` if it is that of these settings, gone on with where it was stopped, else a new one."""
+def _finish(scene: Path, settings: Settings, folder: Path, report: Report) -> None:
+    """Make `folder` a whole run of these settings: what was stopped goes on, what is another run's is trained anew."""
     if _is_that_of(folder, scene, settings) and (newest := checkpoint.newest(folder)) is not None:
-        step = checkpoint.load(newest).facts["step"]
+        step = _step(newest)
         if step < settings.steps:
-            return pipeline.resume(folder, report)
+            pipeline.resume(folder, report)
+            return
         if run.point_cloud_path(folder, step).is_file():
-            return folder
-    return pipeline.train(scene, settings, folder, report, force=True)
+            return
+    pipeline.train(scene, settings, folder, report, force=True)
+
+
+def _step(path: Path) -> int:
+    return checkpoint.read_facts(path)["step"]
 
 
 def _is_that_of(folder: Path, scene: Path, settings: Settings) -> bool:

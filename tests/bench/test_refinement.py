@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 import core.rasterizer
-from core.bench.refinement import MEASURED, refinement_figure, spread_over
+from core.bench.refinement import MEASURED, refinement_figure
+from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation.protocols import PROTOCOLS, REFINE_STEPS, measure
 from core.evaluation.subject import TrainedScene

@@ -2,6 +2,7 @@
 
 python samples/make_plaza.py                                    # the collection, into samples/plaza
 python samples/make_plaza.py --variant calm --output /tmp/calm  # the same views in one light, with nobody about
+python samples/make_plaza.py --times 3 --output /tmp/many       # another collection of the same place, of 180 photos
 """
 
 import os
@@ -80,9 +81,9 @@ def _record(shot: Shot, **more) -> dict:
     return {**more, "look": shot.look.describe(), "camera": camera}
 
 
-def make(output: Path, variant: str | None, grid: int, processes: int) -> None:
+def make(output: Path, variant: str | None, times: int, grid: int, processes: int) -> None:
     """Write the whole collection, or a variant of it, into a new folder."""
-    collection, test = shots.plan()
+    collection, test = shots.plan(times)
     styles = [] if variant else shots.styles()
     if variant:
         collection = shots.variant(collection, variant)
@@ -130,19 +131,20 @@ def main() -> None:
     )
     kinds = "; ".join(f"{name}: {what}" for name, what in shots.VARIANTS.items())
     parser.add_argument("--variant", choices=shots.VARIANTS, help=f"{kinds}; needs --output")
+    parser.add_argument("--times", type=int, default=1, help="as many photos of each light as that (default: 1); needs --output")
     parser.add_argument(
         "--grid", type=int, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)"
     )
     parser.add_argument("--processes", type=int, default=2, help="processes to work in (default: 2)")
     parser.add_argument("--force", action="store_true", help="replace the folder if it exists")
     given = parser.parse_args()
-    if given.variant and given.output == parser.get_default("output"):
-        parser.error("--variant would replace the committed sample; name another folder with --output")
+    if (given.variant or given.times != 1) and given.output == parser.get_default("output"):
+        parser.error("this would replace the committed sample by another; name another folder with --output")
     if given.output.exists():
         if not given.force:
             parser.error(f"{given.output} exists; --force replaces it")
         shutil.rmtree(given.output)
-    make(given.output, given.variant, given.grid, given.processes)
+    make(given.output, given.variant, given.times, given.grid, given.processes)
 
 
 if __name__ == "__main__":

@@ -59,8 +59,8 @@ def _test_names(shots: list[Shot]) -> set[str]:
     }
 
 
-def plan() -> tuple[list[Shot], set[str]]:
-    """All shots of the collection in order of name, and the names of the test photos."""
+def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
+    """All shots of the collection in order of name, and the names of the test photos. times: COUNTS as often as that."""
     rng = np.random.default_rng(SEED)
     groups = static_groups()
     sizes = np.cumsum([len(one.solids) for one in groups])
@@ -68,7 +68,7 @@ def plan() -> tuple[list[Shot], set[str]]:
         next(size for size, one in zip(sizes, groups) if one.centre[0] < -15)
     )  # the loggia is the church's last group
     obstacles = int(sizes[-1] - 1)
-    kinds = [kind for kind, count in COUNTS.items() for _ in range(count)]
+    kinds = [kind for kind, count in COUNTS.items() for _ in range(times * count)]
     count = len(kinds)
     azimuths = (np.arange(count) + 0.5) / count * 2 - 1
     azimuths = np.sign(azimuths) * np.abs(azimuths) ** 1.25 * WIDEST  # denser in front, as tourists are

@@ -31,7 +31,7 @@ def measure_step(scale: float, appearance: str, transients: str) -> dict:
     parts = stopwatch.repeat(trainer.step, 1, math.ceil(STEPS * scale))
     torch.set_num_threads(threads)
     cameras = [picture.camera for picture in trainer.pictures.pictures]
-    visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera)) for camera in cameras]
+    visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera).rows) for camera in cameras]
     facts = {"gaussians": trainer.gaussians.solid, "sky": trainer.gaussians.sky, "sh_degree": trainer.settings.sh_degree}
     facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}
     facts |= {"threads": threads, "cpu_ms": round(1e3 * whole[0], 1), "wall_ms": round(1e3 * whole[1], 1)}
@@ -75,4 +75,5 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer, "_mask_loss", "mask, regularisers", before="mask, regularisers")
     watch(trainer, "_update_gaussians", "Adam", before="SH transfer backward")
     watch(trainer, "_teach_encoder", "encoder backward")
-    watch(trainer, "_update_networks", "Adam")
+    if trainer.optimizer is not None:
+        watch(trainer.optimizer, "step", "Adam")

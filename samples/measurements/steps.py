@@ -15,9 +15,13 @@ WARM_UP, STEPS = 100, 60  # the first steps turn the haze of a fresh scene into 
 
 def trainer_of(scale: float, appearance: str, transients: str) -> Trainer:
     """A Trainer in the middle of its run: full size, masks at work."""
+    return trainer_with(scale, Settings(appearance=appearance, transients=transients, sh_degree=1))
+
+
+def trainer_with(scale: float, settings: Settings) -> Trainer:
+    """The same with these settings, but for those that decide about sizes."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
-    settings = Settings(resolution=1, max_gaussians=most, appearance=appearance, transients=transients, sh_degree=1)
-    trainer = Trainer(plaza(scale), settings, Path())
+    trainer = Trainer(plaza(scale), settings.changed(resolution=1, max_gaussians=most), Path())
     trainer.done = settings.steps // 2
     return trainer
 

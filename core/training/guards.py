@@ -52,7 +52,7 @@ def fault(total: float, picture_loss: float, usual: float, sound: bool, taken: b
 
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:
     """Whether no number in these tensors, all on the device `where`, is NaN or infinite."""
-    given = [tensor for tensor in tensors if tensor is not None]
+    given = [tensor for tensor in tensors if tensor is not None and tensor.numel()]
     if where.type == "cpu":  # nor their sums: that takes a third of the time
         sizes = [tensor.sum() for tensor in given]
     else:

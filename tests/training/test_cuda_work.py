@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="the kernels a
 # Triton's interpreter draws a quarter of the size, one tile, of few Gaussians in a second.
 SIZES = {"steps": 60, "coarse_until": 1.0, "max_gaussians": 40, "sky_gaussians": 12, "held_out_checks": 0, "densify_rounds": 0}
 
-MOST_LAUNCHES = 420  # with L_regTS, which draws once more every tenth step; 333 without
+MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 340, 75  # of a step, and of L_regTS, which draws once more every tenth; 333 and 71 as of now
 
 
 @pytest.fixture
@@ -58,11 +58,12 @@ def test_a_step_waits_once(trainer):
     photos, waits = len(trainer.pictures), []
     for _ in range(photos + 2):
         first = not trainer.order
+        most = MOST_LAUNCHES + (0 if trainer.done % TRANSIENT_EVERY else MORE_FOR_TRANSIENTS)
         with watched() as work:
             trainer.step()
         waits.append(len(work.waits) + len(work.asked))
         assert waits[-1] <= 1 + first, work.waits
-        assert sum(work.launches.values()) <= MOST_LAUNCHES
+        assert sum(work.launches.values()) <= most
     assert sum(waits) == photos + 2 + 1
 
 

@@ -3,6 +3,7 @@
 from importlib.util import find_spec
 
 import torch
+from torch import Tensor
 
 from core.config import AUTO
 from core.errors import BadSetting
@@ -26,6 +27,24 @@ def chosen(device: str, backend: str) -> torch.device:
 def can_use_gpu() -> bool:
     """Whether there is a GPU, and Triton, which its kernels are written in (on Windows torch comes without)."""
     return torch.cuda.is_available() and find_spec("triton") is not None
+
+
+def sent(tensor: Tensor, device: torch.device) -> Tensor:
+    """A few numbers of the host's, on `device`, without waiting for it: from pinned memory a copy to a GPU only joins the queue."""
+    return (tensor.pin_memory() if device.type == "cuda" else tensor).to(device, non_blocking=True)
+
+
+class OnTheWay:
+    """Numbers that a device is still computing, asked for without waiting; `arrived` waits, if they have not come by then."""
+
+    def __init__(self, numbers: Tensor):
+        self.numbers = numbers.to(CPU, non_blocking=True)  # from a GPU: into pinned memory
+        self.event = torch.cuda.current_stream(numbers.device).record_event() if numbers.device.type == "cuda" else None
+
+    def arrived(self) -> list[float]:
+        if self.event is not None:
+            self.event.synchronize()
+        return self.numbers.tolist()
 
 
 def of_run(trained_on: str) -> torch.device:

@@ -12,7 +12,7 @@ import torch
 import core.rasterizer
 from core import device, pipeline
 from core.evaluation.lpips import Lpips
-from core.rasterizer import Rendering
+from core.rasterizer import Rendering, Visible
 from core.training import pictures
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
@@ -32,14 +32,14 @@ class Distant:
         self.rasterizer = core.rasterizer.create("cpu")
 
     def visible(self, splats, camera):
-        return self.rasterizer.visible(fetched(splats), camera).to(DEVICE)
+        return Visible(self.rasterizer.visible(fetched(splats), camera).rows.to(DEVICE))
 
-    def render(self, splats, camera, background=(0.0, 0.0, 0.0), probe=None):
+    def render(self, splats, camera, background=(0.0, 0.0, 0.0), probe=None, pairs=None):
         probe = None if probe is None else fetched_tensor(probe)
         rendering = self.rasterizer.render(fetched(splats), camera, background, probe)
         return Rendering(rendering.image.to(DEVICE), rendering.transmittance.to(DEVICE))
 
-    def contributions(self, splats, camera):
+    def contributions(self, splats, camera, pairs=None):
         return self.rasterizer.contributions(fetched(splats), camera).to(DEVICE)
 
 

@@ -38,3 +38,13 @@ def contract(means: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
     x, y, z = means.unbind(1)
     norm = (x * x + y * y + z * z).sqrt().clamp_min(1.0)[:, None]
     return means / norm * (1.0 - 0.5 / norm)
+
+
+def encoded_places(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
+    """encode(contract(means), octaves): the centres (scene frame) as the SH transfer takes them; without a gradient."""
+    means = means.detach()
+    if means.device.type == "cuda" and means.dtype == torch.float32:
+        from core.appearance import places_cuda  # Triton, which is there with a GPU only
+
+        return places_cuda.encoded_places(means, octaves)
+    return encode(contract(means), octaves)

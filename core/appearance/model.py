@@ -64,6 +64,12 @@ class AppearanceModel(nn.Module):
         self.register_buffer("met_embeddings", torch.zeros(rows, settings.embedding_size))
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
+    def _apply(self, function, recurse: bool = True) -> "AppearanceModel":
+        """As torch's, which `to` goes through; but the count stays where it is read, or a step would wait for the GPU to see it."""
+        super()._apply(function, recurse)
+        self.remembered = self.remembered.cpu()
+        return self
+
     def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None, masked: bool = True) -> Look:
         """The look of a picture ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.appearance.encoding import encode, encoded_size
-from core.appearance.transfer_kernel import Layers, blockwise_mlp, blockwise_sum, plain_mlp
+from core.appearance.transfer_kernel import Layers, blockwise_mlp, blockwise_sum, chunked_mlp
 from core.config import Settings
 from core.errors import BadInput
 from core.scene.harmonics import coefficient_count
@@ -71,7 +71,7 @@ class SHTransfer(nn.Module):
         """
         with one_torch_thread() if is_fast(sh) else nullcontext():
             learned, layers = self.inputs(sh, embedding, latents)
-        mlp = blockwise_mlp if is_fast(sh) else plain_mlp
+        mlp = blockwise_mlp if is_fast(sh) else chunked_mlp
         return mlp(learned, means, layers, self.settings.position_octaves, self.settings.residual_bound).view_as(sh)
 
     @torch.no_grad()

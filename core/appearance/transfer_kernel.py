@@ -16,11 +16,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
+from torch.utils.checkpoint import checkpoint
 
-from core.appearance.encoding import contract, encode
+from core.appearance.encoding import encoded_places
 from core.appearance.transfer_blocks import PANEL, QUAD, STRIP, differentiate, evaluate, padded
 from core.threads import in_parallel
 
+CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
 ROWS = 8 * STRIP  # of a block: half a millisecond of work
 NOTHING = np.empty((0, 0), np.float32)
 
@@ -46,14 +48,30 @@ def plain_mlp(
 
     means: scene frame. octaves: of the encoding of the contracted means, see core.appearance.encoding.
     """
-    places = encode(contract(means.detach()), octaves)
-    hidden = torch.relu(learned @ layers.learned_weight.T + places @ layers.place_weight.T + layers.first_bias)
+    linear = torch.addmm  # a bias, or what is already there, plus a product: one kernel on a GPU
+    hidden = linear(layers.first_bias, encoded_places(means, octaves), layers.place_weight.T)
+    hidden = torch.relu(linear(hidden, learned, layers.learned_weight.T))
     for weight, bias in zip(layers.hidden_weights, layers.hidden_biases):
-        hidden = torch.relu(hidden @ weight.T + bias)
-    output = hidden @ layers.output_weight.T + layers.output_bias
+        hidden = torch.relu(linear(bias, hidden, weight.T))
+    output = linear(layers.output_bias, hidden, layers.output_weight.T)
     if layers.skip_weight.shape[1]:
-        output = output + learned @ layers.skip_weight.T
+        output = linear(output, learned, layers.skip_weight.T)
     return bound * torch.tanh(output / bound)
+
+
+def chunked_mlp(
+    learned: Float[Tensor, "n learned"], means: Float[Tensor, "n 3"], layers: Layers, octaves: int, bound: float
+) -> Float[Tensor, "n out"]:
+    """`plain_mlp` within CHUNK_BYTES: rows that do not fit go in chunks, of which the backward pass computes each again."""
+    inputs = learned.shape[1] + layers.place_weight.shape[1]
+    # Kept for the backward pass: both inputs, each hidden layer before and after its ReLU, and three steps of the output.
+    kept = inputs + 2 * len(layers.first_bias) * (1 + len(layers.hidden_weights)) + 3 * len(layers.output_bias)
+    rows = max(1, CHUNK_BYTES // (kept * learned.element_size()))
+    if len(learned) <= rows:
+        return plain_mlp(learned, means, layers, octaves, bound)
+    parts = zip(learned.split(rows), means.split(rows))
+    options = {"use_reentrant": False, "preserve_rng_state": False}
+    return torch.cat([checkpoint(plain_mlp, *part, layers, octaves, bound, **options) for part in parts])
 
 
 def blockwise_mlp(

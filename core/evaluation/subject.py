@@ -46,8 +46,8 @@ class TrainedScene:
         return None if mask is None else mask[0]
 
     def render(self, embedding: Float[Tensor, " e"], camera: Camera) -> Float[Tensor, "H W 3"]:
-        rows = self.rasterizer.visible(self.splats, camera)
-        seen = self.splats[rows].detached()
-        latents = None if self.latents is None else self.latents[rows].detach()
+        visible = self.rasterizer.visible(self.splats, camera)
+        seen = self.splats[visible.rows].detached()
+        latents = None if self.latents is None else self.latents[visible.rows].detach()
         sh, _ = self.model.transfer(seen.sh, seen.means, embedding, latents)
-        return self.rasterizer.render(seen.with_sh(sh), camera).image
+        return self.rasterizer.render(seen.with_sh(sh), camera, pairs=visible.pairs).image

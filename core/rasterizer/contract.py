@@ -36,6 +36,18 @@ class Rendering:
     transmittance: Float[Tensor, "h w"]
 
 
+@dataclass(frozen=True)
+class Visible:
+    """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
+
+    pairs: of one of these and a tile that it touches, at most; `render` of exactly these in this view, whatever their look,
+    then need not wait for a GPU to count them. None where nothing has to be waited for.
+    """
+
+    rows: Int[Tensor, " v"]
+    pairs: int | None = None
+
+
 @runtime_checkable
 class Rasterizer(Protocol):
     """A backend. Stateless for the caller; pictures and gradients do not depend on the number of threads.
@@ -49,8 +61,8 @@ class Rasterizer(Protocol):
     name: str
     device: str  # where it takes tensors: "cpu", "cuda" or "any"
 
-    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
-        """Ascending indices of the Gaussians that are not culled in this view (a tight superset of those drawn)."""
+    def visible(self, splats: Splats, camera: Camera) -> Visible:
+        """Which Gaussians are not culled in this view."""
 
     def render(
         self,
@@ -58,11 +70,13 @@ class Rasterizer(Protocol):
         camera: Camera,
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         probe: Float[Tensor, "n 2"] | None = None,
+        pairs: int | None = None,
     ) -> Rendering:
         """The picture, differentiable in every tensor of `splats`.
 
         probe: zeros that are added to the projected centres (px); its gradient dL/d(centre) drives density control.
+        pairs: what `visible` said of these Gaussians; None if they were not asked for.
         """
 
-    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
-        """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable."""
+    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
+        """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable. pairs: as in `render`."""

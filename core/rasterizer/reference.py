@@ -25,6 +25,7 @@ from core.rasterizer.contract import (
     QUATERNION_MIN_NORM2,
     STOP_TRANSMITTANCE,
     Rendering,
+    Visible,
 )
 from core.scene.camera import Camera
 from core.scene.harmonics import colour
@@ -57,10 +58,10 @@ class ReferenceRasterizer:
     name, device = "reference", "any"
 
     @torch.no_grad()
-    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+    def visible(self, splats: Splats, camera: Camera) -> Visible:
         candidates = torch.nonzero(can_be_projected(splats, camera)).squeeze(1)
         projection = project(splats[candidates], camera)
-        return candidates[touches_picture(projection, camera)]
+        return Visible(candidates[touches_picture(projection, camera)])
 
     def render(
         self,
@@ -68,10 +69,11 @@ class ReferenceRasterizer:
         camera: Camera,
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         probe: Float[Tensor, "n 2"] | None = None,
+        pairs: int | None = None,
     ) -> Rendering:
         # Selected before any differentiable arithmetic: a NaN that enters it would come back out of the gradient of a
         # mere mask, because 0 * NaN = NaN.
-        rows = self.visible(splats, camera)
+        rows = self.visible(splats, camera).rows
         rows = rows[front_to_back(splats[rows], camera)]
         projection = project(splats[rows], camera)
         colours = colour(splats.sh[rows], projection.directions)
@@ -97,8 +99,8 @@ class ReferenceRasterizer:
         return Rendering(torch.cat(pictures).reshape(*size, 3), torch.cat(transmittances).reshape(size))
 
     @torch.no_grad()
-    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
-        rows = self.visible(splats, camera)
+    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
+        rows = self.visible(splats, camera).rows
         rows = rows[front_to_back(splats[rows], camera)]
         projection = project(splats[rows], camera)
         largest = projection.opacities.new_zeros(len(rows))

@@ -51,11 +51,6 @@ def adam_rows(
     """
     if not len(rows):
         return  # a view of nothing
-    if values.device.type == "cuda":
-        from core.training import adam_cuda  # Triton, which a machine without a GPU need not have
-
-        adam_cuda.adam_rows(values, first, second, counts, rows, gradient, rates)
-        return
     if values.device.type != "cpu":
         _adam_rows_torch(values, first, second, counts, rows, gradient, rates)
         return

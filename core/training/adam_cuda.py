@@ -7,7 +7,9 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from core.device import sent
 from core.training import adam
+from core.training.gaussians import Gaussians, free_columns
 
 FUSED = {"enable_fp_fusion": True}  # said in so many words: the default differs between versions of Triton
 BLOCK = 256  # numbers a program, two a thread
@@ -16,15 +18,20 @@ EPSILON, LARGEST_GRADIENT = tl.constexpr(adam.EPSILON), tl.constexpr(adam.LARGES
 UPDATES = tl.constexpr(1 << 15)  # after so many, both corrections are 1 in float32
 
 
-@triton.jit(do_not_specialize=["size"])
+@triton.jit(do_not_specialize=["size", "solid"])
 def update(
-    values, first, second, counts, corrections, rows, gradient, rates, size, COLUMNS: tl.constexpr, BLOCK: tl.constexpr
-):
-    """`adam.adam_rows` for arrays of COLUMNS columns. size: of the gradient. corrections: (UPDATES, 2), by number of updates."""
+    values, first, second, counts, corrections, rows, gradient, rates, taken, size, solid,
+    COLUMNS: tl.constexpr, FREE: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    """`adam.adam_rows` for arrays of COLUMNS columns, if `taken` () is true; the counts come without this update.
+
+    size: of the gradient. corrections: (UPDATES, 2), by number of updates. From row `solid` on, only the first FREE columns move.
+    """
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    known = at < size
+    known = (at < size) & (tl.load(taken) != 0)
     row = tl.load(rows + at // COLUMNS, mask=known, other=0)
-    count = tl.minimum(tl.load(counts + row, mask=known, other=0), UPDATES - 1)
+    known = known & ((row < solid) | (at % COLUMNS < FREE))
+    count = tl.minimum(tl.load(counts + row, mask=known, other=0), UPDATES - 2) + 1
     place = row * COLUMNS + at % COLUMNS
     g = tl.load(gradient + at, mask=known, other=0.0)
     g = tl.minimum(tl.maximum(g, -LARGEST_GRADIENT), LARGEST_GRADIENT)
@@ -39,18 +46,21 @@ def update(
     tl.store(values + place, tl.load(values + place, mask=known, other=0.0) - step, mask=known)
 
 
-def adam_rows(
-    values: Tensor, first: Tensor, second: Tensor, counts: Tensor, rows: Tensor, gradient: Tensor, rates: Tensor
-) -> None:
-    """As `adam.adam_rows`; contiguous values, first, second, counts and rows, all on one GPU but the rates."""
-    # A few numbers: a copy that blocks would wait for every kernel before it.
-    rates = rates.to(values.device, non_blocking=True)
-    gradient = gradient.contiguous()
-    size = gradient.numel()
-    update[(triton.cdiv(size, BLOCK),)](
-        values, first, second, counts, _corrections(values.device), rows, gradient, rates, size,
-        COLUMNS=size // len(rows), BLOCK=BLOCK, **FUSED,
-    )  # fmt: skip
+def step(gaussians: Gaussians, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor) -> None:
+    """As `Gaussians.step`; all on one GPU but the rates, which go there in one piece."""
+    names = [name for name, leaf in leaves.items() if name in rates and leaf.grad is not None]
+    if not (len(rows) and names):
+        return  # a view of nothing
+    table = sent(torch.cat([rates[name] for name in names]), rows.device).split([len(rates[name]) for name in names])
+    for name, name_rates in zip(names, table):
+        gradient, columns = leaves[name].grad.contiguous(), len(name_rates)
+        size = gradient.numel()
+        update[(triton.cdiv(size, BLOCK),)](
+            gaussians.parameters[name], gaussians.first[name], gaussians.second[name], gaussians.counts,
+            _corrections(rows.device), rows, gradient, name_rates, taken, size, gaussians.solid,
+            COLUMNS=columns, FREE=free_columns(name, columns), BLOCK=BLOCK, **FUSED,
+        )  # fmt: skip
+    gaussians.counts.index_add_(0, rows, taken.int().expand(len(rows)))
 
 
 @cache

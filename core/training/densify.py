@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from core.config import Settings
+from core.device import sent
 from core.training.gaussians import Gaussians
 
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
@@ -14,15 +15,16 @@ LEAST_KEPT = 1 / 4  # of the Gaussians, whatever they contribute: after few step
 GRADIENT_FLOOR = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
 
 
-def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int) -> None:
-    """Add one view's screen-space gradients to the statistics.
+def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int, taken: Tensor) -> None:
+    """Add one view's screen-space gradients to the statistics, if its step is `taken` ().
 
     probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter.
     """
-    scale = torch.tensor([width / 2, height / 2]).to(probe_gradient.device, non_blocking=True)
+    scale = sent(torch.tensor([width / 2, height / 2]), rows.device)
     # norm(dim=1) of so few columns takes three times as long
-    gaussians.gradient_sum.index_add_(0, rows, (probe_gradient * scale).square().sum(dim=1).sqrt())
-    gaussians.seen[rows] += 1
+    pull = (probe_gradient * scale).square().sum(dim=1).sqrt()
+    gaussians.gradient_sum.index_add_(0, rows, torch.where(taken, pull, 0))
+    gaussians.seen.index_add_(0, rows, taken.float().expand(len(rows)))
 
 
 class Surroundings:

@@ -5,6 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.appearance.model import AppearanceModel
+from core.device import sent
 from core.training.gaussians import Gaussians
 
 ROWS = 1024  # Gaussians drawn each step
@@ -16,9 +17,9 @@ def gauge(model: AppearanceModel, gaussians: Gaussians, generator: torch.Generat
     Its gradient reaches the networks alone, no other tensor of a step. Zero, without one, if there are no residuals.
     """
     if not (len(gaussians) and model.predicts_residuals):
-        return torch.zeros(())
+        return torch.zeros((), device=gaussians.counts.device)
     splats, latents = gaussians.splats, gaussians.latents
-    rows = torch.randint(len(gaussians), (ROWS,), generator=generator).to(splats.means.device, non_blocking=True)
+    rows = sent(torch.randint(len(gaussians), (ROWS,), generator=generator), splats.means.device)
     latents = None if latents is None else latents[rows]
     _, residual = model.transfer(splats.sh[rows], splats.means[rows], model.mean_embedding, latents)
     return (residual**2).sum(dim=(1, 2)).mean()

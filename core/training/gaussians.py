@@ -75,18 +75,26 @@ class Gaussians:
         """Copies of the chosen rows that gather gradients."""
         return {name: tensor.index_select(0, rows).requires_grad_() for name, tensor in self.parameters.items()}
 
-    def step(self, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor]) -> None:
-        """One Adam step of the chosen rows, ascending, from the gradients gathered by their leaves; what has no rate stays."""
+    def step(self, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor) -> None:
+        """One Adam step of the chosen rows, ascending, from the gradients gathered by their leaves; what has no rate stays.
+
+        taken: (), whether it is taken at all, which a GPU decides by itself.
+        """
+        if self.counts.device.type == "cuda":
+            from core.training import adam_cuda  # Triton, which a machine without a GPU need not have
+
+            adam_cuda.step(self, rows, leaves, rates, taken)
+            return
+        if not taken:
+            return
         sky = int(torch.searchsorted(rows, self.solid))  # where the dome's begin
         self.counts[rows] += 1
         for name, leaf in leaves.items():
             gradient = leaf.grad
             if gradient is None or name not in rates:
                 continue
-            if name == "sh":
-                gradient[sky:, 1:] = 0  # seen from one side only: a dome Gaussian needs no more than DC
-            elif name != "latents":
-                gradient[sky:] = 0
+            columns = len(rates[name])
+            gradient.view(len(rows), columns)[sky:, free_columns(name, columns) :] = 0
             adam_rows(
                 self.parameters[name], self.first[name], self.second[name], self.counts, rows, gradient, rates[name]
             )
@@ -130,6 +138,14 @@ class Gaussians:
         return Gaussians(
             **groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky=sky
         )
+
+
+def free_columns(name: str, columns: int) -> int:
+    """How many columns of a parameter move in the dome's rows, whose geometry is fixed.
+
+    Seen from one side only, a dome Gaussian needs no more harmonics than DC.
+    """
+    return {"sh": 3, "latents": columns}.get(name, 0)
 
 
 def learning_rates(settings: Settings, mean_rate: float, latent_rate: float) -> dict[str, Tensor]:

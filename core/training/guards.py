@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from statistics import median
 
 import torch
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 SPIKE = 10.0  # times the usual picture loss
@@ -21,22 +22,45 @@ ALL_GONE = (
 )
 
 
-def fault_of_loss(total: float, picture_loss: float, photo: int, last_losses: list[float | None]) -> str | None:
-    """Why a step with these losses is not to be taken, in words that follow "its"; None if it is.
+def usual_loss(photo: int, last_losses: list[float | None]) -> float:
+    """The picture loss that a photo usually has: its own last one or, if larger, the median of all; infinity if none is known.
 
-    last_losses: the picture loss of each photo when it was last trained on, None where it was not yet. Usual is the
-    photo's own or, if larger, the median of all.
+    last_losses: the picture loss of each photo when it was last trained on, None where it was not yet.
     """
-    if not math.isfinite(total):
-        return "loss was not finite"
     known = [loss for loss in last_losses if loss is not None]
-    usual = max(median(known), last_losses[photo] or 0.0) if known else math.inf
-    if picture_loss > max(SPIKE * usual, LEAST_SPIKE):
+    return max(median(known), last_losses[photo] or 0.0) if known else math.inf
+
+
+def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: float) -> Bool[Tensor, ""]:
+    """Whether a step with these losses is to be taken."""
+    return (total.abs() < math.inf) & (picture_loss <= max(SPIKE * usual, LEAST_SPIKE))
+
+
+def fault(total: float, picture_loss: float, usual: float, sound: bool, taken: bool, learnt: bool) -> str | None:
+    """Why a step was of no use, in words that follow "its"; None if it was not.
+
+    taken: whether the Gaussians' gradient was finite as well. learnt: and the networks'.
+    """
+    if not sound and not math.isfinite(total):
+        return "loss was not finite"
+    if not sound:
         return f"picture loss of {picture_loss:.3g} was a spike; usual is {usual:.3g}"
-    return None
+    if not taken:
+        return "gradient was not finite"
+    return None if learnt else "encoder's gradient was not finite"
 
 
-def finite(tensors: Iterable[Tensor | None]) -> bool:
-    """Whether no number in these tensors is NaN or infinite (nor their sums: that takes a third of the time)."""
-    sums = [tensor.sum() for tensor in tensors if tensor is not None]
-    return not sums or bool(torch.isfinite(torch.stack(sums)).all())  # asked once: a GPU has to be waited for
+def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:
+    """Whether no number in these tensors, all on the device `where`, is NaN or infinite."""
+    given = [tensor for tensor in tensors if tensor is not None and tensor.numel()]
+    if where.type == "cpu":  # nor their sums: that takes a third of the time
+        sizes = [tensor.sum() for tensor in given]
+    else:
+        sizes = list(torch._foreach_norm(given, math.inf)) if given else []  # one kernel for all
+    return torch.stack(sizes).abs().amax() < math.inf if sizes else torch.ones((), dtype=torch.bool, device=where)
+
+
+def refused(sound: Bool[Tensor, ""]) -> bool:
+    """Whether a step is known to be of no use. A GPU is not waited for to know: what follows is started there, and itself
+    changes nothing unless the step is sound."""
+    return sound.device.type == "cpu" and not sound

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.config import Settings
+from core.device import sent
 from core.training.photometric import Target
 
 LARGEST_GAIN = 1.4  # a photo has nothing above 1 to be brightened
@@ -27,5 +28,5 @@ def jittered(
     """Both with each channel times its gain; for None as they are."""
     if gain is None:
         return shown, target
-    gain = gain.to(shown.device, non_blocking=True)
+    gain = sent(gain, shown.device)
     return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)

@@ -53,13 +53,22 @@ class Target:
 
     def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None):
         self.valid = None if valid is None or bool(valid.all()) else valid
-        self.padded = F.pad(planes_of(picture, self.valid), (0, 0, RADIUS, RADIUS))
-        self.planes = self.padded[:, RADIUS:-RADIUS]
-        self.mean = blur(self.planes)
-        self.mean_square = blur(self.planes**2)
+        self._show(planes_of(picture, self.valid))
         self.valid_pixels = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
+
+    def _show(self, planes: Float[Tensor, "3 h w"]) -> None:
+        self.padded = F.pad(planes, (0, 0, RADIUS, RADIUS))
+        self.planes = self.padded[:, RADIUS:-RADIUS]
+        self.mean = blur(self.planes)
+        self.mean_square = blur(self.planes**2)
+
+    def masked(self, mask: Float[Tensor, "h w"]) -> "Target":
+        """The photo times a mask, the same pixels valid."""
+        other = copy(self)
+        other._show(self.planes * mask)
+        return other
 
     def brightened(self, gain: Float[Tensor, "3"]) -> "Target":
         """The photo with each channel times `gain` (not clamped at 1); its statistics follow without another blur."""
@@ -110,9 +119,8 @@ def photometric_paper(
     The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero. The error
     is that of the unmasked pictures, as in `photometric`: the mask learns from the same signal in both readings.
     """
-    mask = mask.detach()[..., None]
-    masked = Target(target.planes.permute(1, 2, 0) * mask, target.valid)
-    loss, _ = photometric(image * mask, masked, None, ssim_weight)
+    mask = mask.detach()
+    loss, _ = photometric(image * mask[..., None], target.masked(mask), None, ssim_weight)
     with torch.no_grad():
         _, error = photometric(image, target, None, ssim_weight)
     return loss, error

@@ -8,6 +8,8 @@ of SSIM by those means; the backward pass blurs the derivatives, because the win
 Every blur is one kernel down the columns and one along the rows, which goes on with the result. One pixel a lane.
 """
 
+from functools import cache
+
 import torch
 import triton
 import triton.language as tl
@@ -131,6 +133,11 @@ def photometric_fused(
     return _Photometric.apply(image, target, weight, float(ssim_weight))
 
 
+@cache
+def _taps(device: torch.device) -> Tensor:
+    return photometric.window(torch.float32).to(device)
+
+
 class _Photometric(torch.autograd.Function):
     @staticmethod
     def forward(ctx, image, target, weight, share):
@@ -138,7 +145,7 @@ class _Photometric(torch.autograd.Function):
         x, y, valid = photometric.planes_of(image.detach(), target.valid), target.planes.contiguous(), target.valid
         weights = torch.ones_like(image[..., 0]) if weight is None else weight.detach()
         weights = (weights if valid is None else weights * valid).contiguous()
-        taps = photometric.window(torch.float32).to(image.device, non_blocking=True)
+        taps = _taps(image.device)
         ctx.sizes = share, 1 / (3 * target.valid_pixels), height, width
         blurred, slopes = (image.new_empty(9, height, width) for _ in range(2))
         error = image.new_empty(height, width)

@@ -22,8 +22,8 @@ from core.training.photometric import Target
 
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
-TARGET_BYTES = 3_000_000_000  # cached targets; beyond, the oldest are made again when needed
-TARGET_SHARE = 0.25  # of a memory limit that cached targets may take
+TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
+TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
 
 
 def training_size(photo: Photo, resolution: int, auto_factor: float) -> tuple[int, int]:
@@ -95,8 +95,7 @@ class Pictures:
         self.notes = name_them("damaged, not used", damaged)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
-        allowed = memory.limit()
-        self._most_bytes = TARGET_BYTES if allowed is None else min(TARGET_BYTES, TARGET_SHARE * allowed)
+        self._most_bytes = _most_bytes(device)
 
     def __len__(self) -> int:
         return len(self.pictures)
@@ -123,6 +122,14 @@ class Pictures:
                 camera = self.pictures[old].camera
                 self._bytes -= _bytes(camera.width // old_factor, camera.height // old_factor)
         return picture.camera.resized(width, height), self._targets[key]
+
+
+def _most_bytes(device: torch.device) -> float:
+    """What cached targets may take."""
+    if device.type == "cuda":
+        return TARGET_SHARE * torch.cuda.get_device_properties(device).total_memory
+    allowed = memory.limit()
+    return TARGET_BYTES if allowed is None else min(TARGET_BYTES, TARGET_SHARE * allowed)
 
 
 def _bytes(width: int, height: int) -> int:

@@ -17,11 +17,13 @@ from core import device
 from core.appearance.model import AppearanceModel, Look
 from core.config import Settings
 from core.data.collection import Collection
+from core.device import OnTheWay
 from core.errors import BadInput, TrainingStopped
+from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
-from core.training import checkpoint, densify, guards, losses, needs, schedule
+from core.training import checkpoint, densify, guards, losses, needs, networks, schedule
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.jitter import draw_gain, jittered
@@ -76,7 +78,7 @@ class Trainer:
         self.model = AppearanceModel(settings, names).to(self.device)
         if self.model.encoder is not None:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
-        self.optimizer = self._optimizer()
+        self.optimizer = networks.optimizer_of(self.model, settings)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
@@ -87,20 +89,8 @@ class Trainer:
         self.skipped = 0
         self.skipped_in_a_row = 0
         self.collapse_told = False
-
-    def _optimizer(self) -> torch.optim.Adam | None:
-        rates = {
-            "encoder.unet": self.settings.network_rate,
-            "encoder": self.settings.encoder_rate,
-            "embedding_table": self.settings.embedding_rate,
-        }
-        groups: dict[float, list[Tensor]] = {}
-        for name, weight in self.model.named_parameters():
-            rate = next((rate for part, rate in rates.items() if name.startswith(part)), self.settings.network_rate)
-            groups.setdefault(rate, []).append(weight)
-        if not groups:
-            return None
-        return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True)
+        self.nothing = torch.zeros((), device=self.device)
+        self.foreseen: Visible | None = None  # by the next step
 
     # --- the loop
 
@@ -144,58 +134,72 @@ class Trainer:
         camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
         gain = draw_gain(settings, self.generator)
         looking = beside(lambda: self._look(index, target, gain))
-        rows = self.rasterizer.visible(self.gaussians.splats, camera)
+        visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
+        rows = visible.rows
         leaves = self.gaussians.leaves(rows)
-        gauge_loss = self._gauge() if settings.gauge else 0.0
+        gauge_loss = self._gauge() if settings.gauge else self.nothing
         look, target = looking()
         embedding = look.embedding.detach().requires_grad_()
         latents = leaves.get("latents")
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
-        regularising = beside(lambda: losses.residual_loss(residual, settings.sh_regularisation))
+        regularising = beside(lambda: self._residual_loss(residual))
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(rows), 2, requires_grad=True, device=self.device)
-        image = self.rasterizer.render(seen, camera, probe=probe).image
+        image = self.rasterizer.render(seen, camera, probe=probe, pairs=visible.pairs).image
 
         judging = beside(lambda: self._mask_loss(look, image, target, progress))
         picture_loss = self._picture_loss(image, target, look, progress)
-        loss = picture_loss + self._transient_loss(look, seen, camera, progress)
+        loss = picture_loss + self._transient_loss(look, seen, camera, progress, visible.pairs)
         residual_loss, residual_gradient, residual_size = regularising()
         mask_loss = judging()
         self.done += 1
-        messages = []
-        total = float(loss.detach() + residual_loss + mask_loss.detach()) + gauge_loss
-        shown_loss = float(picture_loss.detach())
-        fault = guards.fault_of_loss(total, shown_loss, index, self.last_losses)
-        if fault is None:
+        total = loss.detach() + residual_loss + mask_loss.detach()
+        usual = guards.usual_loss(index, self.last_losses)
+        sound = guards.sound(total + gauge_loss, picture_loss.detach(), usual)
+        taken = learnt = sound
+        if not guards.refused(sound):
             losses.backward((loss, None), (residual, residual_gradient))
             teaching = beside(lambda: self._teach_encoder(look, embedding, mask_loss))
-            if not guards.finite(tensor.grad for tensor in (*leaves.values(), embedding, *self.model.transfer_parameters())):
-                fault = "gradient was not finite"
-            else:
+            reached = *leaves.values(), embedding, *self.model.transfer_parameters()
+            taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
+            if not guards.refused(taken):
                 # The Gaussians do not wait for the encoder, which learns from a finite gradient by now. Should its own overflow
                 # all the same, only the networks learn nothing.
-                self._update_gaussians(rows, leaves, progress)
-                densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height)
+                self._update_gaussians(rows, leaves, progress, taken)
+                densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height, taken)
             teaching()
-            if fault is None and not guards.finite(weight.grad for weight in self.model.parameters()):
-                fault = "encoder's gradient was not finite"
-        if fault is not None:
-            messages.append(self._skip(index, fault))
-        else:
+            learnt = taken & guards.finite((weight.grad for weight in self.model.parameters()), self.device)
+            if self.optimizer is not None and not guards.refused(learnt):
+                networks.update(self.optimizer, progress, learnt)
+        mask_mean = self.nothing if look.mask is None else look.mask.detach().mean()
+        facts = total, gauge_loss, picture_loss.detach(), residual_size, mask_mean, sound, taken, learnt
+        facts = OnTheWay(torch.stack([fact.float() for fact in facts]))
+        self._look_ahead()
+        total, gauge_loss, shown_loss, residual_size, mask_mean, *verdicts = facts.arrived()
+        fault = guards.fault(total, shown_loss, usual, *verdicts)
+        if fault is None:
             self.skipped_in_a_row = 0
             self.last_losses[index] = shown_loss
-            self._update_networks(progress)
-            messages += self._remember(look, index, progress)
+            messages = self._remember(look, index, mask_mean, progress)
+        else:
+            messages = [self._skip(index, fault)]
         return StepReport(
             step=self.done,
             seconds=self.seconds,
             gaussians=self.gaussians.solid,
-            loss=total,
+            loss=total + gauge_loss,
             picture_loss=shown_loss,
             mask_mean=self.mask_mean,
             residual=residual_size,
             messages=tuple(messages),
         )
+
+    def _look_ahead(self) -> None:
+        """On a GPU, ask what the next photo shows before the facts of this step are read: the host then waits once for both."""
+        if self.device.type != "cpu" and self.order and self.done < self.settings.steps:
+            factor = schedule.shrink_factor(self.settings, self.done / self.settings.steps)
+            camera, _ = self.pictures.target(self.order[-1], factor)
+            self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
     def _look(self, index: int, target: Target, gain: Tensor | None) -> tuple[Look, Target]:
         shown, target = jittered(self.pictures[index].encoder_input, target, gain)
@@ -211,52 +215,50 @@ class Trainer:
 
     def _mask_loss(self, look: Look, image: Tensor, target: Target, progress: float) -> Tensor:
         if look.mask is None or progress < self.settings.mask_start:
-            return torch.zeros(())
+            return self.nothing
         weight = schedule.mask_regularisation(self.settings, progress)
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
         return losses.mask_loss(look.mask, image, target.planes, weight)
 
-    def _transient_loss(self, look: Look, seen: Splats, camera, progress: float) -> Tensor:
+    def _residual_loss(self, residual: Tensor | None) -> tuple[Tensor, Tensor | None, Tensor]:
+        if residual is None:
+            return self.nothing, None, self.nothing
+        return losses.residual_loss(residual, self.settings.sh_regularisation)
+
+    def _transient_loss(self, look: Look, seen: Splats, camera, progress: float, pairs: int | None) -> Tensor:
         settings = self.settings
         if look.mask is None or progress < settings.mask_apply or self.done % TRANSIENT_EVERY:
-            return torch.zeros(())
-        front = self.rasterizer.contributions(seen.detached(), camera)
+            return self.nothing
+        front = self.rasterizer.contributions(seen.detached(), camera, pairs)
         rows = losses.transient_rows(seen.means, front, look.mask, camera)
-        opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
+        opacity = torch.where(rows, torch.sigmoid(seen.logit_opacities), 0).sum()
         return settings.transient_regularisation * TRANSIENT_EVERY * opacity
 
-    def _gauge(self) -> float:
+    def _gauge(self) -> Tensor:
         """The weighted gauge. Its backward pass is here too: it only touches the networks, and the encoder is still busy."""
         loss = self.settings.gauge * gauge(self.model, self.gaussians, self.generator)
         losses.backward((loss, None))
-        return float(loss.detach())
+        return loss.detach()
 
     def _teach_encoder(self, look: Look, embedding: Tensor, mask_loss: Tensor) -> None:
         losses.backward((look.embedding, embedding.grad), (mask_loss, None))
 
-    def _update_gaussians(self, rows: Tensor, leaves: dict[str, Tensor], progress: float) -> None:
+    def _update_gaussians(self, rows: Tensor, leaves: dict[str, Tensor], progress: float, taken: Tensor) -> None:
         settings = self.settings
         mean_rate = schedule.decayed(settings.mean_rate, progress, schedule.MEAN_RATE_DECAY)
         latent_rate = schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)
         rates = learning_rates(settings, mean_rate, latent_rate)
         if progress < settings.geometry_from:
             rates = {name: rates[name] for name in ("sh", "latents")}
-        self.gaussians.step(rows, leaves, rates)
+        self.gaussians.step(rows, leaves, rates, taken)
 
-    def _update_networks(self, progress: float) -> None:
-        if self.optimizer is not None:
-            for group in self.optimizer.param_groups:
-                group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)
-            self.optimizer.step()
-            self.optimizer.zero_grad(set_to_none=True)
-
-    def _remember(self, look: Look, photo: int, progress: float) -> list[str]:
+    def _remember(self, look: Look, photo: int, mask_mean: float, progress: float) -> list[str]:
         if look.embedding is not None:
             self.model.remember(look.embedding.detach(), photo)
         if look.mask is None or progress < self.settings.mask_start:
             return []
-        self.mask_mean += 0.05 * (float(look.mask.detach().mean()) - self.mask_mean)
+        self.mask_mean += 0.05 * (mask_mean - self.mask_mean)
         if self.mask_mean >= losses.COLLAPSED or self.collapse_told:
             return []
         self.collapse_told = True
@@ -289,7 +291,7 @@ class Trainer:
 
     def control_density(self) -> None:
         """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
-        settings = self.settings
+        settings, self.foreseen = self.settings, None
         densify.prune(self.gaussians, settings, self.surroundings)
         rounds = schedule.densification_steps(settings)
         now = sum(step <= self.done for step in rounds) / len(rounds)
@@ -298,6 +300,7 @@ class Trainer:
 
     def drop_unneeded(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
+        self.foreseen = None
         cameras = [picture.camera for picture in self.pictures.pictures]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_faint(self.gaussians, largest, self.settings.prune_contribution)
@@ -335,6 +338,7 @@ class Trainer:
     def resume(self, saved: checkpoint.Checkpoint) -> None:
         """Take over the state of a checkpoint of the same collection and settings."""
         self.gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(self.device)
+        self.foreseen = None
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))

@@ -28,10 +28,11 @@ def garden_of(scale: float) -> tuple[Splats, Camera]:
 def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatch: Stopwatch | None = None) -> tuple:
     """The picture and the gradient of every tensor for a gradient of ones, as training asks for them."""
     lap = stopwatch.lap if stopwatch else lambda part: None
-    rows = backend.visible(scene, camera)
+    visible = backend.visible(scene, camera)
+    rows = visible.rows
     leaves = scene.map(lambda tensor: tensor.index_select(0, rows).requires_grad_())
     lap("visible, gather")
-    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True)).image
+    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), pairs=visible.pairs).image
     lap("rasterizer forward")
     image.backward(torch.ones_like(image))
     lap("rasterizer backward")
@@ -42,7 +43,7 @@ def measure_rasterizer(scale: float) -> dict:
     """A picture of the garden and its gradients."""
     (scene, camera), backend, stopwatch = garden_of(scale), rasterizer.create("cpu"), Stopwatch()
     parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), 2, RENDERS)
-    facts = {"gaussians": len(scene), "visible": len(backend.visible(scene, camera)), "sh_degree": DEGREE}
+    facts = {"gaussians": len(scene), "visible": len(backend.visible(scene, camera).rows), "sh_degree": DEGREE}
     return {"parts": parts, "facts": facts | {"size_px": f"{camera.width} x {camera.height}"}}
 
 
@@ -62,7 +63,7 @@ def measure_plain_torch(scale: float) -> dict:
     draw(plain, scene[:100], tile_of(camera, columns, rows, 0))  # torch loads what it needs
     for tile in measured:
         view = tile_of(camera, columns, rows, int(tile))
-        touching = scene[fast.visible(scene, view)]
+        touching = scene[fast.visible(scene, view).rows]
         with one_torch_thread():
             start = np.array([time.process_time(), time.perf_counter()])
             image, gradients = draw(plain, touching, view)
@@ -119,7 +120,7 @@ def growth(what: str, cases: list[tuple[int, Camera]]) -> dict:
             draw(backend, scene, camera)  # kernels are compiled, which takes memory
         forget_peak()
         seconds = Stopwatch().repeat(partial(draw, backend, scene, camera), 1, GROWTH_RENDERS)["whole"]
-        visible, pixels = len(backend.visible(scene, camera)), camera.width * camera.height
+        visible, pixels = len(backend.visible(scene, camera).rows), camera.width * camera.height
         times = [1e3 * seconds[figure][0] for figure in ("median", "low", "high")]
         rows.append([count, visible, pixels, *times, 1e3 * seconds["median"][1], peak_memory() / 1e6])
     table = np.array(rows, float)

@@ -15,9 +15,13 @@ WARM_UP, STEPS = 100, 60  # the first steps turn the haze of a fresh scene into 
 
 def trainer_of(scale: float, appearance: str, transients: str) -> Trainer:
     """A Trainer in the middle of its run: full size, masks at work."""
+    return trainer_with(scale, Settings(appearance=appearance, transients=transients, sh_degree=1))
+
+
+def trainer_with(scale: float, settings: Settings) -> Trainer:
+    """The same with these settings, but for those that decide about sizes."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
-    settings = Settings(resolution=1, max_gaussians=most, appearance=appearance, transients=transients, sh_degree=1)
-    trainer = Trainer(plaza(scale), settings, Path())
+    trainer = Trainer(plaza(scale), settings.changed(resolution=1, max_gaussians=most), Path())
     trainer.done = settings.steps // 2
     return trainer
 
@@ -31,7 +35,7 @@ def measure_step(scale: float, appearance: str, transients: str) -> dict:
     parts = stopwatch.repeat(trainer.step, 1, math.ceil(STEPS * scale))
     torch.set_num_threads(threads)
     cameras = [picture.camera for picture in trainer.pictures.pictures]
-    visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera)) for camera in cameras]
+    visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera).rows) for camera in cameras]
     facts = {"gaussians": trainer.gaussians.solid, "sky": trainer.gaussians.sky, "sh_degree": trainer.settings.sh_degree}
     facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}
     facts |= {"threads": threads, "cpu_ms": round(1e3 * whole[0], 1), "wall_ms": round(1e3 * whole[1], 1)}
@@ -75,4 +79,5 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer, "_mask_loss", "mask, regularisers", before="mask, regularisers")
     watch(trainer, "_update_gaussians", "Adam", before="SH transfer backward")
     watch(trainer, "_teach_encoder", "encoder backward")
-    watch(trainer, "_update_networks", "Adam")
+    if trainer.optimizer is not None:
+        watch(trainer.optimizer, "step", "Adam")

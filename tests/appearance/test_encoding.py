@@ -36,3 +36,16 @@ def test_contract_keeps_everything_in_range():
     assert contracted.abs().max() <= 1
     assert contracted[3, 0] == 0.5  # the unit ball's surface: both branches meet
     assert contracted[2, 0] == 1.0
+
+
+def test_the_kernel_of_a_gpu_encodes_the_same_places():
+    """By Triton's interpreter where there is no GPU."""
+    pytest.importorskip("triton", reason="Triton is not installed")
+    from core.appearance import places_cuda
+
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    means = torch.randn(300, 3) * torch.logspace(-3, 3, 300)[:, None]
+    means[0] = 0
+    found = places_cuda.encoded_places(means.to(device), 4).cpu().double()
+    # Rounding of the angle and its sine, doubled by each octave.
+    assert torch.allclose(found, encode(contract(means.double()), 4), rtol=0, atol=2**4 * 8 * torch.finfo(torch.float32).eps)

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.func import functional_call
 
-from core.appearance import sh_transfer
+from core.appearance import sh_transfer, transfer_kernel
 from core.appearance.sh_transfer import SHTransfer
 from core.appearance.transfer_kernel import ROWS, plain_mlp
 from core.errors import BadInput
@@ -185,7 +185,7 @@ def test_uses_the_fast_path_for_float32_only(monkeypatch):
         used.append("plain")
         return plain_mlp(*arguments)
 
-    monkeypatch.setattr(sh_transfer, "plain_mlp", plain)
+    monkeypatch.setattr(sh_transfer, "chunked_mlp", plain)
     transfer(**inputs_of(transfer, 3))
     assert used == []
     transfer.double()(**inputs_of(transfer, 3, torch.float64))
@@ -204,3 +204,20 @@ def test_wrong_sizes_are_refused_by_name(wrong, words):
     transfer = transfer_of()
     with pytest.raises(BadInput, match=words):
         transfer(**inputs_of(transfer, 2) | wrong)
+
+
+def test_chunks_and_the_whole_agree(monkeypatch):
+    """What does not fit the memory is computed twice, a chunk at a time: equal but for the order of sums in float64."""
+    torch.manual_seed(0)
+    model = SHTransfer(whole_settings()).double()
+    sh, means, embedding = torch.randn(50, 4, 3).double(), torch.randn(50, 3).double(), torch.randn(16).double()
+    outcomes, calls = [], []
+    for limit in (transfer_kernel.CHUNK_BYTES, 20_000):
+        monkeypatch.setattr(transfer_kernel, "CHUNK_BYTES", limit)
+        monkeypatch.setattr(transfer_kernel, "plain_mlp", lambda *arguments: calls.append(len(arguments[0])) or plain_mlp(*arguments))
+        base = sh.clone().requires_grad_()
+        output = model(base, means, embedding)
+        outcomes.append([output, *torch.autograd.grad((output**2).sum(), [base, *model.parameters()])])
+    assert calls[0] == 50 and max(calls[1:]) < 25 and sum(calls[1:]) == 100  # forward, and again on the way back
+    for whole, pieces in zip(*outcomes, strict=True):
+        torch.testing.assert_close(whole, pieces, rtol=1e-10, atol=1e-12)

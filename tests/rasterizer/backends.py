@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from core.errors import BadSetting
-from core.rasterizer import BACKENDS, ON_GPU, Rasterizer, Rendering, create
+from core.rasterizer import BACKENDS, ON_GPU, Rasterizer, Rendering, Visible, create
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -26,8 +26,8 @@ class OnGpu:
     def __init__(self, rasterizer: Rasterizer):
         self.rasterizer, self.name = rasterizer, rasterizer.name
 
-    def visible(self, splats: Splats, camera: Camera) -> Tensor:
-        return self.rasterizer.visible(moved(splats), camera).cpu()
+    def visible(self, splats: Splats, camera: Camera) -> Visible:
+        return Visible(self.rasterizer.visible(moved(splats), camera).rows.cpu())
 
     def render(self, splats: Splats, camera: Camera, background=(0.0, 0.0, 0.0), probe: Tensor | None = None) -> Rendering:
         probe = None if probe is None else probe.cuda()

@@ -14,6 +14,7 @@ import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
+from core.appearance import places_cuda
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.launch import LAUNCH
 from core.training import adam_cuda, photometric_cuda
@@ -27,6 +28,7 @@ KERNELS = {  # with the options that they are launched with
     blend_backward.add_up: {"num_warps": 1, **LAUNCH},
     project_backward.project_backward: {"num_warps": project_backward.WARPS, **LAUNCH},
     adam_cuda.update: adam_cuda.FUSED,
+    places_cuda.encode_places: places_cuda.FUSED,
     photometric_cuda.blur_products_down: adam_cuda.FUSED,
     photometric_cuda.blur_down: adam_cuda.FUSED,
     photometric_cuda.compare: adam_cuda.FUSED,
@@ -34,14 +36,14 @@ KERNELS = {  # with the options that they are launched with
 }
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
-    **dict.fromkeys(("count", "columns", "width", "height", "size"), "i32"),
+    **dict.fromkeys(("count", "columns", "width", "height", "size", "solid"), "i32"),
     **dict.fromkeys(("background_red", "background_green", "background_blue", "share", "scale"), "fp32"),
     **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots", "rows"), "*i64"),
-    **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts"), "*i32"),
+    **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts", "visible"), "*i32"),
     "slot_tiles": "*i16",
-    "visible": "*i8",
+    "taken": "*i1",
 }
-CONSTANTS = {"COEFFICIENTS": 16, "COLUMNS": 48, "PROBED": True, "RECORD": False}
+CONSTANTS = {"COEFFICIENTS": 16, "COLUMNS": 48, "FREE": 3, "OCTAVES": 4, "PROBED": True, "RECORD": False}
 
 
 def compiled(kernel, options: dict, capability: int) -> dict[str, int]:

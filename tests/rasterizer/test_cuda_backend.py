@@ -28,10 +28,10 @@ def splats() -> Splats:
     return cloud(VIEW, 12, seed=50, degree=2, sizes_px=(0.5, 8.0)).map(lambda tensor: tensor.to(DEVICE))
 
 
-def results(splats, probe=None):
+def results(splats, probe=None, pairs=None):
     """Picture, transmittance and gradients by all parameters."""
     splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
-    rendering = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe)
+    rendering = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe, pairs)
     gradients = torch.autograd.grad((rendering.image**3).sum(), list(splats.tensors().values()))
     return [rendering.image.detach(), rendering.transmittance, *gradients]
 
@@ -97,6 +97,18 @@ def test_pictures_of_more_than_8_megapixels_have_keys_of_32_bits():
     starts = prepared.lists.tile_starts
     assert len(starts) == 128 * 258 + 1
     assert (starts[:-1].sum(), starts[-1]) == (0, 1)
+
+
+def test_pairs_that_are_known_change_nothing(splats):
+    """`visible` counts the pairs of a tile and a Gaussian exactly; more room than a look needs is left empty."""
+    rasterizer = backend.CudaRasterizer()
+    visible = rasterizer.visible(splats, VIEW)
+    seen = splats[visible.rows]
+    assert visible.pairs == len(lists_of(seen, VIEW).lists.owners) > 0
+    expected, largest = results(seen), rasterizer.contributions(seen, VIEW)
+    for room in (visible.pairs, visible.pairs + 7):
+        assert all(torch.equal(a, b) for a, b in zip(results(seen, pairs=room), expected, strict=True))
+        assert torch.equal(rasterizer.contributions(seen, VIEW, room), largest)
 
 
 def test_memory_layout_does_not_matter(splats):

@@ -22,6 +22,7 @@ MOST_REGISTERS = {
     "blend_backward": 136,
     "add_up": 32,
     "update": 40,
+    "encode_places": 64,
     "blur_products_down": 64,
     "blur_down": 40,
     "compare": 80,

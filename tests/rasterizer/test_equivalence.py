@@ -180,4 +180,4 @@ def test_no_value_makes_a_picture_or_a_gradient_non_finite(name, poisons):
     )
     for parameter, tensor in poisoned.tensors().items():
         assert (tensor.grad[not_finite] == 0).all(), parameter
-    assert not set(torch.nonzero(not_finite).flatten().tolist()) & set(rasterizer.visible(poisoned, view).tolist())
+    assert not set(torch.nonzero(not_finite).flatten().tolist()) & set(rasterizer.visible(poisoned, view).rows.tolist())

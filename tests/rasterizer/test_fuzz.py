@@ -69,7 +69,7 @@ def test_no_camera_makes_a_picture_or_a_gradient_non_finite(name, view, values):
     contributions = rasterizer.contributions(splats.detached(), view)
     assert ((contributions >= 0) & (contributions <= 1)).all()
     unseen = torch.ones(COUNT, dtype=torch.bool)
-    unseen[rasterizer.visible(splats.detached(), view)] = False
+    unseen[rasterizer.visible(splats.detached(), view).rows] = False
     assert (contributions[unseen] == 0).all()
 
 

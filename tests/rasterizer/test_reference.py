@@ -218,13 +218,13 @@ def test_visible_ends_where_the_ellipse_leaves_the_picture():
     for beyond, expected in ((-1e-3, [0]), (1e-3, [])):
         u = -reach - beyond
         splats = single(view, [(u - view.cx) / view.fx * 2, 0.0, 2.0], [-19.0] * 3, opacity)
-        assert create("reference").visible(splats, view).tolist() == expected
+        assert create("reference").visible(splats, view).rows.tolist() == expected
 
 
 @pytest.mark.parametrize("depth, expected", [(NEAR * 1.001, [0]), (NEAR, []), (0.0, []), (-1.0, [])])
 def test_near_plane(depth, expected):
     view = camera(turned=False)
-    assert create("reference").visible(single(view, [0, 0, depth], [-8.0] * 3, 0.5), view).tolist() == expected
+    assert create("reference").visible(single(view, [0, 0, depth], [-8.0] * 3, 0.5), view).rows.tolist() == expected
 
 
 # ---------------------------------------------------------------------------------------------------------- gradients

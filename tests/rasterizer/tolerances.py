@@ -60,7 +60,7 @@ def outcome(backend: Rasterizer, scene: Scene, dtype: torch.dtype, cotangent: Te
         rendering.image.detach(),
         rendering.transmittance,
         dict(zip(inputs, gradients)),
-        backend.visible(splats, scene.camera),
+        backend.visible(splats, scene.camera).rows,
         backend.contributions(splats, scene.camera),
     )
 
@@ -88,7 +88,7 @@ def verdict(make: Callable[[], Scene]) -> Verdict:
 def steady_pixels(scene: Scene) -> Tensor:
     """(height, width) bool: the pixels where no splat is within the scene's margin of a threshold, in float64."""
     camera, splats = scene.camera, scene.splats.map(torch.Tensor.double)
-    rows = ReferenceRasterizer().visible(splats, camera)
+    rows = ReferenceRasterizer().visible(splats, camera).rows
     rows = rows[front_to_back(splats[rows], camera)]
     seen = project(splats[rows], camera)
     raw = torch.cat(

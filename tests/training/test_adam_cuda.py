@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from core.training.adam import LARGEST_GRADIENT, adam_rows
+from core.training.adam import LARGEST_GRADIENT
+from core.training.gaussians import Gaussians
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
@@ -12,20 +13,50 @@ from core.training import adam_cuda
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 
 
-@pytest.mark.parametrize("shape", [(), (3,), (4, 3)], ids=str)
-def test_both_agree_and_leave_unseen_rows_alone(shape):
-    """On rows of any age, from the first update to those whose corrections are 1."""
-    values = torch.randn(900, *shape)
-    rows = torch.arange(0, 900, 2)
-    ages = torch.tensor([1, 2, 100, 32_000, 2**31 - 1], dtype=torch.int32).repeat(180)
-    gradient, rates = torch.randn(len(rows), *shape), torch.rand(values[0].numel())
-    gradient[0], gradient[1] = 3e38, -2 * LARGEST_GRADIENT
-    start = [values, 0.1 * torch.randn(values.shape), 0.1 * torch.rand(values.shape)]
-    expected = [tensor.clone() for tensor in start]
-    # The CPU's table of corrections ends with the oldest row.
-    adam_rows(*expected, ages.clamp(max=100_000), rows, gradient, rates)
-    found = [tensor.clone().to(DEVICE) for tensor in start]
-    adam_cuda.adam_rows(*found, ages.to(DEVICE), rows.to(DEVICE), gradient.to(DEVICE), rates)
-    for ours, theirs, before in zip(found, expected, start, strict=True):
-        torch.testing.assert_close(ours.cpu(), theirs, rtol=1e-6, atol=5e-7)  # of values and steps of order 1, rounded
-        assert torch.equal(ours.cpu()[1::2], before[1::2])
+ROWS = torch.arange(0, 300, 2)
+RATES = {"means": torch.rand(3), "logit_opacities": torch.rand(1), "sh": torch.rand(12), "latents": torch.rand(2)}
+
+
+def aged_gaussians(oldest: int) -> Gaussians:
+    """300, of which the last 50 are sky, of any age up to those whose corrections are 1; the sky's geometry has never moved."""
+    torch.manual_seed(0)
+    shapes = {"means": (3,), "logit_opacities": (), "sh": (4, 3), "latents": (2,)}
+    gaussians = Gaussians.of({name: torch.randn(300, *shape) for name, shape in shapes.items()}, sky=50)
+    for name, columns in ((name, adam_cuda.free_columns(name, len(RATES[name]))) for name in shapes):
+        for moments, scale in ((gaussians.first, 0.1 * torch.randn(300)), (gaussians.second, 0.1 * torch.rand(300))):
+            flat = moments[name].view(300, -1)
+            flat[:] = scale[:, None]
+            flat[250:, columns:] = 0
+    gaussians.counts = torch.tensor([0, 1, 99, 32_000, 2**31 - 2], dtype=torch.int32).repeat(60).clamp(max=oldest)
+    return gaussians
+
+
+def stepped(gaussians: Gaussians, step, taken: bool = True) -> dict[str, torch.Tensor]:
+    """All tensors after a step with the same gradients each time, of which some are beyond all bounds."""
+    torch.manual_seed(1)
+    rows = ROWS.to(gaussians.counts.device)
+    leaves = gaussians.leaves(rows)
+    for leaf in leaves.values():
+        leaf.grad = torch.randn(leaf.shape).to(leaf.device)
+        leaf.grad[0], leaf.grad[1] = 3e38, -2 * LARGEST_GRADIENT
+    step(gaussians, rows, leaves, RATES, torch.tensor(taken, device=rows.device))
+    return {name: tensor.cpu() for name, tensor in gaussians.tensors().items()}
+
+
+def test_both_agree_and_leave_unseen_rows_and_the_domes_shape_alone():
+    # The CPU's table of corrections ends with the oldest row; from 32,767 updates on they are 1.
+    expected = stepped(aged_gaussians(oldest=100_000), Gaussians.step)
+    before = aged_gaussians(oldest=2**31 - 2)
+    found = stepped(aged_gaussians(oldest=2**31 - 2).to(torch.device(DEVICE)), adam_cuda.step)
+    for name, tensor in before.tensors().items():
+        assert torch.equal(found[name][1::2], tensor[1::2]), name
+        if name != "counts":
+            torch.testing.assert_close(found[name], expected[name], rtol=1e-6, atol=5e-7)  # of order 1, rounded
+    assert torch.equal(found["counts"][::2], before.counts[::2] + 1)
+    assert torch.equal(found["parameters.means"][250:], before.parameters["means"][250:])
+    assert not torch.equal(found["parameters.sh"][250:, 0], before.parameters["sh"][250:, 0])
+
+
+def test_a_step_that_is_not_taken_changes_nothing():
+    found = stepped(aged_gaussians(oldest=5).to(torch.device(DEVICE)), adam_cuda.step, taken=False)
+    assert all(torch.equal(tensor, found[name]) for name, tensor in aged_gaussians(oldest=5).tensors().items())

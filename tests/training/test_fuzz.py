@@ -7,10 +7,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.training import densify, losses
+from core.training import densify, guards, losses
 from core.training.adam import _adam_rows_torch, adam_rows
 from core.training.gaussians import Gaussians
-from core.training.guards import fault_of_loss
 from core.training.photometric import Target, photometric, photometric_definition, photometric_paper
 from tests.small import ring_camera, small_settings
 
@@ -132,7 +131,8 @@ def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, bu
     loss=st.sampled_from([0.0, 0.2, 1.9, 2.1, 30.0, 1e30, *POISON]),
 )
 def test_no_loss_within_the_range_of_photos_is_a_spike(known, loss):
-    fault = fault_of_loss(loss, loss, 0, known)
+    usual, tensor = guards.usual_loss(0, known), torch.tensor(loss)
+    fault = guards.fault(loss, loss, usual, bool(guards.sound(tensor, tensor, usual)), True, True)
     if not math.isfinite(loss):
         assert fault == "loss was not finite"
     elif loss < 2 or known == [None] * len(known):

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.training import checkpoint, densify, losses, schedule
+from core.training import checkpoint, densify, guards, losses, schedule
 from core.training.adam import _adam_rows_torch, adam_rows
 from core.training.gaussians import Gaussians, initial_gaussians
 from tests.small import ring_camera, small_collection, small_settings, whole_settings
@@ -135,6 +135,17 @@ def test_transient_rows_are_those_in_front_inside_the_mask():
     mask[:, :, :6] = 0  # the left half of the picture
     rows = losses.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, camera)
     assert rows.tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize("where", ["cpu", "meta"])
+def test_gradients_that_are_not_finite_are_found(where):
+    """As a CPU looks for them, and as a GPU does; of a view of nothing they have no numbers."""
+    where = torch.device(where)
+    good = [torch.ones(3), None, torch.zeros(0, 4), torch.full((2,), -1e30)]
+    assert guards.finite(good, where)
+    for bad in (torch.nan, torch.inf, -torch.inf):
+        assert not guards.finite([*good, torch.tensor([1.0, bad])], where)
+    assert guards.finite([torch.zeros(0)], torch.device("cpu"))
 
 
 # --- schedules

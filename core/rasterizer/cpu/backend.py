@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput
 from core.rasterizer import inputs
-from core.rasterizer.contract import JACOBIAN_MARGIN, Rendering
+from core.rasterizer.contract import JACOBIAN_MARGIN, Rendering, Visible
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, blend_backward
@@ -33,12 +33,12 @@ class CpuRasterizer:
 
     name, device = "cpu", "cpu"
 
-    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+    def visible(self, splats: Splats, camera: Camera) -> Visible:
         arrays = arrays_of(splats)
         flags = np.empty(len(splats), dtype=np.bool_)
         view = arguments_of(camera)
         on_all_threads(lambda counter: find_visible(counter, *arrays, *view, flags))
-        return torch.from_numpy(np.flatnonzero(flags))
+        return Visible(torch.from_numpy(np.flatnonzero(flags)))
 
     def render(
         self,
@@ -46,12 +46,13 @@ class CpuRasterizer:
         camera: Camera,
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         probe: Float[Tensor, "n 2"] | None = None,
+        pairs: int | None = None,
     ) -> Rendering:
         inputs.check(splats, probe, self.name, self.device)
         image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
         return Rendering(image, transmittance)
 
-    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
+    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
         arrays = arrays_of(splats)
         lists = tile_lists(arrays, NOTHING, camera)
         strongest = np.zeros(len(lists.entries), dtype=np.float32)

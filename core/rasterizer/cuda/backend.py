@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput, BadSetting
 from core.rasterizer import inputs
-from core.rasterizer.contract import Rendering
+from core.rasterizer.contract import Rendering, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
 from core.rasterizer.cuda.footprint import COLUMNS, TILE
@@ -40,14 +40,15 @@ class CudaRasterizer:
         if self.device == "cuda" and not torch.cuda.is_available():
             raise BadSetting("The cuda rasterizer needs an NVIDIA GPU, and torch finds none here.", "Leave --backend out.")
 
-    def visible(self, splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+    def visible(self, splats: Splats, camera: Camera) -> Visible:
         parameters = self._parameters(splats)
-        flags = torch.empty(len(splats), dtype=torch.int8, device=splats.means.device)
+        found = torch.empty(2, len(splats), dtype=torch.int32, device=splats.means.device)
         project.find_visible[blocks(len(splats), project.BLOCK)](
-            *parameters, view_of(camera, flags.device), flags, len(splats),
+            *parameters, view_of(camera, found.device), found, len(splats),
             COEFFICIENTS=splats.sh.shape[1], BLOCK=project.BLOCK, num_warps=project.WARPS, **LAUNCH,
         )  # fmt: skip
-        return torch.nonzero(flags).squeeze(1)
+        count, pairs = found.sum(dim=1).cpu().tolist()  # the one time that the host waits for the device
+        return Visible(torch.nonzero_static(found[0], size=count).squeeze(1), pairs)
 
     def render(
         self,
@@ -55,14 +56,15 @@ class CudaRasterizer:
         camera: Camera,
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         probe: Float[Tensor, "n 2"] | None = None,
+        pairs: int | None = None,
     ) -> Rendering:
         inputs.check(splats, probe, self.name, self.device)
-        image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
+        image, transmittance = _Render.apply(camera, background, probe, pairs, *splats.tensors().values())
         return Rendering(image, transmittance)
 
     @torch.no_grad()
-    def contributions(self, splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
-        prepared = prepare(self._parameters(splats), None, camera)
+    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
+        prepared = prepare(self._parameters(splats), None, camera, pairs)
         strongest = torch.zeros(len(prepared.lists.owners), device=splats.means.device)
         draw(prepared, (0.0, 0.0, 0.0), strongest)
         # The largest of some numbers is the same in any order: the atomics behind this change nothing.
@@ -76,9 +78,9 @@ class CudaRasterizer:
 
 class _Render(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, camera, background, probe, *parameters):
+    def forward(ctx, camera, background, probe, pairs, *parameters):
         parameters = [tensor.contiguous() for tensor in parameters]
-        prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera)
+        prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera, pairs)
         image, transmittance, ctx.tile_ends = draw(prepared, background)
         ctx.prepared, ctx.probed = prepared, probe is not None
         ctx.save_for_backward(image, *parameters)
@@ -112,7 +114,7 @@ class _Render(torch.autograd.Function):
             COEFFICIENTS=parameters[-1].shape[1], PROBED=ctx.probed, BLOCK=project_backward.BLOCK,
             num_warps=project_backward.WARPS, **LAUNCH,
         )  # fmt: skip
-        return None, None, probe_gradient if ctx.probed else None, *gradients
+        return None, None, probe_gradient if ctx.probed else None, None, *gradients
 
 
 # -------------------------------------------------------------------------------------------------------- the way there
@@ -133,8 +135,11 @@ class Prepared:
     columns: int
 
 
-def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera) -> Prepared:
-    """Project the Gaussians (contiguous, in the order of Splats' fields) and sort them into tiles, front to back."""
+def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pairs: int | None = None) -> Prepared:
+    """Project the Gaussians (contiguous, in the order of Splats' fields) and sort them into tiles, front to back.
+
+    pairs: see `contract.Visible`; without them the host has to wait for their number.
+    """
     count, device = len(parameters[0]), parameters[0].device
     columns, rows = (-(-size // TILE.value) for size in (camera.width, camera.height))
     view = view_of(camera, device)
@@ -146,7 +151,9 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera) -> P
         COEFFICIENTS=parameters[-1].shape[1], PROBED=probe is not None, BLOCK=project.BLOCK, num_warps=project.WARPS, **LAUNCH,
     )  # fmt: skip
     order, slot_starts = front_to_back(depths, tile_counts)
-    slots = int(slot_starts[-1])  # the one time that the host waits for the device
+    slots = int(slot_starts[-1]) if pairs is None else pairs
+    if pairs is not None:
+        slot_starts.clamp_(max=pairs)  # no kernel writes beyond its memory, should the caller have drawn something else
     check_memory(slots, count, camera, device)
     lists = tile_lists(order, slot_starts, footprints, view, columns, rows, slots)
     return Prepared(camera, view, footprints, tile_counts, lists, columns)

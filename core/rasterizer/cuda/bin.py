@@ -28,7 +28,8 @@ class TileLists:
     """order: (N,) int64, the Gaussians front to back, those without a tile among or behind them. slot_starts: (N + 1,)
     int64: Gaussian order[p] has the slots slot_starts[p] to slot_starts[p + 1]. owners: (slots,) int32, the Gaussian of
     each. tile_starts: (tiles + 1,) int64: tile t has the entries tile_starts[t] to tile_starts[t + 1]. entry_slots: (slots,)
-    int64, entry_splats: (slots,) int32, the slot and the Gaussian of each entry, front to back."""
+    int64, entry_splats: (slots,) int32, the slot and the Gaussian of each entry, front to back. Slots behind the last Gaussian's,
+    where there is more room than was needed, belong to the tile behind the last one and, in name, to Gaussian 0."""
 
     order: Tensor
     slot_starts: Tensor
@@ -44,7 +45,8 @@ def list_tiles(order, slot_starts, footprints, view, slot_tiles, owners, count, 
     position = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known = position < count
     slot = tl.load(slot_starts + position, mask=known, other=0)
-    drawn = known & (tl.load(slot_starts + position + 1, mask=known, other=0) > slot)
+    end = tl.load(slot_starts + position + 1, mask=known, other=0)
+    drawn = known & (end > slot)
     splat = tl.load(order + position, mask=known, other=0)
     at = footprints + splat * footprint.COLUMNS
     x = tl.load(at + footprint.X, mask=drawn, other=0.0)
@@ -65,7 +67,7 @@ def list_tiles(order, slot_starts, footprints, view, slot_tiles, owners, count, 
         most_columns = tl.max(touched, axis=0)
         further = 0
         while further < most_columns:
-            inside = further < touched
+            inside = (further < touched) & (slot < end)
             tile = tile_row * columns + first + further
             tl.store(slot_tiles + slot, tile.to(slot_tiles.dtype.element_ty), mask=inside)
             tl.store(owners + slot, splat.to(tl.int32), mask=inside)
@@ -85,11 +87,11 @@ def front_to_back(depths: Tensor, tile_counts: Tensor) -> tuple[Tensor, Tensor]:
 def tile_lists(
     order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, columns: int, rows: int, slots: int
 ) -> TileLists:
-    """The lists of a picture of `columns` by `rows` tiles; slots: their number, slot_starts[-1]."""
+    """The lists of a picture of `columns` by `rows` tiles; slots: their number, slot_starts[-1], or more."""
     tiles = columns * rows
     key = torch.int16 if tiles <= TILES_OF_16_BITS else torch.int32
-    slot_tiles = torch.empty(slots, dtype=key, device=order.device)
-    owners = torch.empty(slots, dtype=torch.int32, device=order.device)
+    slot_tiles = torch.full((slots,), tiles, dtype=key, device=order.device)
+    owners = torch.zeros(slots, dtype=torch.int32, device=order.device)
     list_tiles[blocks(len(order), BLOCK)](
         order, slot_starts, footprints, view, slot_tiles, owners, len(order), columns,
         BLOCK=BLOCK, num_warps=WARPS, **LAUNCH,

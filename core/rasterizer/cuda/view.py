@@ -4,6 +4,7 @@ import torch
 import triton.language as tl
 from torch import Tensor
 
+from core.device import sent
 from core.rasterizer.contract import JACOBIAN_MARGIN
 from core.scene.camera import Camera
 
@@ -34,6 +35,4 @@ def view_of(camera: Camera, device: torch.device) -> Tensor:
         (camera.height + margin_y - camera.cy) / camera.fy,
         *(camera.width, camera.height),
     ]
-    array = torch.tensor(numbers, dtype=torch.float32)
-    # From pinned memory the copy waits for nothing; from any other it would wait for all kernels before it.
-    return array.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else array.to(device)
+    return sent(torch.tensor(numbers, dtype=torch.float32), device)

@@ -1,0 +1,50 @@
+"""The CUDA engine beside what it should reach, on a GPU, in one run; with gsplat's figures where gsplat is installed.
+
+    python samples/benchmark_cuda.py                        # everything
+    python samples/benchmark_cuda.py picture --json gpu.json  # one measurement, and a file
+
+picture: forward + backward of 1,000,000 Gaussians at 1920 x 1080. baked: frames a second, and against a vanilla .ply. steps:
+whole training steps, their kernels and waits. paper: seconds a 1,000 steps of the preset, and hours for all. kernels: bandwidth
+beside a copy's, registers, spills, occupancy. What each does stands in samples/measurements/on_gpu.py.
+
+Times are medians by the GPU's clock (torch.cuda.Event); what is compared is done in turns. The table is Markdown.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # the engine beside this script, installed or not
+
+import click
+import torch
+
+from core import device
+from core.bench.machine import made_on
+
+NAMES = ("picture", "baked", "steps", "paper", "kernels")
+
+
+@click.command()
+@click.argument("what", nargs=-1, type=click.Choice(NAMES))
+@click.option("--json", "file", type=click.Path(path_type=Path), help="Write the lines into this file as well.")
+def main(what: tuple[str, ...], file: Path | None) -> None:
+    """Measure what is named, or everything."""
+    if not device.can_use_gpu():
+        raise click.ClickException("torch finds no NVIDIA GPU with Triton here, and there is nothing to measure without one.")
+    from samples.measurements.gpu import Place
+    from samples.measurements.on_gpu import MEASUREMENTS  # Triton, which is there with a GPU only
+
+    machine, lines = made_on(seed=0), []
+    click.echo(f"{machine}\n\n| what | reach | measured |\n|---|---|---|")
+    for name in what or MEASUREMENTS:
+        torch.manual_seed(0)
+        for line in MEASUREMENTS[name](Place(), 1.0):
+            click.echo(f"| {' | '.join(line)} |")
+            lines.append(line)
+    if file:
+        file.write_text(json.dumps({"machine": machine, "lines": lines}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""How a GPU is measured: by its own clock, by what torch's profiler sees of it, and by what the compiler says of a kernel."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import torch
+
+from samples.measurements.stopwatch import spread
+
+LAUNCHES = ("cudaLaunchKernel", "cuLaunchKernel", "cudaLaunchKernelExC", "cuLaunchKernelEx", "cudaGraphLaunch")
+WAITS = ("cudaStreamSynchronize", "cudaEventSynchronize", "cudaMemcpy")  # not cudaDeviceSynchronize: the profiler's own
+COPIED_BYTES = 1 << 30
+REGISTER_STEP, WARP, BLOCKS_MOST = 256, 32, 32  # registers are handed out to warps in such steps; blocks an SM, at most
+RESERVED_SHARED = 1024  # bytes that the driver takes of every block's shared memory
+
+
+def event() -> torch.cuda.Event:
+    """A moment of the GPU's: when all that was started before is through."""
+    moment = torch.cuda.Event(enable_timing=True)
+    moment.record()
+    return moment
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where to measure; a test puts a CPU and Triton's interpreter here. mark: makes a moment, with elapsed_time (ms) to another."""
+
+    device: torch.device = field(default_factory=lambda: torch.device("cuda"))
+    mark: Callable = event
+    wait: Callable[[], None] = torch.cuda.synchronize
+
+
+class GpuStopwatch:
+    """As `stopwatch.Stopwatch`, by the GPU's clock. Figures are [GPU s, GPU s]: a time the host waits for has no other."""
+
+    def __init__(self, place: Place):
+        self.place = place
+
+    def start(self) -> None:
+        self.marks = [("", self.place.mark())]
+
+    def lap(self, part: str) -> None:
+        self.marks.append((part, self.place.mark()))
+
+    def repeat(self, work: Callable[[], object], warm_up: int, times: int) -> dict:
+        """Call work() often: part -> median, quartiles and mean of the last `times`, in seconds."""
+        runs = []
+        for _ in range(warm_up + times):
+            self.place.wait()
+            self.start()
+            work()
+            self.lap("everything else")
+            self.place.wait()
+            laps = {"whole": self.marks[0][1].elapsed_time(self.marks[-1][1]) / 1e3}
+            for (_, before), (part, after) in zip(self.marks, self.marks[1:]):
+                laps[part] = laps.get(part, 0.0) + before.elapsed_time(after) / 1e3
+            runs.append(laps)
+        kept = runs[warm_up:]
+        return {part: {name: value[0] for name, value in spread([[run[part]] for run in kept]).items()} for part in kept[-1]}
+
+
+def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -> dict[str, float]:
+    """The median seconds of each, done in turns, so that clocks and heat meet all of them."""
+    stopwatch, spent = GpuStopwatch(place), {name: [] for name in works}
+    for _ in range(1 + turns):
+        for name, work in works.items():
+            spent[name].append([stopwatch.repeat(work, 0, 1)["whole"]["median"]])
+    return {name: spread(laps[1:])["median"][0] for name, laps in spent.items()}
+
+
+def copy_bandwidth(place: Place) -> float:
+    """Bytes a second that a copy within the memory reads and writes: the ceiling of what only moves bytes."""
+    size = COPIED_BYTES if place.device.type == "cuda" else 1 << 16
+    source, target = (torch.empty(size, dtype=torch.uint8, device=place.device) for _ in range(2))
+    return 2 * size / GpuStopwatch(place).repeat(lambda: target.copy_(source), 2, 9)["whole"]["median"]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the profiler saw: kernels started, waits of the host, and the seconds of each kernel on the GPU, by its name."""
+
+    launches: int
+    waits: int
+    kernels: dict[str, float]
+
+
+def profiled(work: Callable[[], object], place: Place) -> Seen:
+    """What work() does on the GPU."""
+    activities = [torch.profiler.ProfilerActivity.CPU]
+    if place.device.type == "cuda":
+        activities.append(torch.profiler.ProfilerActivity.CUDA)
+    place.wait()
+    with torch.profiler.profile(activities=activities) as profiler:
+        work()
+        place.wait()
+    return seen(profiler.key_averages())
+
+
+def seen(events: Iterable) -> Seen:
+    """events: with key, count, and device_time_total (µs) of what ran on the GPU."""
+    counts, kernels = {}, {}
+    for found in events:
+        counts[found.key] = counts.get(found.key, 0) + found.count
+        if found.device_time_total and not found.cpu_time_total:
+            kernels[found.key] = found.device_time_total / 1e6
+    return Seen(*(sum(counts.get(name, 0) for name in names) for names in (LAUNCHES, WAITS)), kernels)
+
+
+def occupancy(registers: int, shared: int, warps: int, card) -> float:
+    """The share of an SM's warps that can be there at once. registers: a thread. shared: bytes a block. warps: a block.
+
+    card: torch.cuda.get_device_properties. After NVIDIA's occupancy calculator.
+    """
+    a_warp = -(-registers * WARP // REGISTER_STEP) * REGISTER_STEP
+    most = card.max_threads_per_multi_processor // WARP
+    by_registers = card.regs_per_multiprocessor // max(a_warp * warps, 1)
+    by_shared = card.shared_memory_per_multiprocessor // (shared + RESERVED_SHARED)
+    return min(by_registers, by_shared, most // warps, BLOCKS_MOST) * warps / most
+
+
+def compiled(modules: Iterable, card) -> list[tuple[str, int, int, float]]:
+    """(kernel, registers a thread, bytes spilled, occupancy) of what Triton has compiled so far of the kernels in these modules."""
+    found = []
+    for module in modules:
+        for name, kernel in vars(module).items():
+            for caches in getattr(kernel, "device_caches", {}).values():
+                for binary in caches[0].values():
+                    share = occupancy(binary.n_regs, binary.metadata.shared, binary.metadata.num_warps, card)
+                    found.append((name, binary.n_regs, 4 * binary.n_spills, share))
+    return sorted(set(found))

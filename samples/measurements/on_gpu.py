@@ -1,0 +1,179 @@
+"""What a GPU is measured on, a line of (what, reach, found) each: samples/benchmark_cuda.py prints them."""
+
+import tempfile
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+import torch
+
+from core import export, rasterizer
+from core.appearance import places_cuda
+from core.appearance.model import AppearanceModel
+from core.config import Settings, preset
+from core.export.ply import read_ply
+from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
+from core.rasterizer.cuda.backend import SLOT_COLUMNS, prepare
+from core.rasterizer.cuda.footprint import COLUMNS
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+from core.training import adam_cuda, photometric_cuda
+from core.training.trainer import Trainer
+from samples.measurements import peer
+from samples.measurements.drawing import draw
+from samples.measurements.gpu import GpuStopwatch, Place, compiled, copy_bandwidth, in_turns, profiled
+from samples.measurements.scenes import COEFFICIENTS, DEGREE, STEP_GAUSSIANS, garden, garden_camera
+from samples.measurements.steps import trainer_with
+
+GAUSSIANS, SIZE_PX = 1_000_000, (1920, 1080)
+STEP_SIZES = (10_000, STEP_GAUSSIANS)
+PAPER_GAUSSIANS, PAPER_STEPS_TIMED = 300_000, 1000  # strewn over the sample, in photos as much larger; steps of its 150,000
+WARM_UP, TIMES, STEPS = 5, 25, 50
+KERNEL_MODULES = (
+    *(project, bin, blend_forward, blend_backward, project_backward),
+    *(adam_cuda, photometric_cuda, places_cuda),
+)
+MISSING = "gsplat is not installed: `pip install gsplat` compiles it on this machine"
+Line = tuple[str, str, str]
+
+
+def scene_of(place: Place, scale: float) -> tuple[Splats, Camera]:
+    """The garden, and its camera, at the sizes of the reach."""
+    scene = garden(round(GAUSSIANS * scale)).map(lambda tensor: tensor.to(place.device))
+    return scene, garden_camera(*(max(1, round(side * scale**0.5)) for side in SIZE_PX))
+
+
+def milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms"
+
+
+def against(seconds: float, theirs: float) -> str:
+    return f"{milliseconds(seconds)}, gsplat {milliseconds(theirs)}: {theirs / seconds:.2f}x faster"
+
+
+def measure_picture(place: Place, scale: float) -> Iterable[Line]:
+    """Forward and backward, by parts; the same by gsplat, in turns, and the difference of the pictures."""
+    (scene, camera), backend, stopwatch = scene_of(place, scale), rasterizer.create("cuda", place.device.type), GpuStopwatch(place)
+    what = f"forward + backward, {len(scene):,} Gaussians, {camera.width} x {camera.height}"
+    parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), WARM_UP, TIMES)
+    yield f"{what}, by parts", "", ", ".join(f"{part} {milliseconds(spent['median'])}" for part, spent in parts.items())
+    other = peer.gsplat()
+    if other is None:
+        yield what, "1.5x faster than gsplat, picture within 1e-4", f"{milliseconds(parts['whole']['median'])}; {MISSING}"
+        return
+    scene = peer.with_equal_constants(scene)
+
+    def theirs() -> None:
+        leaves = scene.map(lambda tensor: tensor.detach().requires_grad_())
+        image = peer.picture(other, leaves, camera)
+        image.backward(torch.ones_like(image))
+
+    medians = in_turns(place, {"ours": lambda: draw(backend, scene, camera), "theirs": theirs}, TIMES)
+    yield what, "1.5x faster than gsplat", against(medians["ours"], medians["theirs"])
+    with torch.no_grad():
+        difference = (backend.render(scene, camera).image - peer.picture(other, scene, camera)).abs()
+    found = f"largest {float(difference.max()):.1e}, mean {float(difference.mean()):.1e}"
+    yield "picture against gsplat's, constants equal", "within 1e-4", found
+
+
+def measure_baked(place: Place, scale: float) -> Iterable[Line]:
+    """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
+    (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
+    model = AppearanceModel(Settings().decided("full", "on", DEGREE), ()).to(place.device)
+    with tempfile.TemporaryDirectory() as folder:
+        looks = {"baked": model.bake(scene, model.mean_embedding), "vanilla": scene}
+        for name, look in looks.items():
+            export.write(Path(folder) / f"{name}.ply", look, "benchmark")
+            looks[name] = read_ply(Path(folder) / f"{name}.ply").map(lambda tensor: tensor.to(place.device))
+    with torch.no_grad():
+        medians = in_turns(place, {name: partial(backend.render, look, camera) for name, look in looks.items()}, TIMES)
+    what = f"{len(scene):,} baked Gaussians at {camera.width} x {camera.height}"
+    yield what, "over 300 frames a second", f"{1 / medians['baked']:.0f} frames a second, {milliseconds(medians['baked'])}"
+    yield "a baked look against a vanilla .ply", "1.00 +- 0.02", f"{medians['baked'] / medians['vanilla']:.3f}"
+
+
+def trainer_at(place: Place, gaussians: float, settings: Settings) -> Trainer:
+    """A Trainer in the middle of a run on so many Gaussians, past its first steps."""
+    where = {"device": place.device.type, "backend": "cuda"}
+    trainer = trainer_with(gaussians / STEP_GAUSSIANS, settings.changed(**where))
+    for _ in range(WARM_UP):
+        trainer.step()
+    return trainer
+
+
+def measure_steps(place: Place, scale: float) -> Iterable[Line]:
+    """Whole steps on few and on the usual number of Gaussians; gsplat's with its appearance MLP on the same."""
+    for gaussians in STEP_SIZES:
+        trainer = trainer_at(place, gaussians * scale, Settings(appearance="full", transients="on", sh_degree=DEGREE))
+        camera, target = trainer.pictures.target(0, 1)
+        what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
+        found = profiled(trainer.step, place)
+        busy = sum(found.kernels.values())
+        yield f"{what}: kernels and waits", "at most 1 wait", f"{found.launches} kernels, {found.waits} waits, {milliseconds(busy)} of the GPU"
+        other, works = peer.gsplat(), {"ours": trainer.step}
+        if other is not None:
+            theirs = peer.PeerTrainer(other, trainer.gaussians.splats, len(trainer.pictures))
+            works["theirs"] = partial(theirs.step, 0, camera, target)
+        medians = in_turns(place, works, STEPS)
+        compared = against(medians["ours"], medians["theirs"]) if other else f"{milliseconds(medians['ours'])}; {MISSING}"
+        yield f"{what}, against gsplat's with an appearance MLP", "1.5x faster", compared
+
+
+def measure_paper(place: Place, scale: float) -> Iterable[Line]:
+    """Steps of the preset `paper` from the middle of its run on, without density control, whose rounds are few."""
+    settings, timed = preset("paper"), max(1, round(PAPER_STEPS_TIMED * scale))
+    trainer = trainer_at(place, PAPER_GAUSSIANS * scale, settings)
+
+    def steps() -> None:
+        for _ in range(timed):
+            trainer.step()
+
+    thousand = GpuStopwatch(place).repeat(steps, 0, 1)["whole"]["median"] * 1000 / timed
+    hours = thousand * settings.steps / 1000 / 3600
+    found = f"{thousand:.1f} s a 1,000 steps on {trainer.gaussians.solid:,} Gaussians: {hours:.1f} h for {settings.steps:,}"
+    yield "preset `paper`", "1.8 h on an RTX 4090 (the paper's)", found
+
+
+def measure_kernels(place: Place, scale: float) -> Iterable[Line]:
+    """Bytes that each kernel of the rasterizer must move over its time, beside a copy; and what it takes of a multiprocessor."""
+    (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
+    ceiling = copy_bandwidth(place)
+    yield "a copy within the memory", "the ceiling", f"{ceiling / 1e9:.0f} GB/s"
+    draw(backend, scene, camera)
+    times = profiled(lambda: draw(backend, scene, camera), place).kernels
+    for name, size in bytes_moved(scene, backend, camera).items():
+        if name in times:
+            found = f"{milliseconds(times[name])}, {size / times[name] / 1e9:.0f} GB/s, {size / times[name] / ceiling:.0%} of the copy's"
+            yield f"{name}: {size / 1e6:.0f} MB", "", found
+    card = torch.cuda.get_device_properties(place.device) if place.device.type == "cuda" else None
+    for name, registers, spilled, share in compiled(KERNEL_MODULES, card):
+        yield f"{name}, compiled", "", f"{registers} registers, {spilled} bytes spilled, occupancy {share:.0%}"
+
+
+def bytes_moved(scene: Splats, backend: rasterizer.Rasterizer, camera: Camera) -> dict[str, int]:
+    """What each kernel has to read and write for a picture and its gradients, as if every pair were blended.
+
+    A kernel far below the copy's bandwidth is bound by something else: blending by its arithmetic, if by anything.
+    """
+    rows = backend.visible(scene, camera).rows
+    lists = prepare([tensor[rows] for tensor in scene.tensors().values()], None, camera).lists
+    everyone, count, pairs, pixels = len(scene), len(rows), len(lists.owners), camera.width * camera.height
+    parameters, footprints, slots = 4 * (3 + 4 + 3 + 1 + 3 * COEFFICIENTS), 4 * COLUMNS.value, 4 * SLOT_COLUMNS
+    return {
+        "find_visible": everyone * (parameters + 8),
+        "project": count * (parameters + 8 + footprints + 8),
+        "list_tiles": count * (8 + 16 + 6 * 4) + pairs * (2 + 4),
+        "blend_forward": pairs * (4 + 9 * 4) + pixels * 16,
+        "blend_backward": pairs * (4 + 8 + 9 * 4 + slots) + pixels * 24,
+        "add_up": pairs * slots + count * (24 + slots),
+        "project_backward": count * (2 * parameters + footprints + slots + 8),
+    }
+
+
+MEASUREMENTS = {
+    "picture": measure_picture,
+    "baked": measure_baked,
+    "steps": measure_steps,
+    "paper": measure_paper,
+    "kernels": measure_kernels,
+}

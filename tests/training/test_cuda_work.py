@@ -1,0 +1,103 @@
+"""What a training step asks of a GPU: how often the host waits for it, and how many kernels it starts."""
+
+from importlib import import_module
+
+import pytest
+import torch
+
+import core.rasterizer
+from core import device
+from core.training import checkpoint, pictures
+from core.training.gaussians import Gaussians
+from core.training.schedule import COARSEST
+from core.training.trainer import TRANSIENT_EVERY, Trainer
+from tests.elsewhere import DEVICE, elsewhere, kernels, watched
+from tests.small import small_collection, small_settings
+
+pytest.importorskip("triton", reason="Triton is not installed")
+pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="the kernels are not interpreted where there is a GPU")
+
+# Triton's interpreter draws a quarter of the size, one tile, of few Gaussians in a second.
+SIZES = {"steps": 60, "coarse_until": 1.0, "max_gaussians": 40, "sky_gaussians": 12, "held_out_checks": 0, "densify_rounds": 0}
+
+MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 340, 75  # of a step, and of L_regTS, which draws once more every tenth; 333 and 71 as of now
+
+
+@pytest.fixture
+def trainer(tmp_path, monkeypatch):
+    """In the middle of a run on DEVICE by the kernels of a GPU, everything on."""
+    from core.appearance import places_cuda
+    from core.rasterizer.cuda.backend import CudaRasterizer
+    from core.training import adam_cuda, photometric_cuda
+
+    rasterizer = CudaRasterizer()
+    rasterizer.device = DEVICE.type
+    monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
+    monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
+    monkeypatch.setitem(pictures.AUTO_PIXELS, DEVICE.type, pictures.AUTO_PIXELS["cpu"])
+    # torch's list of devices with a fused Adam has CUDA, and not this one.
+    monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
+    # The kernels that tensors on a GPU go to.
+    monkeypatch.setattr("core.appearance.transfer_kernel.encoded_places", places_cuda.encoded_places)
+    monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
+    monkeypatch.setattr("core.training.trainer.photometric", photometric_cuda.photometric_fused)
+    torch.set_num_threads(1)  # what `elsewhere` does is for one thread
+    with elsewhere(), kernels():
+        settings = small_settings(mask_start=0.0, mask_apply=0.0, geometry_from=0.0, **SIZES)
+        trainer = Trainer(small_collection(tmp_path), settings, tmp_path)
+        trainer.done = 2 * TRANSIENT_EVERY - 3
+        for index in range(len(trainer.pictures)):
+            trainer.pictures.target(index, COARSEST)  # kept from here on, as are tables after the first step
+        trainer.step()
+        yield trainer
+
+
+def test_a_step_waits_once(trainer):
+    """At its end: for what the next photo shows, and with it for the facts of the step. The first step of a round through the
+    photos, whose order was not drawn before, waits at its beginning as well."""
+    photos, waits = len(trainer.pictures), []
+    for _ in range(photos + 2):
+        first = not trainer.order
+        most = MOST_LAUNCHES + (0 if trainer.done % TRANSIENT_EVERY else MORE_FOR_TRANSIENTS)
+        with watched() as work:
+            trainer.step()
+        waits.append(len(work.waits) + len(work.asked))
+        assert waits[-1] <= 1 + first, work.waits
+        assert sum(work.launches.values()) <= most
+    assert sum(waits) == photos + 2 + 1
+
+
+def test_a_step_of_no_use_is_refused_by_the_gpu_itself(trainer, monkeypatch):
+    """It is told and counted as on a CPU, and leaves no trace, though the host did not look before it was over."""
+    state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
+    before = {name: tensor.cpu().clone() for name, tensor in state.items()}
+    honest = trainer._picture_loss
+    monkeypatch.setattr(trainer, "_picture_loss", lambda *arguments: honest(*arguments) * torch.nan)
+    (message,) = trainer.step().messages
+    assert message.startswith("Step 19 was skipped: its loss was not finite") and trainer.skipped == 1
+    state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
+    for name, tensor in before.items():
+        assert torch.equal(tensor, state[name].cpu()), name
+    monkeypatch.setattr(trainer, "_picture_loss", honest)
+    assert trainer.step().messages == ()
+
+
+def test_what_waits_is_seen():
+    """A count that misses what it counts would pass for nothing."""
+    with elsewhere(), watched() as work:
+        there = torch.zeros(3, device=DEVICE)
+        for wait in (
+            lambda: float(there.sum()),
+            lambda: torch.nonzero(there),
+            lambda: there[there > 0],
+            lambda: there.cpu(),
+            lambda: torch.ones(2).to(DEVICE),
+        ):
+            before = len(work.waits)
+            wait()
+            assert len(work.waits) == before + 1
+        there.to("cpu", non_blocking=True)
+        device.sent(torch.ones(3), DEVICE)
+        assert len(work.waits) == before + 1 and len(work.asked) == 1
+        there.cpu()
+        assert not work.asked  # what was asked for is there, now that the host has waited for something later

@@ -22,7 +22,7 @@ def small_settings(**changes) -> Settings:
 
 def whole_settings(**changes) -> Settings:
     """The defaults, for a scene that needs everything; on the CPU, whatever else is there."""
-    return Settings(**{"device": "cpu"} | changes).decided("full", "on", 1)
+    return Settings(**{"device": "cpu"} | changes).decided(appearance="full", transients="on", sh_degree=1)
 
 
 def small_collection(folder: Path, photos: int = 6) -> Collection:

@@ -26,15 +26,14 @@ FLAGS = {
 }
 
 
-class AutoOrWhole(click.Choice):
-    """The word `auto`, or a whole number of a short range."""
+class AutoOrWhole(click.IntRange):
+    """The word `auto`, or a whole number in a range."""
 
-    def __init__(self, low: int, high: int):
-        super().__init__([AUTO, *map(str, range(low, high + 1))])
+    def get_metavar(self, param, ctx=None):
+        return f"[{AUTO}|INTEGER]"
 
-    def convert(self, value, param, context):
-        word = super().convert(str(value), param, context)
-        return word if word == AUTO else int(word)
+    def convert(self, value, param, ctx):
+        return AUTO if value == AUTO else super().convert(value, param, ctx)
 
 
 def setting_option(name: str, *flags: str) -> Callable:

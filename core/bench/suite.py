@@ -12,7 +12,7 @@ from core.bench.figure import Figure
 from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
 from core.bench.training import Course, training_figure
-from core.config import PRESETS, Settings, preset
+from core.config import LEAST, PRESETS, Settings, preset
 from core.data import load_collection
 from core.data.collection import Collection, spread_over
 from core.errors import BadInput
@@ -48,7 +48,7 @@ class Size:
 
 SMALL = Size(share=0.2, gaussians=4000, budget=0.5, width_px=160, seeds=1, views=8, photos=4, cameras=1)
 FULL = Size(
-    share=1.0, gaussians=Settings().max_gaussians, budget=3.0, width_px=-1, seeds=3, views=32, photos=100, cameras=3
+    share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, width_px=-1, seeds=3, views=32, photos=100, cameras=3
 )
 
 
@@ -178,15 +178,15 @@ def _train_presets(
         for seed, path in enumerate(folders):
             _train(collection, _sized(name, size, seed, is_built_in), path, report)
         courses.append(Course(name, tuple(folders), name == "default"))
-    most = f"{round(Settings().steps * size.share)} steps and {size.gaussians} Gaussians"
+    most = f"{round(LEAST['steps'] * size.share)} steps and {size.gaussians} Gaussians"
     note = f"Presets with {size.share:.0%} of their steps; none has more than {most}."
     return courses, f"Training on {collection.name}: every preset", (note,)
 
 
 def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
     """A preset that ends in time, with more looks at its held-out photos."""
-    settings, default = preset(name), Settings()
-    steps = max(1, round(min(settings.steps, default.steps) * size.share))
+    settings = preset(name).decided(**LEAST)
+    steps = max(1, round(min(settings.steps, LEAST["steps"]) * size.share))
     gaussians = min(settings.max_gaussians, size.gaussians)
     width = 1 if is_built_in else size.width_px
     return replace(

@@ -1,4 +1,4 @@
-"""What a scene does not need is left out: three decisions from the photos, before anything is built.
+"""What a scene needs, decided from its photos before anything is built: which parts, how many steps and Gaussians.
 
 Where the figures are uncertain a part is kept: a part too many costs time, one too few costs the picture.
 """
@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from core.config import Settings
+from core.config import LEAST, PIXELS_A_GAUSSIAN, VISITS, Settings
 from core.training.evidence import FEWEST_VIEWS, Evidence, gather_evidence
 from core.training.pictures import Picture
 
@@ -44,13 +44,21 @@ def decide(
 
     points: SfM points (P, 3), scene frame. pictures: the training photos, decoded at training size.
     """
+    settings = settings.decided(**sizes(pictures))
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
-        return settings.decided(settings.appearance, settings.transients, settings.sh_degree), ()
+        return settings.decided(), ()
     evidence = gather_evidence(points, pictures)
     taken = {name: judge(evidence) for name, judge in JUDGES.items()}
     decided = settings.decided(**{name: decision.value for name, decision in taken.items()})
     return decided, tuple(taken[name] for name in asked)
+
+
+def sizes(pictures: Sequence[Picture]) -> dict[str, int]:
+    """How long a collection is trained and how many Gaussians it may have, by its photos and their pixels together."""
+    pixels = sum(picture.camera.width * picture.camera.height for picture in pictures)
+    wanted = {"steps": VISITS * len(pictures), "max_gaussians": pixels // PIXELS_A_GAUSSIAN}
+    return {name: max(least, wanted[name]) for name, least in LEAST.items()}
 
 
 def appearance(evidence: Evidence) -> Decision:

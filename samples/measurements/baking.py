@@ -23,7 +23,7 @@ def measure_bake(scale: float) -> dict:
     """A scene in one look, and its .ply. The products are of blocks that stay in cache, into memory that is there."""
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
-    settings = Settings().decided("full", "on", DEGREE)
+    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE)
     model = AppearanceModel(settings, ())
     _, layers = model.sh_transfer.inputs(splats.sh[:1], model.mean_embedding)
     weights = [layers.learned_weight, layers.place_weight, *layers.hidden_weights, layers.output_weight, layers.skip_weight]

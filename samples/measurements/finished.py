@@ -39,7 +39,7 @@ def _finish(scene: Path, settings: Settings, folder: Path, report: Report) -> No
     """Make `folder` a whole run of these settings: what was stopped goes on, what is another run's is trained anew."""
     if _is_that_of(folder, scene, settings) and (newest := checkpoint.newest(folder)) is not None:
         step = _step(newest)
-        if step < settings.steps:
+        if step < run.read_config(folder)[1].steps:
             pipeline.resume(folder, report)
             return
         if run.point_cloud_path(folder, step).is_file():

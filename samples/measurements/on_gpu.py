@@ -79,7 +79,7 @@ def measure_picture(place: Place, scale: float) -> Iterable[Line]:
 def measure_baked(place: Place, scale: float) -> Iterable[Line]:
     """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
     (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
-    model = AppearanceModel(Settings().decided("full", "on", DEGREE), ()).to(place.device)
+    model = AppearanceModel(Settings().decided(appearance="full", transients="on", sh_degree=DEGREE), ()).to(place.device)
     with tempfile.TemporaryDirectory() as folder:
         looks = {"baked": model.bake(scene, model.mean_embedding), "vanilla": scene}
         for name, look in looks.items():

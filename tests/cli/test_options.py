@@ -38,6 +38,7 @@ def test_a_falsy_value_counts_as_typed():
     [
         ("steps=7", "steps", 7),
         ("sh_degree=auto", "sh_degree", -1),
+        ("steps=auto", "steps", -1),
         ("densify_from=auto", "densify_from", -1),
         ("mean_rate=1e-4", "mean_rate", 1e-4),
         ("gauge=1", "gauge", 1.0),
@@ -62,7 +63,7 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
         ("gauge=nan", "gauge=nan"),
         ("sh_degree=4", "too large"),
         ("sh_degree=-2", "too small"),
-        ("steps=auto", "not a whole number"),
+        ("seed=auto", "not a whole number"),
         ("residual=maybe", "neither true nor false"),
         ("sky=blue", "not a choice"),
     ],
@@ -98,7 +99,7 @@ def test_auto_in_a_file_leaves_it_to_the_photos(tmp_path):
     path = write_toml(tmp_path, "sh_degree = 'auto'\ngeometry_from = 'auto'\nappearance = 'auto'\n")
     settings = settings_from("paper", path, (), {})
     assert set(settings.undecided) == {"sh_degree", "geometry_from", "appearance", "densify_from"}
-    assert settings.decided("off", "on", 2).sh_degree == 2
+    assert settings.decided(appearance="off", transients="on", sh_degree=2).sh_degree == 2
 
 
 def test_presets_leave_to_the_photos_what_they_do_not_say():

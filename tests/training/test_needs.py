@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -109,12 +110,25 @@ def test_what_is_given_is_not_decided(tmp_path, monkeypatch):
     assert decisions(collection, preset("paper")) == {}
 
 
+def test_steps_and_gaussians_follow_photos_and_pixels_unless_given():
+    def sizes(photos, width, **given):
+        pictures = [SimpleNamespace(camera=SimpleNamespace(width=width, height=100))] * photos
+        settings = Settings(appearance="off", transients="off", sh_degree=0).changed(**given)
+        decided, _ = needs.decide(settings, None, pictures)
+        return decided.steps, decided.max_gaussians
+
+    assert sizes(1, 100) == sizes(52, 768) == (3000, 30_000)
+    assert sizes(200, 100) == (200 * needs.VISITS, 30_000)
+    assert sizes(50, 8000) == (3000, 50 * 8000 * 100 // needs.PIXELS_A_GAUSSIAN)
+    assert sizes(200, 8000, steps=5, max_gaussians=7) == (5, 7)
+
+
 def test_schedules_follow_the_looks_unless_given():
     for appearance, expected in (("off", (0.0, 0.02, 0.0)), ("exposure", (0.1, 0.12, 0.2)), ("full", (0.1, 0.12, 0.2))):
-        settings = Settings().decided(appearance, "off", 0)
+        settings = Settings().decided(appearance=appearance)
         assert (settings.geometry_from, settings.densify_from, settings.prune_contribution) == expected
-    assert Settings(geometry_from=0.3).decided("off", "off", 0).geometry_from == 0.3
-    assert Settings(appearance="off").decided("full", "on", 0).geometry_from == 0.0
+    assert Settings(geometry_from=0.3).decided(appearance="off").geometry_from == 0.3
+    assert Settings(appearance="off").decided(appearance="full").geometry_from == 0.0
 
 
 # --- nothing is left of what is off

@@ -131,6 +131,7 @@ class Trainer:
         """One photo, one update of everything."""
         settings, progress = self.settings, self.done / self.settings.steps
         index = self._next_photo()
+        self.order.pop()
         camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
         gain = draw_gain(settings, self.generator)
         looking = beside(lambda: self._look(index, target, gain))
@@ -196,9 +197,9 @@ class Trainer:
 
     def _look_ahead(self) -> None:
         """On a GPU, ask what the next photo shows before the facts of this step are read: the host then waits once for both."""
-        if self.device.type != "cpu" and self.order and self.done < self.settings.steps:
+        if self.device.type != "cpu" and self.done < self.settings.steps:
             factor = schedule.shrink_factor(self.settings, self.done / self.settings.steps)
-            camera, _ = self.pictures.target(self.order[-1], factor)
+            camera, _ = self.pictures.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
     def _look(self, index: int, target: Target, gain: Tensor | None) -> tuple[Look, Target]:
@@ -285,7 +286,7 @@ class Trainer:
     def _next_photo(self) -> int:
         if not self.order:
             self.order = torch.randperm(len(self.pictures), generator=self.generator).tolist()
-        return self.order.pop()
+        return self.order[-1]
 
     # --- density, quality, checkpoints
 

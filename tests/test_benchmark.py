@@ -37,7 +37,7 @@ def test_laps_hold_what_they_are_named_after(monkeypatch, appearance, transients
     torch.set_num_threads(1)
     settings = Settings(resolution=1, max_gaussians=600, appearance=appearance, transients=transients, sh_degree=1)
     trainer = Trainer(plaza(SCALE), settings, Path())
-    trainer.done = settings.steps // 2
+    trainer.done = trainer.settings.steps // 2
     stopwatch, happened = Stopwatch(), []
     stopwatch.lap = happened.append
     steps.watch_step(trainer, stopwatch)

@@ -22,7 +22,7 @@ def trainer_with(scale: float, settings: Settings) -> Trainer:
     """The same with these settings, but for those that decide about sizes."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
     trainer = Trainer(plaza(scale), settings.changed(resolution=1, max_gaussians=most), Path())
-    trainer.done = settings.steps // 2
+    trainer.done = trainer.settings.steps // 2
     return trainer
 
 

@@ -10,7 +10,7 @@ import torch
 from core import export
 from core.appearance.model import AppearanceModel
 from core.appearance.transfer_kernel import ROWS
-from core.config import Settings
+from core.config import LEAST, Settings
 from core.scene.splats import Splats
 from core.threads import in_parallel
 from samples.measurements.scenes import COEFFICIENTS, DEGREE
@@ -23,7 +23,7 @@ def measure_bake(scale: float) -> dict:
     """A scene in one look, and its .ply. The products are of blocks that stay in cache, into memory that is there."""
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
-    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE)
+    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST)
     model = AppearanceModel(settings, ())
     _, layers = model.sh_transfer.inputs(splats.sh[:1], model.mean_embedding)
     weights = [layers.learned_weight, layers.place_weight, *layers.hidden_weights, layers.output_weight, layers.skip_weight]

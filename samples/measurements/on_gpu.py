@@ -10,7 +10,7 @@ import torch
 from core import export, rasterizer
 from core.appearance import places_cuda
 from core.appearance.model import AppearanceModel
-from core.config import Settings, preset
+from core.config import LEAST, Settings, preset
 from core.export.ply import read_ply
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.backend import SLOT_COLUMNS, prepare
@@ -79,7 +79,7 @@ def measure_picture(place: Place, scale: float) -> Iterable[Line]:
 def measure_baked(place: Place, scale: float) -> Iterable[Line]:
     """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
     (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
-    model = AppearanceModel(Settings().decided(appearance="full", transients="on", sh_degree=DEGREE), ()).to(place.device)
+    model = AppearanceModel(Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST), ()).to(place.device)
     with tempfile.TemporaryDirectory() as folder:
         looks = {"baked": model.bake(scene, model.mean_embedding), "vanilla": scene}
         for name, look in looks.items():
@@ -104,7 +104,7 @@ def trainer_at(place: Place, gaussians: float, settings: Settings) -> Trainer:
 def measure_steps(place: Place, scale: float) -> Iterable[Line]:
     """Whole steps on few and on the usual number of Gaussians; gsplat's with its appearance MLP on the same."""
     for gaussians in STEP_SIZES:
-        trainer = trainer_at(place, gaussians * scale, Settings(appearance="full", transients="on", sh_degree=DEGREE))
+        trainer = trainer_at(place, gaussians * scale, Settings(appearance="full", transients="on", sh_degree=DEGREE, **LEAST))
         camera, target = trainer.pictures.target(0, 1)
         what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
         found = profiled(trainer.step, place)

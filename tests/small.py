@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from core.config import Settings
+from core.config import LEAST, Settings
 from core.data.collection import Collection, Photo
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -22,7 +22,7 @@ def small_settings(**changes) -> Settings:
 
 def whole_settings(**changes) -> Settings:
     """The defaults, for a scene that needs everything; on the CPU, whatever else is there."""
-    return Settings(**{"device": "cpu"} | changes).decided(appearance="full", transients="on", sh_degree=1)
+    return Settings(**{"device": "cpu"} | changes).decided(appearance="full", transients="on", sh_degree=1, **LEAST)
 
 
 def small_collection(folder: Path, photos: int = 6) -> Collection:

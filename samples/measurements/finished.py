@@ -37,9 +37,10 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
 
 def _finish(scene: Path, settings: Settings, folder: Path, report: Report) -> None:
     """Make `folder` a whole run of these settings: what was stopped goes on, what is another run's is trained anew."""
-    if _is_that_of(folder, scene, settings) and (newest := checkpoint.newest(folder)) is not None:
+    decided = _as_decided(folder, scene, settings)
+    if decided is not None and (newest := checkpoint.newest(folder)) is not None:
         step = _step(newest)
-        if step < run.read_config(folder)[1].steps:
+        if step < decided.steps:
             pipeline.resume(folder, report)
             return
         if run.point_cloud_path(folder, step).is_file():
@@ -51,13 +52,14 @@ def _step(path: Path) -> int:
     return checkpoint.read_facts(path)["step"]
 
 
-def _is_that_of(folder: Path, scene: Path, settings: Settings) -> bool:
+def _as_decided(folder: Path, scene: Path, settings: Settings) -> Settings | None:
+    """What the run in `folder` made of these settings; None if it is a run of others, or none."""
     try:
         _, decided, collection = run.read_config(folder)
-        answers = {name: getattr(decided, name) for name in settings.undecided}
-        return collection.root.resolve() == scene.resolve() and replace(settings, **answers) == decided
     except (BadInput, BadSetting):
-        return False
+        return None
+    answers = {name: getattr(decided, name) for name in settings.undecided}
+    return decided if collection.root.resolve() == scene.resolve() and replace(settings, **answers) == decided else None
 
 
 def with_split(scene: Path, table: Path, folder: Path) -> Path:

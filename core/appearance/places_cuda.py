@@ -8,8 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.appearance.encoding import encoded_size
+from core.launch import FUSED, blocks
 
-FUSED = {"enable_fp_fusion": True}  # said in so many words: the default differs between versions of Triton
 BLOCK = 128  # Gaussians a program, one a thread
 PI = tl.constexpr(math.pi)
 
@@ -37,6 +37,5 @@ def encode_places(means, places, count, OCTAVES: tl.constexpr, BLOCK: tl.constex
 def encoded_places(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
     """`encoding.encoded_places` for float32 on a GPU."""
     places = means.new_empty(len(means), encoded_size(3, octaves))
-    grid = (max(1, triton.cdiv(len(means), BLOCK)),)
-    encode_places[grid](means.contiguous(), places, len(means), OCTAVES=octaves, BLOCK=BLOCK, **FUSED)
+    encode_places[blocks(len(means), BLOCK)](means.contiguous(), places, len(means), OCTAVES=octaves, BLOCK=BLOCK, **FUSED)
     return places

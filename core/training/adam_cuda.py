@@ -8,10 +8,10 @@ import triton.language as tl
 from torch import Tensor
 
 from core.device import sent
+from core.launch import FUSED
 from core.training import adam
 from core.training.gaussians import Gaussians, free_columns
 
-FUSED = {"enable_fp_fusion": True}  # said in so many words: the default differs between versions of Triton
 BLOCK = 256  # numbers a program, two a thread
 BETA_1, BETA_2 = tl.constexpr(adam.BETA_1), tl.constexpr(adam.BETA_2)
 EPSILON, LARGEST_GRADIENT = tl.constexpr(adam.EPSILON), tl.constexpr(adam.LARGEST_GRADIENT)

@@ -15,8 +15,8 @@ from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
 from core.appearance import places_cuda
+from core.launch import FUSED, LAUNCH
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
-from core.rasterizer.cuda.launch import LAUNCH
 from core.training import adam_cuda, photometric_cuda
 
 KERNELS = {  # with the options that they are launched with
@@ -27,12 +27,12 @@ KERNELS = {  # with the options that they are launched with
     blend_backward.blend_backward: {"num_warps": blend_backward.WARPS, **LAUNCH},
     blend_backward.add_up: {"num_warps": 1, **LAUNCH},
     project_backward.project_backward: {"num_warps": project_backward.WARPS, **LAUNCH},
-    adam_cuda.update: adam_cuda.FUSED,
-    places_cuda.encode_places: places_cuda.FUSED,
-    photometric_cuda.blur_products_down: adam_cuda.FUSED,
-    photometric_cuda.blur_down: adam_cuda.FUSED,
-    photometric_cuda.compare: adam_cuda.FUSED,
-    photometric_cuda.combine: adam_cuda.FUSED,
+    adam_cuda.update: FUSED,
+    places_cuda.encode_places: FUSED,
+    photometric_cuda.blur_products_down: FUSED,
+    photometric_cuda.blur_down: FUSED,
+    photometric_cuda.compare: FUSED,
+    photometric_cuda.combine: FUSED,
 }
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {

@@ -8,12 +8,12 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput, BadSetting
+from core.launch import LAUNCH, blocks, interpreted
 from core.rasterizer import inputs
 from core.rasterizer.contract import Rendering, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
 from core.rasterizer.cuda.footprint import COLUMNS, TILE
-from core.rasterizer.cuda.launch import LAUNCH, blocks, interpreted
 from core.rasterizer.cuda.view import view_of
 from core.scene.camera import Camera
 from core.scene.splats import Splats

@@ -14,9 +14,9 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from core.launch import LAUNCH, blocks
 from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.footprint import touched_columns, touched_rows
-from core.rasterizer.cuda.launch import LAUNCH, blocks
 from core.rasterizer.cuda.view import HEIGHT, WIDTH
 
 BLOCK, WARPS = 128, 4  # Gaussians a program, one a thread

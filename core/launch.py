@@ -1,9 +1,11 @@
-"""How kernels are launched."""
+"""How Triton kernels are launched. Imported where CUDA is asked for, as Triton is."""
 
 import triton
 
-# See the package's docstring: a fused multiply-add where the source says tl.fma, and nowhere else.
+# Said in so many words, as the default differs between versions of Triton. The rasterizer's are not fused, see its package's
+# docstring: a fused multiply-add where the source says tl.fma, and nowhere else.
 LAUNCH = {"enable_fp_fusion": False}
+FUSED = {"enable_fp_fusion": True}
 
 
 def interpreted() -> bool:

@@ -92,6 +92,9 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
         assert torch.equal(getattr(resumed.splats, name), tensor), name
     with pytest.raises(BadInput, match="is finished"):
         pipeline.resume(folder)
+    shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
+    pipeline.resume(folder)
+    assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()
 
 
 def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):
@@ -111,7 +114,8 @@ def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypat
 def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     output = tmp_path / "run"
-    for changes, word in (({"device": "cuda"}, "finds no NVIDIA GPU"), ({"resolution": 0}, "-r 1")):
+    refused = [({"device": "cuda"}, "finds no NVIDIA GPU"), *(({"resolution": width}, "-r 1") for width in (0, 3, 15))]
+    for changes, word in refused:
         with pytest.raises(BadSetting, match=word):
             pipeline.train(small_scene, small_settings(**changes), output)
     assert list(tmp_path.iterdir()) == []

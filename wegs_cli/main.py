@@ -126,6 +126,8 @@ def run() -> None:
     if origin is not None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
+    # None where they were closed, as some schedulers do.
+    sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115 - open to the end
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(errors="backslashreplace")  # a terminal without a letter shows its code
     # Read once, when torch loads: OpenMP threads that spin while they wait keep the kernels' own threads from running.

@@ -55,6 +55,11 @@ class Collection:
         """The photos of one split, in order of name."""
         return tuple(photo for photo in self.photos if photo.split == name)
 
+    @property
+    def essence(self) -> list[tuple]:
+        """What must not have changed for a run to go on."""
+        return [(photo.name, photo.split, photo.camera.centre.tolist()) for photo in self.photos]
+
     def view(self, name: str | None) -> Photo:
         """The photo called `name`; for None the first held-out one, or the first. Raises BadInput where there is none."""
         if name is None:

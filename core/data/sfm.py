@@ -12,7 +12,7 @@ import numpy as np
 import pycolmap
 
 from core.data.model_file import quiet
-from core.data.photo_file import JPEG_EXIF, Header, list_photos, probe, without_orientation
+from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
 from core.data.photos import read
 from core.data.split import counted, name_them
 from core.errors import BadInput, WegsError
@@ -44,7 +44,9 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         raise BadInput(f"There is no folder {photos}.", "Give the folder that holds your photos.")
     paths = list_photos(photos)
     if not paths:
-        raise BadInput(f"{photos} holds no photos.", "Give the folder that holds your photos.")
+        raise no_photos(photos)
+    for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
+        report.warn(line)
     with _replacing(output) as work, quiet():
         copies = _copy_upright(paths, work / "photos", report)
         names = list(copies)
@@ -80,6 +82,8 @@ def _replacing(output: Path) -> Iterator[Path]:
     except OSError as problem:
         if problem.errno in (errno.ENOSPC, errno.EDQUOT):
             raise _full(output) from None
+        if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise BadInput(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
         if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
             raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
         raise

@@ -18,7 +18,7 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     Raises BadInput where it cannot be read at all.
     """
     path = run.find_run(None) if path is None else path
-    clouds = path.glob("point_cloud/iteration_*/point_cloud.ply")
+    clouds = path.glob(run.CLOUDS)
     if run.is_run(path):
         findings = examine_run(path, report)
     elif newest := max(clouds, key=lambda cloud: cloud.stat().st_mtime_ns, default=None):

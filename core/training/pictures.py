@@ -16,14 +16,24 @@ from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
 from core.data.split import name_them
 from core.device import CPU
-from core.errors import BadInput
+from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.training.photometric import Target
 
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
+SMALLEST_WIDTH_PX = 16  # below, a width is taken for a mistyped divisor
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
+
+
+def check_resolution(resolution: int) -> None:
+    """Raise BadSetting for a width in px at which photos show nothing: most likely it was meant to divide their size."""
+    if 0 <= resolution < SMALLEST_WIDTH_PX and resolution not in DIVISORS:
+        raise BadSetting(
+            f"resolution={resolution} would make photos {resolution} px wide.",
+            f"Type -r 1, 2, 4 or 8 to divide their size, or a width of {SMALLEST_WIDTH_PX} px and more.",
+        )
 
 
 def training_size(photo: Photo, resolution: int, auto_factor: float) -> tuple[int, int]:

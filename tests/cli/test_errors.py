@@ -100,3 +100,10 @@ def test_a_command_to_type_can_be_pasted():
     line = command("wegs", "train", Path("my photos"), "-o", Path("runs/a"))
     assert line == "wegs train 'my photos' -o runs/a"
     assert shlex.split(line)[2] == "my photos"
+    assert command("wegs", "train", Path("-x"), "-o", "a") == "wegs train ./-x -o a"
+
+
+def test_a_program_without_a_terminal_works_all_the_same():
+    program = "import sys; sys.stdout = sys.stderr = None; from wegs_cli.main import run; run()"
+    done = subprocess.run([sys.executable, "-c", program, "--version"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

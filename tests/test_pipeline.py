@@ -146,6 +146,8 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
         data[name] = read_ply(tmp_path / f"{name}.ply").sh
     assert torch.equal(data["a"], data["b"]) and not torch.equal(data["a"], data["c"])
     live = pipeline.load_run(folder)
+    with pytest.raises(BadInput, match="a name such as noon"):
+        pipeline.find_appearance(live, "Noo")
     by_path = pipeline.find_appearance(live, str(folder / "appearance" / "noon.json"))
     assert by_path.source == "training photo photo_0.png"
 
@@ -168,7 +170,8 @@ def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outs
         ("none.json", "no saved look"),
         ("tiny.png", "1 x 1 px"),
         ("text.png", "text.png"),
-        (".", "neither a photo file"),
+        (".", "is a folder, not a photo"),
+        (" ", "no name"),
     ],
 )
 def test_a_look_that_is_none_is_refused_and_nothing_is_written(trained, tmp_path, monkeypatch, word, words):

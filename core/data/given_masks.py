@@ -12,7 +12,7 @@ from core.errors import BadInput
 def with_masks(collection: Collection, folder: Path) -> Collection:
     """The collection whose training photos know their masks in `folder`; white = use, any format, in any size.
 
-    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`; for photos in folders (`left/0001.jpg`) a mask in the
+    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's do; for photos in folders (`left/0001.jpg`) a mask in the
     same folder beats one in `folder` itself. A photo without a mask is used whole. Held-out photos get none: masks never
     enter a figure. Notes say how many there are, and which are missing, are of another size than their photo (they are
     resized, nearest pixel) or belong to no photo. Raises BadInput for a folder without any match, and for two
@@ -23,8 +23,9 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     listed = {place: _by_stem(folder / place) for place in {".", *(_place(photo.name) for photo in collection.photos)}}
     masks = {}
     for photo in collection.photos:
-        stem = Path(photo.name).stem
-        masks[photo.name] = listed[_place(photo.name)].get(stem) or listed["."].get(stem)
+        name = Path(photo.name)
+        folders = listed[_place(photo.name)], listed["."]
+        masks[photo.name] = next((found[key] for found in folders for key in (name.name, name.stem) if key in found), None)
     training = collection.split("train")
     known = {photo.name: masks[photo.name] for photo in training if masks[photo.name]}
     if not known:

@@ -22,6 +22,7 @@ from core.training.photometric import Target
 
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
+USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
 SMALLEST_WIDTH_PX = 16  # below, a width is taken for a mistyped divisor
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
@@ -102,7 +103,7 @@ class Pictures:
                 self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px, device))
             except BadInput as problem:
                 damaged.append(named_with_fault(photo.name, photo.path, problem))
-        self.notes = name_them("damaged, not used", damaged)
+        self.notes = name_them("damaged, not used", damaged) + _doubtful_masks(self.pictures)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
         self._most_bytes = _most_bytes(device)
@@ -132,6 +133,14 @@ class Pictures:
                 camera = self.pictures[old].camera
                 self._bytes -= _bytes(camera.width // old_factor, camera.height // old_factor)
         return picture.camera.resized(width, height), self._targets[key]
+
+
+def _doubtful_masks(pictures: list[Picture]) -> list[str]:
+    """A note where the masks that the user gave leave little of the photos they belong to."""
+    left = [1.0 if picture.valid is None else picture.valid.mean() for picture in pictures if picture.photo.mask]
+    if not left or np.mean(left) >= USUAL_SHARE:
+        return []
+    return [f"The masks leave {np.mean(left):.0%} of their photos: white is what is used. Invert them if it marks what is not."]
 
 
 def _most_bytes(device: torch.device) -> float:

@@ -39,6 +39,11 @@ def path_of(folder: Path, name: str) -> Path:
     return folder / FOLDER / f"{name.removesuffix('.json')}.json"
 
 
+def names(folder: Path) -> list[str]:
+    """The looks that a run keeps."""
+    return sorted(path.stem for path in (folder / FOLDER).glob("*.json"))
+
+
 def save(folder: Path, look: SavedLook) -> Path:
     """Write the look into a run folder, in place of an older one of that name."""
     path = path_of(folder, look.name)

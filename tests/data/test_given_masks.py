@@ -48,6 +48,13 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     assert [tuple(vars(photo).values()) for photo in again.photos] == [tuple(vars(photo).values()) for photo in found.photos]
 
 
+def test_masks_named_as_colmap_names_them_are_found(collection, tmp_path):
+    folder = tmp_path / "masks"
+    wanted = [save_mask(folder / f"photo_{index}.png.png") for index in (0, 1)]
+    found = with_masks(collection, folder)
+    assert [photo.mask for photo in found.photos[:2]] == wanted and "no photo in use" not in "".join(found.notes)
+
+
 def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_path):
     folder = tmp_path / "masks"
     names = {"photo_0.png": "left/a.jpg", "photo_1.png": "right/a.jpg", "photo_3.png": "right/b.jpg"}

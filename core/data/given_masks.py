@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.photo_file import list_photos, probe
+from core.data.photo_file import SUFFIXES, list_photos, probe
 from core.data.split import counted, name_them
 from core.errors import BadInput
 
@@ -23,9 +23,9 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     listed = {place: _by_stem(folder / place) for place in {".", *(_place(photo.name) for photo in collection.photos)}}
     masks = {}
     for photo in collection.photos:
-        name = Path(photo.name)
         folders = listed[_place(photo.name)], listed["."]
-        masks[photo.name] = next((found[key] for found in folders for key in (name.name, name.stem) if key in found), None)
+        stems = _stems_of_masks(Path(photo.name))
+        masks[photo.name] = next((found[stem] for found in folders for stem in stems if stem in found), None)
     training = collection.split("train")
     known = {photo.name: masks[photo.name] for photo in training if masks[photo.name]}
     if not known:
@@ -57,6 +57,14 @@ def with_masks_of(collection: Collection, before: Collection) -> Collection:
 
 def _place(name: str) -> str:
     return str(Path(name).parent)
+
+
+def _stems_of_masks(photo: Path) -> list[str]:
+    """The stems that a mask of the photo may have, the first that is found counts."""
+    stems = [photo.name, photo.stem]
+    if Path(photo.stem).suffix.lower() in SUFFIXES:  # 0001.png became 0001.png.jpg when its camera was found
+        stems.append(Path(photo.stem).stem)
+    return stems
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:

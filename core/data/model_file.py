@@ -20,7 +20,7 @@ POSE_BYTES = 7 * 8  # quaternion and translation
 
 
 if threading.current_thread() is threading.main_thread():  # Python sets handlers in no other
-    # Importing pycolmap makes SIGTERM print pages of C++ addresses; what Python had is put back.
+    # Importing pycolmap makes SIGTERM print pages of C++ addresses and end the program; what Python had is put back.
     signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM) or signal.SIG_DFL)
 
 

@@ -43,6 +43,7 @@ def outcome_of(problem: BaseException):
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long.", 1),
         (UnicodeEncodeError("utf-8", "photos \udcfe", 7, 8, "no"), r"'photos \udcfe' cannot be written as utf-8", 1),
         (MemoryError(), "not enough memory", 1),
+        (RuntimeError("cannot cache function 'f': no locator available for file 'f.py'"), "Set NUMBA_CACHE_DIR", 1),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes"), "not enough memory", 1),
     ],
 )
@@ -101,6 +102,17 @@ def test_a_command_to_type_can_be_pasted():
     assert line == "wegs train 'my photos' -o runs/a"
     assert shlex.split(line)[2] == "my photos"
     assert command("wegs", "train", Path("-x"), "-o", "a") == "wegs train ./-x -o a"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
+def test_sigterm_is_a_ctrl_c_also_once_the_engine_is_loaded(tmp_path):
+    """pycolmap, which core.data imports, sets a handler of its own."""
+    lines = ("import os, signal, click, core.data", "@click.command()", "def stop():", "    os.kill(os.getpid(), signal.SIGTERM)")
+    (tmp_path / "stopped.py").write_text("\n".join(lines))
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
+    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
 
 
 def test_a_program_without_a_terminal_works_all_the_same():

@@ -15,7 +15,7 @@ from core.data.collection import Collection, Photo
 from core.data.found_cameras import scene_of_photos
 from core.data.given_masks import with_masks, with_masks_of
 from core.data.photo_file import named_with_fault
-from core.data.split import counted, name_them
+from core.data.split import counted, list_names, name_them
 from core.errors import BadInput, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
@@ -30,7 +30,7 @@ from core.training import checkpoint, run, saved_look
 from core.training.claim import held, new_run
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
-from core.training.look_file import write_look
+from core.training.look_file import next_step, write_look
 from core.training.masks import write_masks
 from core.training.pictures import check_resolution
 from core.training.trained import Run, bake, blend, find_appearance, load_run
@@ -119,9 +119,10 @@ def _go_on(folder: Path, report: Report) -> Path:
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
     collection = with_masks_of(load_collection(before.root), before)
     trainer = Trainer(collection, settings, folder)
-    names = [picture.photo.name for picture in trainer.pictures.pictures]
-    if collection.essence != before.essence or names != saved.facts["photos"]:
-        raise BadInput(f"The photos in {before.root} are not those that {folder} began with.", "Train a new run.")
+    names = {picture.photo.name for picture in trainer.pictures.pictures}
+    if changed := collection.changed_since(before) or sorted(names ^ set(saved.facts["photos"])):
+        what = f"The photos in {before.root} are not those that {folder} began with: {list_names(changed)} differ or are gone"
+        raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
     report.say(f"Going on with {folder} from step {saved.facts['step']}")
     run.rewind_history(folder, saved.facts["step"])
     with checkpoint.fitting(path):
@@ -157,9 +158,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
     if masks:
         rows.append(("masks", str(folder / "masks")))
     report.table("Done", rows)
-    which = [] if run.is_default(folder) else ["--run", folder]
-    advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
-    report.say(f"Next: {advice}   (any photo; then open look.ply in a 3DGS viewer)")
+    report.say(f"Next: {next_step(trained, neutral)}")
     return folder
 
 

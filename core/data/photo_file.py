@@ -63,7 +63,7 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
         return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
     below = sorted(path.name for path in folder.iterdir() if path.is_dir() and list_photos(path))
     if below:
-        return BadInput(f"{folder} holds {what}, but its folder {below[0]} does.", "Name that folder, or put all photos into one.")
+        return BadInput(f"{folder} holds {what}; there are photos in its folder {below[0]}.", "Name that folder, or put all photos into one.")
     return BadInput(f"{folder} holds {what}.", "Give the folder that holds your photos.")
 
 

@@ -50,7 +50,7 @@ def test_photos_without_a_model(tmp_path, folder):
 
 def test_what_lies_around_instead_of_photos_is_named(tmp_path):
     save_photo(tmp_path / "days" / "monday" / "a.jpg")
-    with pytest.raises(BadInput, match="days holds no photos and no COLMAP model, but its folder monday does. Name that"):
+    with pytest.raises(BadInput, match="days holds no photos and no COLMAP model; there are photos in its folder monday. Name that"):
         find_kind(tmp_path / "days")
     root = SmallScene().write(tmp_path / "scene")
     with pytest.raises(BadInput, match="holds a COLMAP model, but not the photos.*folder above"):

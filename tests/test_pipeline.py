@@ -13,7 +13,6 @@ import torch
 
 import core.rasterizer
 from core import pipeline
-from core.data import found_cameras
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.training import run
@@ -307,26 +306,3 @@ def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
     assert path.read_text() == before and not (tmp_path / "b.ply").exists()
     pipeline.export(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True)
     assert path.read_text() != before
-
-
-# --- plain photos
-
-
-def test_cameras_of_plain_photos_are_found_once(small_scene, tmp_path, monkeypatch):
-    calls = []
-
-    def reconstruct(photos, output, report):
-        calls.append(output.name)
-        output.mkdir(parents=True)
-
-    monkeypatch.setattr(found_cameras.sfm, "reconstruct", reconstruct)
-    photos = tmp_path / "photos"
-    shutil.copytree(small_scene, photos)
-    wanted = tmp_path / "runs" / "photos-scene"
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()) == wanted
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()) == wanted
-    assert calls == ["photos-scene"]
-    (photos / "photo_0.png").unlink()  # other photos: the scene that is there is not theirs
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
-    assert calls == ["photos-scene", "photos-scene-2"]

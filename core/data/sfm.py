@@ -73,6 +73,9 @@ def _replacing(output: Path) -> Iterator[Path]:
     work = output.with_name(f".{output.name}.{os.getpid()}")
     try:
         work.mkdir(parents=True)
+    except OSError as problem:
+        raise BadInput(f"The folder {output} could not be made: {problem.strerror}.", "Choose another -o.") from None
+    try:
         yield work
         if output.is_dir():
             output.rmdir()  # empty, as was checked

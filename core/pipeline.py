@@ -23,7 +23,7 @@ from core.evaluation.results import Results
 from core.evaluation.sheet import picture_sheet
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
-from core.export.atomic import check_file, filling
+from core.export.atomic import check_file, check_folder, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
 from core.training import checkpoint, run, saved_look
@@ -208,8 +208,8 @@ def export(
     if output.exists() and not force:
         raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
     trained = load_run(run.find_run(folder))
-    if save_as is not None and (kept := saved_look.path_of(trained.folder, save_as)).exists() and not force:
-        raise BadInput(f"{kept} exists.", "Add --force to replace it, or choose another name.")
+    if save_as is not None:
+        saved_look.check_free(trained.folder, save_as, force)
     appearance = find_appearance(trained, word, mask)
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {appearance.source}")
     for note in trained.collection.frame.offset_notes():
@@ -270,6 +270,7 @@ def interpolate(
 def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True) -> Results:
     """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png into the run."""
     trained = load_run(run.find_run(folder))
+    check_folder(trained.folder)
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train on a scene whose split has test photos.")

@@ -13,6 +13,7 @@ import torch
 
 import core.rasterizer
 from core import pipeline
+from core.bench import suite
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.training import run
@@ -306,3 +307,17 @@ def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
     assert path.read_text() == before and not (tmp_path / "b.ply").exists()
     pipeline.export(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True)
     assert path.read_text() != before
+
+
+def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
+    monkeypatch.setattr(pipeline, "subject_of", None)
+    monkeypatch.setattr("os.access", lambda path, mode: trained[0] not in (Path(path), Path(path).parent))
+    for need in (
+        lambda: pipeline.evaluate(trained[0]),
+        lambda: pipeline.export(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
+        lambda: suite.curves((trained[0],), ("half",), True, Heard()),
+    ):
+        with pytest.raises(BadInput, match="may not be written in"):
+            need()
+    assert list(tmp_path.iterdir()) == []

@@ -126,6 +126,10 @@ def wegs(memory: float | None) -> None:
 
 def run() -> None:
     """The console command `wegs`."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:  # where Python finds no module, and torch does not load
+        sys.exit("wegs: The folder you are in was removed. Type: cd, or go to another.")
     origin = foreign_core()
     if origin is not None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."

@@ -93,6 +93,14 @@ def test_a_foreign_core_is_named(tmp_path):
     assert len(done.stderr.strip().splitlines()) == 1 and str(tmp_path / "core") in done.stderr
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows removes no folder that a program is in")
+def test_a_folder_that_was_removed_is_named(tmp_path):
+    program = f"import os; from wegs_cli.main import run; os.chdir({str(tmp_path)!r}); os.rmdir({str(tmp_path)!r}); run()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "The folder you are in was removed" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
 def test_our_core_is_recognised():
     assert main.foreign_core() is None
 

@@ -24,6 +24,7 @@ BATCHES = 24  # features and matches are computed in so many parts, to tell of p
 LEAST_PHOTOS = 2
 JPEG_QUALITY = 95
 SEED = 0
+PARTS = ("images", "sparse")  # of a scene; the last makes it one
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
@@ -69,17 +70,22 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
 
 @contextmanager
 def _replacing(output: Path) -> Iterator[Path]:
-    """A temporary folder beside `output`; its folder scene/ becomes `output` when the block ends well."""
-    work = output.with_name(f".{output.name}.{os.getpid()}")
+    """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
+
+    It lies beside `output`, or inside where that is there, empty: it may be a disk of its own (a container's volume).
+    """
+    is_there = output.is_dir()
+    work = (output if is_there else output.parent) / f".{output.name}.{os.getpid()}"
     try:
         work.mkdir(parents=True)
     except OSError as problem:
         raise BadInput(f"The folder {output} could not be made: {problem.strerror}.", "Choose another -o.") from None
     try:
         yield work
-        if output.is_dir():
-            output.rmdir()  # empty, as was checked
-        os.replace(work / "scene", output)
+        for part in PARTS if is_there else ():
+            os.replace(work / "scene" / part, output / part)
+        if not is_there:
+            os.replace(work / "scene", output)
     except WegsError:
         raise
     except OSError as problem:

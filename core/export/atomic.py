@@ -85,8 +85,8 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
-    whole = folder.resolve()  # "." has no name that another could stand beside
-    temporary = whole.with_name(f".{whole.name}.{os.getpid()}")
+    # Inside a folder that is there: it may be a disk of its own, where no file can be moved from beside it.
+    temporary = (folder if folder.exists() else folder.parent) / f".{folder.resolve().name}.{os.getpid()}"
     try:
         with _named(folder):
             temporary.mkdir(parents=True)

@@ -165,6 +165,15 @@ def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
     assert list(tmp_path.iterdir()) == [theirs.parent] and theirs.read_text() == "precious"
 
 
+def test_an_empty_folder_is_filled_from_within(tmp_path):
+    """It may be a disk of its own: it can be neither removed nor moved onto."""
+    with sfm._replacing(tmp_path) as work:
+        assert work.parent == tmp_path
+        for part in sfm.PARTS:
+            (work / "scene" / part).mkdir(parents=True)
+    assert {path.name for path in tmp_path.iterdir()} == set(sfm.PARTS)
+
+
 def test_photos_in_formats_of_phones_are_named(tmp_path):
     noise_photo(tmp_path / "0.jpg", 0)
     (tmp_path / "IMG_1.HEIC").write_bytes(b"x")

@@ -170,6 +170,8 @@ def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
     assert checkpoint.newest(tmp_path) == path
     loaded = checkpoint.load(path)
     assert torch.equal(loaded.part("a")["b"], torch.arange(3)) and loaded.facts["step"] == 7
+    (tmp_path / "other").touch()
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode  # whoever may read a file may read a checkpoint
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(BadInput, match="not a readable checkpoint"):
         checkpoint.load(path)

@@ -12,9 +12,9 @@ from core.errors import BadInput
 def with_masks(collection: Collection, folder: Path) -> Collection:
     """The collection whose training photos know their masks in `folder`; white = use, any format, in any size.
 
-    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's do; for photos in folders (`left/0001.jpg`) a mask in the
-    same folder beats one in `folder` itself. A photo without a mask is used whole. Held-out photos get none: masks never
-    enter a figure. Notes say how many there are, and which are missing, are of another size than their photo (they are
+    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's
+    do; for photos in folders (`left/0001.jpg`) a mask in the same folder beats one in `folder` itself. A photo without a mask
+    is used whole. Held-out photos get none: masks never enter a figure. Notes say how many there are, and which are missing, are of another size than their photo (they are
     resized, nearest pixel) or belong to no photo. Raises BadInput for a folder without any match, and for two
     masks of one photo.
     """

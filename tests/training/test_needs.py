@@ -186,8 +186,8 @@ def test_the_exposure_mode_is_no_worse_than_the_full_transfer_where_only_exposur
             settings = Settings(seed=seed, appearance=appearance, **changes, **SMALL)
             trainer = trained(collection, tmp_path / f"{appearance}-{seed}", settings)
             quality[trainer.settings.appearance] += trainer.held_out_quality()[0] / 3
-    # dB. Four held-out photos after 200 steps: single runs differ by 2, means of three by about 1.
-    assert quality["exposure"] >= quality["full"] - 1.0
+    # dB. Four held-out photos after 200 steps: single runs have a standard deviation of 1.2, so differences of means of three one of 1.
+    assert quality["exposure"] >= quality["full"] - 2.5
 
 
 # --- the run keeps what was decided

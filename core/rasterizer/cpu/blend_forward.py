@@ -1,8 +1,8 @@
 """The picture: splats blended over each other, front to back, tile by tile (3DGS equation 3)."""
 
 import numpy as np
-from numba import njit
 
+from core.compiled import exact_kernel, exact_part
 from core.rasterizer.contract import STOP_TRANSMITTANCE
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import SLOT, SPLAT
@@ -41,7 +41,7 @@ RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES
 STATE = 4 * LANES
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@exact_kernel
 def blend_forward(
     counter, tile_starts, entries, footprints, background,
     image, transmittance, drawn_chunks, strongest,
@@ -80,7 +80,7 @@ def blend_forward(
         write_tile(state, background, left, top, image, transmittance)
 
 
-@njit(error_model="numpy")
+@exact_part
 def clear(state, width, height):
     """Nothing blended yet; pixels beyond `width` and `height` (from the tile's corner) are finished from the start."""
     state[:] = 0
@@ -90,7 +90,7 @@ def clear(state, width, height):
             state[chunk * STATE + lane] = 1.0 if x + lane < width and y < height else -1.0
 
 
-@njit(error_model="numpy")
+@exact_part
 def unfinished_chunks(state):
     chunks = np.uint32(0)
     for chunk in range(CHUNKS):
@@ -99,7 +99,7 @@ def unfinished_chunks(state):
     return chunks
 
 
-@njit(error_model="numpy")
+@exact_part
 def blend_splat(chunks, footprints, i, terms, at, state):
     """Blend splat `i` into the given chunks; lane by lane the largest weight that it got."""
     sharpness = broadcast(footprints[i, footprint.SHARPNESS])
@@ -126,7 +126,7 @@ def blend_splat(chunks, footprints, i, terms, at, state):
     return largest
 
 
-@njit(error_model="numpy")
+@exact_part
 def write_tile(state, background, left, top, image, transmittance):
     """Put the tile's pixels over the background into the picture."""
     height, width = transmittance.shape

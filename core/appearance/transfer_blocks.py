@@ -75,12 +75,18 @@ def multiply(left, turned, right, start, into, least):
 
 
 @part
-def read_strip(learned, means, octaves, begin, end, inputs, places):
-    """Rows begin..end of both parts of the input: `learned` as it is, places encoded and transposed; zeros beyond."""
+def copy_rows(learned, begin, end, inputs):
+    """Rows begin..end of the learned part of the input; zeros beyond."""
     for i in range(end - begin):
         for j in range(learned.shape[1]):
             inputs[i, j] = learned[begin + i, j]
     inputs[end - begin :] = 0
+
+
+@part
+def read_strip(learned, means, octaves, begin, end, inputs, places):
+    """Rows begin..end of both parts of the input: `learned` as it is, places encoded and transposed; zeros beyond."""
+    copy_rows(learned, begin, end, inputs)
     encode_places(means[begin:end], octaves, places[: _encoded_size(3, octaves)])
 
 
@@ -118,16 +124,31 @@ def evaluate(
 
 
 @kernel
-def differentiate(
-    begin, end, learned, means, octaves, bound, output, output_gradient, kept,
-    back_learned, back_hidden, back_output, back_skip,
-    to_learned, to_learned_weight, to_place_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
-    to_output_weight, to_skip_weight, to_output_bias,
+def differentiate_output(
+    begin, end, learned, bound, output, output_gradient, kept, to_output_weight, to_skip_weight, to_output_bias,
 ):  # fmt: skip
-    """From dL/d(output), rows begin..end, to dL/d(learned), and add to dL/d(weights), turned and padded (also to quads).
+    """From dL/d(output), rows begin..end, add to dL/d(weights) of the output layer, turned and padded (also to quads).
 
     output, kept: as `evaluate` left them, without a base. What is wanted may be empty: then nobody asks for it.
     """
+    inputs = np.zeros((STRIP, _padded(learned.shape[1], QUAD)), np.float32)
+    before_output = np.zeros((STRIP, _padded(output.shape[1], PANEL)), np.float32)
+    for first in range(begin, end, STRIP):
+        last = min(first + STRIP, end)
+        copy_rows(learned, first, last, inputs)
+        before_bound(output[first:last], output_gradient[first:last], bound, before_output)
+        add_products(inputs, True, before_output, to_skip_weight)
+        add_products(kept[kept.shape[0] - 1, first : first + STRIP], True, before_output, to_output_weight)
+        add_rows(before_output, to_output_bias)
+
+
+@kernel
+def differentiate_hidden(
+    begin, end, learned, means, octaves, bound, output, output_gradient, kept,
+    back_learned, back_hidden, back_output, back_skip,
+    to_learned, to_learned_weight, to_place_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
+):  # fmt: skip
+    """As `differentiate_output` for the hidden layers, and write dL/d(learned)."""
     columns, wide, layers = learned.shape[1], kept.shape[2], len(back_hidden)
     inputs = np.zeros((STRIP, _padded(columns, QUAD)), np.float32)
     places = np.zeros((_padded(_encoded_size(3, octaves), QUAD), STRIP), np.float32)
@@ -139,12 +160,8 @@ def differentiate(
         last = min(first + STRIP, end)
         read_strip(learned, means, octaves, first, last, inputs, places)
         before_bound(output[first:last], output_gradient[first:last], bound, before_output)
-        here = kept[layers, first : first + STRIP]
-        add_products(inputs, True, before_output, to_skip_weight)
-        add_products(here, True, before_output, to_output_weight)
-        add_rows(before_output, to_output_bias)
         multiply(before_output, False, back_output, nothing, gradient, ANY)
-        stop_at_zeros(gradient, here)
+        stop_at_zeros(gradient, kept[layers, first : first + STRIP])
         for layer in range(layers - 1, -1, -1):
             here = kept[layer, first : first + STRIP]
             if to_hidden_weights.size:

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from core.appearance.sh_transfer import SHTransfer
-from core.appearance.transfer_blocks import ANY, ZERO, differentiate, evaluate, multiply
+from core.appearance.transfer_blocks import ANY, ZERO, differentiate_hidden, differentiate_output, evaluate, multiply
 from tests.afresh import afresh
 from tests.small import whole_settings
 
@@ -44,7 +44,7 @@ def test_a_relu_keeps_what_is_not_a_number():
     assert np.isnan(result[1]).all() and (result[[0, 2, 3]] == 0).all()
 
 
-@pytest.mark.parametrize("kernel", [evaluate, differentiate], ids=["forward", "backward"])
+@pytest.mark.parametrize("kernel", [evaluate, differentiate_output, differentiate_hidden], ids=["forward", "output", "hidden"])
 def test_kernels_use_wide_registers(kernel):
     """A product whose vectors were lost is right and eight times as slow; nothing but the assembly tells."""
     features = llvmlite.binding.get_host_cpu_features()

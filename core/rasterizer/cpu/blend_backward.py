@@ -37,6 +37,7 @@ from core.simd import (
     lowest_set_bit,
     minimum,
     multiply_add,
+    prefetch,
     select,
     store,
 )
@@ -73,6 +74,11 @@ def blend_backward(
         for begin in range(tile_starts[tile], tile_starts[tile + 1], BATCH):
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
+                # As in the forward pass; here a third of the time, as the slots are jumped about in as well.
+                ahead = min(entry + BATCH, len(entries) - 1)
+                prefetch(footprints, entries[ahead, SPLAT] * footprint.WIDTH)
+                prefetch(drawn_chunks, entries[ahead, SLOT])
+                prefetch(slot_gradients, entries[ahead, SLOT] * SLOT_WIDTH)
                 at = (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, entries[entry, SPLAT], centre_x, centre_y, terms, at)
             for entry in range(begin, end):

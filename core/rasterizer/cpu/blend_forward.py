@@ -29,6 +29,7 @@ from core.simd import (
     maximum,
     minimum,
     multiply_add,
+    prefetch,
     select,
     store,
 )
@@ -68,6 +69,10 @@ def blend_forward(
                 break
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
+                # What the next batch will need: the lists jump about in memory, and waiting for it took a fifth of the time.
+                ahead = min(entry + BATCH, len(entries) - 1)
+                prefetch(footprints, entries[ahead, SPLAT] * footprint.WIDTH)
+                prefetch(drawn_chunks, entries[ahead, SLOT])
                 i, at = entries[entry, SPLAT], (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, i, centre_x, centre_y, terms, at)
                 chunks = touched_chunks(footprints[i, footprint.SHARPNESS], terms, at) & unfinished

@@ -70,14 +70,14 @@ class Settings:
     # --- losses
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1)
     mask_loss: str = setting("weighted", "How masks enter the picture loss: weighting the maps, or multiplying the pictures (paper).", choices=("weighted", "paper"))
-    mask_regularisation: float = setting(0.05, "Weight of mean((1 - M)^2) (L_regM).", low=0)
+    mask_regularisation: float = setting(0.00625, "Weight of mean((1 - M)^2) (L_regM).", low=0)
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
-    mask_start: float = setting(0.2, "Fraction at which the mask begins to learn.", low=0, high=1)
-    mask_apply: float = setting(0.3, "Fraction from which the mask weights the picture loss.", low=0, high=1)
+    mask_start: float = setting(0.35, "Fraction at which the mask begins to learn.", low=0, high=1)
+    mask_apply: float = setting(0.45, "Fraction from which the mask weights the picture loss.", low=0, high=1)
 
-    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
+    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training, where every other one is mirrored; 0: as they are.", low=0, high=1)
 
     # --- learning rates (Adam)
     mean_rate: float = setting(8e-4, "Of centres, decaying to a hundredth; scene units a step.", low=0)
@@ -183,7 +183,6 @@ PRESETS: dict[str, dict[str, Any]] = {
         "encoder_side_px": 256,
         "mask_loss": "paper",
         "sh_regularisation": 0.1,
-        "mask_regularisation": 0.12,
         "exposure_jitter": 0.0,
         "reach": 0.0,
         "largest_scale": 1.0,

@@ -29,5 +29,5 @@ class TrainingStopped(WegsError):
 
 
 def command(*words: str | Path) -> str:
-    """A command line to type; a word with spaces is quoted, so that it can be pasted."""
-    return shlex.join(map(str, words))
+    """A command line to type; a word with spaces is quoted, so that it can be pasted, and no path reads as an option."""
+    return shlex.join(f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words)

@@ -15,22 +15,24 @@ from core.data.collection import Collection, Photo
 from core.data.found_cameras import scene_of_photos
 from core.data.given_masks import with_masks, with_masks_of
 from core.data.photo_file import named_with_fault
-from core.data.split import counted, name_them
-from core.errors import BadInput, BadSetting, command
+from core.data.split import counted, list_names, name_them
+from core.errors import BadInput, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
 from core.evaluation.results import Results
 from core.evaluation.sheet import picture_sheet
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
-from core.export.atomic import check_file, filling
+from core.export.atomic import check_file, check_folder, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
 from core.training import checkpoint, run, saved_look
+from core.training.claim import held, new_run
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
-from core.training.look_file import write_look
+from core.training.look_file import next_step, write_look
 from core.training.masks import write_masks
+from core.training.pictures import check_resolution
 from core.training.trained import Run, bake, blend, find_appearance, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
@@ -72,32 +74,34 @@ def train(
     force: bool = False,
     masks: Path | None = None,
 ) -> Path:
-    """Train on the photos in `scene`; returns the run folder. The run is made once the scene has been read.
+    """Train on the photos in `scene`; returns the run folder, which nothing is written into before the scene is read.
 
     masks: a folder of pictures that are white where the photo of that name is to be used (core.data.given_masks).
 
     Plain photos go through structure from motion first; the scene it makes lies beside the run and is used again.
     """
-    if settings.resolution == 0:
-        raise BadSetting(
-            "resolution=0 is no size.", "Type -r 1, 2, 4 or 8 to divide the photos' size, or a width in px."
-        )
+    check_resolution(settings.resolution)
     # Refused before the minutes that cameras may take.
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
-    folder = run.choose_folder(output, name, force)
-    if find_kind(scene) == "photos":
-        scene = scene_of_photos(find_photos(scene), folder.parent / f"{name}-scene", report)
-    collection = load_collection(scene) if masks is None else with_masks(load_collection(scene), masks)
-    _tell_collection(collection, report)
-    trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, trainer.settings, trainer.decisions)
-    return _train(trainer, report)
+    with new_run(output, name, force) as folder:
+        if find_kind(scene) == "photos":
+            scene = scene_of_photos(find_photos(scene), folder.parent / f"{name}-scene", report)
+        collection = load_collection(scene) if masks is None else with_masks(load_collection(scene), masks)
+        _tell_collection(collection, report)
+        trainer = Trainer(collection, settings, folder)
+        run.create(folder, collection, trainer.settings, trainer.decisions)
+        return _train(trainer, report)
 
 
 def resume(folder: Path | None, report: Report = QUIET) -> Path:
     """Go on with a stopped run (default: the newest), as if it had never stopped."""
     folder = run.find_run(folder)
+    with held(folder):
+        return _go_on(folder, report)
+
+
+def _go_on(folder: Path, report: Report) -> Path:
     _, settings, before = run.read_config(folder)
     path = checkpoint.newest(folder)
     if path is None:
@@ -106,7 +110,7 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
             f"Type: {command('wegs', 'train', before.root, '-o', folder, '--force')}",
         )
     saved = checkpoint.load(path)
-    if saved.facts["step"] >= settings.steps:
+    if saved.facts["step"] >= settings.steps and any(folder.glob(run.CLOUDS)):  # else it was stopped just before its last file
         raise BadInput(
             f"{folder} is finished: {settings.steps} steps.",
             f"Type: {command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
@@ -115,9 +119,10 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
     collection = with_masks_of(load_collection(before.root), before)
     trainer = Trainer(collection, settings, folder)
-    names = [picture.photo.name for picture in trainer.pictures.pictures]
-    if _essence(collection) != _essence(before) or names != saved.facts["photos"]:
-        raise BadInput(f"The photos in {before.root} are not those that {folder} began with.", "Train a new run.")
+    names = {picture.photo.name for picture in trainer.pictures.pictures}
+    if changed := collection.changed_since(before) or sorted(names ^ set(saved.facts["photos"])):
+        what = f"The photos in {before.root} are not those that {folder} began with: {list_names(changed)} differ or are gone"
+        raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
     report.say(f"Going on with {folder} from step {saved.facts['step']}")
     run.rewind_history(folder, saved.facts["step"])
     with checkpoint.fitting(path):
@@ -142,8 +147,8 @@ def _train(trainer: Trainer, report: Report) -> Path:
                 raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")
     trained = load_run(folder)
     neutral = run.point_cloud_path(folder, trained.step)
-    write_look(trained, find_appearance(trained, "neutral"), neutral, report, trim_of(trained, report))
     masks = write_masks(folder, trainer.model, trainer.pictures)
+    write_look(trained, find_appearance(trained, "neutral"), neutral, report, trim_of(trained, report))
     rows = [
         ("run", str(folder)),
         ("steps", f"{trained.step} in {trainer.seconds:.0f} s"),
@@ -153,15 +158,8 @@ def _train(trainer: Trainer, report: Report) -> Path:
     if masks:
         rows.append(("masks", str(folder / "masks")))
     report.table("Done", rows)
-    which = [] if run.is_default(folder) else ["--run", folder]
-    advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
-    report.say(f"Next: {advice}   (any photo; then open look.ply in a 3DGS viewer)")
+    report.say(f"Next: {next_step(trained, neutral)}")
     return folder
-
-
-def _essence(collection: Collection) -> list[tuple]:
-    """What must not have changed for a run to go on."""
-    return [(photo.name, photo.split, photo.camera.centre.tolist()) for photo in collection.photos]
 
 
 def _tell_collection(collection: Collection, report: Report) -> None:
@@ -210,8 +208,8 @@ def export(
     if output.exists() and not force:
         raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
     trained = load_run(run.find_run(folder))
-    if save_as is not None and (kept := saved_look.path_of(trained.folder, save_as)).exists() and not force:
-        raise BadInput(f"{kept} exists.", "Add --force to replace it, or choose another name.")
+    if save_as is not None:
+        saved_look.check_free(trained.folder, save_as, force)
     appearance = find_appearance(trained, word, mask)
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {appearance.source}")
     for note in trained.collection.frame.offset_notes():
@@ -249,9 +247,9 @@ def interpolate(
     output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
     camera = trained.camera(photo)
     rasterizer = trained.rasterizer
-    trim = trim_of(trained, report) if ply else None
     report.say(f"{trained.folder}{trained.where}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
     with filling(output, FADE, force) as work:
+        trim = trim_of(trained, report) if ply else None
         frames = []
         for step in range(steps):
             appearance = blend(*ends, step / (steps - 1))
@@ -272,6 +270,7 @@ def interpolate(
 def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True) -> Results:
     """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png into the run."""
     trained = load_run(run.find_run(folder))
+    check_folder(trained.folder)
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train on a scene whose split has test photos.")

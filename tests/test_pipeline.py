@@ -13,7 +13,7 @@ import torch
 
 import core.rasterizer
 from core import pipeline
-from core.data import found_cameras
+from core.bench import suite
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.training import run
@@ -92,6 +92,9 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
         assert torch.equal(getattr(resumed.splats, name), tensor), name
     with pytest.raises(BadInput, match="is finished"):
         pipeline.resume(folder)
+    shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
+    pipeline.resume(folder)
+    assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()
 
 
 def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):
@@ -104,14 +107,15 @@ def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypat
     monkeypatch.setattr(pipeline, "load_collection", lambda path: fewer)
     monkeypatch.setattr(pipeline.checkpoint, "newest", lambda folder: folder / "checkpoint")
     monkeypatch.setattr(pipeline.checkpoint, "load", lambda path: pipeline.checkpoint.Checkpoint({}, {"step": 1}))
-    with pytest.raises(BadInput, match="not those that"):
+    with pytest.raises(BadInput, match="not those that .* began with: photo_0.png differ or are gone. Put them back"):
         pipeline.resume(folder)
 
 
 def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     output = tmp_path / "run"
-    for changes, word in (({"device": "cuda"}, "finds no NVIDIA GPU"), ({"resolution": 0}, "-r 1")):
+    refused = [({"device": "cuda"}, "finds no NVIDIA GPU"), *(({"resolution": width}, "-r 1") for width in (0, 3, 15))]
+    for changes, word in refused:
         with pytest.raises(BadSetting, match=word):
             pipeline.train(small_scene, small_settings(**changes), output)
     assert list(tmp_path.iterdir()) == []
@@ -142,6 +146,8 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
         data[name] = read_ply(tmp_path / f"{name}.ply").sh
     assert torch.equal(data["a"], data["b"]) and not torch.equal(data["a"], data["c"])
     live = pipeline.load_run(folder)
+    with pytest.raises(BadInput, match="a name such as noon"):
+        pipeline.find_appearance(live, "Noo")
     by_path = pipeline.find_appearance(live, str(folder / "appearance" / "noon.json"))
     assert by_path.source == "training photo photo_0.png"
 
@@ -164,7 +170,8 @@ def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outs
         ("none.json", "no saved look"),
         ("tiny.png", "1 x 1 px"),
         ("text.png", "text.png"),
-        (".", "neither a photo file"),
+        (".", "is a folder, not a photo"),
+        (" ", "no name"),
     ],
 )
 def test_a_look_that_is_none_is_refused_and_nothing_is_written(trained, tmp_path, monkeypatch, word, words):
@@ -302,24 +309,15 @@ def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
     assert path.read_text() != before
 
 
-# --- plain photos
-
-
-def test_cameras_of_plain_photos_are_found_once(small_scene, tmp_path, monkeypatch):
-    calls = []
-
-    def reconstruct(photos, output, report):
-        calls.append(output.name)
-        output.mkdir(parents=True)
-
-    monkeypatch.setattr(found_cameras.sfm, "reconstruct", reconstruct)
-    photos = tmp_path / "photos"
-    shutil.copytree(small_scene, photos)
-    wanted = tmp_path / "runs" / "photos-scene"
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()) == wanted
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()) == wanted
-    assert calls == ["photos-scene"]
-    (photos / "photo_0.png").unlink()  # other photos: the scene that is there is not theirs
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
-    assert found_cameras.scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
-    assert calls == ["photos-scene", "photos-scene-2"]
+def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
+    monkeypatch.setattr(pipeline, "subject_of", None)
+    monkeypatch.setattr("os.access", lambda path, mode: trained[0] not in (Path(path), Path(path).parent))
+    for need in (
+        lambda: pipeline.evaluate(trained[0]),
+        lambda: pipeline.export(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
+        lambda: suite.curves((trained[0],), ("half",), True, Heard()),
+    ):
+        with pytest.raises(BadInput, match="may not be written in"):
+            need()
+    assert list(tmp_path.iterdir()) == []

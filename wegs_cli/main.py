@@ -3,6 +3,7 @@
 import errno
 import importlib.util
 import os
+import signal
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -74,6 +75,9 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
     if isinstance(problem, RuntimeError) and "CUDA out of memory" in str(problem):
         return "The memory of the GPU ran out. Lower -r/--resolution or --max-gaussians, or type --device cpu.", 1
+    # Numba's words: neither its package's folder nor the home folder may be written in, as in containers run by another user.
+    if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
+        return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
     # torch has no exception of its own for a CPU that ran out: the words are all there is.
     if isinstance(problem, MemoryError) or (
         isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
@@ -122,12 +126,20 @@ def wegs(memory: float | None) -> None:
 
 def run() -> None:
     """The console command `wegs`."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:  # where Python finds no module, and torch does not load
+        sys.exit("wegs: The folder you are in was removed. Type: cd, or go to another.")
     origin = foreign_core()
     if origin is not None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
+    # None where they were closed, as some schedulers do.
+    sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115 - open to the end
     for stream in (sys.stdout, sys.stderr):
         stream.reconfigure(errors="backslashreplace")  # a terminal without a letter shows its code
+    # What job schedulers and `kill` send is a Ctrl-C: half-written files and folders are removed, a training is kept.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     # Read once, when torch loads: OpenMP threads that spin while they wait keep the kernels' own threads from running.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     wegs(prog_name="wegs")

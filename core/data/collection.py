@@ -55,6 +55,11 @@ class Collection:
         """The photos of one split, in order of name."""
         return tuple(photo for photo in self.photos if photo.split == name)
 
+    def changed_since(self, before: "Collection") -> list[str]:
+        """The photos of either that are not in both with the same split and place: with them a run cannot go on."""
+        now, then = ({photo.name: (photo.split, *photo.camera.centre) for photo in one.photos} for one in (self, before))
+        return sorted(name for name in now.keys() | then.keys() if now.get(name) != then.get(name))
+
     def view(self, name: str | None) -> Photo:
         """The photo called `name`; for None the first held-out one, or the first. Raises BadInput where there is none."""
         if name is None:

@@ -8,7 +8,7 @@ import pycolmap
 
 from core.data import lens as lenses
 from core.data.collection import FAR, Collection, Photo, astray
-from core.data.model_file import holds_model, read_model
+from core.data.model_file import holds_model, lacking_files, read_model
 from core.data.photo_file import Header, list_photos, named_with_fault, probe
 from core.data.split import counted, name_them, split_photos
 from core.errors import BadInput
@@ -24,8 +24,23 @@ USUAL_FOCAL_LENGTHS = (0.1, 10.0)  # in lengths of the longer side: COLMAP's own
 
 
 def find_model(root: Path) -> Path | None:
-    """The folder of the COLMAP model below `root`, or None."""
-    return next((root / name for name in MODEL_FOLDERS if holds_model(root / name)), None)
+    """The folder of the COLMAP model below `root`, or None; BadInput where files of it are missing."""
+    folders = [root / name for name in MODEL_FOLDERS]
+    folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
+    for folder in folders:
+        if holds_model(folder):
+            return folder
+    for folder in folders:
+        if lacking := lacking_files(folder):
+            fix = "Copy it again, or remove the folder to have the cameras found anew."
+            raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking)}.", fix)
+    return None
+
+
+def _numbered(folder: Path) -> list[Path]:
+    """The models that COLMAP writes where the photos fell apart, 0, 1, ...: in no order of size."""
+    found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
+    return sorted(found, key=lambda path: int(path.name))
 
 
 def load_colmap(root: Path, model: Path, kind: str) -> Collection:
@@ -100,16 +115,15 @@ def _points(
 
 
 def _other_models(model: Path) -> list[str]:
-    """COLMAP writes sparse/0, sparse/1, ... where the photos fell apart, in no order of size."""
-    if model.name != "0":
+    if not model.name.isdecimal():
         return []
-    others = sorted(folder.name for folder in model.parent.iterdir() if folder != model and holds_model(folder))
+    others = [folder.name for folder in _numbered(model.parent) if folder != model and holds_model(folder)]
     return [f"{model.parent} holds other models as well ({', '.join(others)}); {model.name} is used."] if others else []
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
     """The folder that holds most of the model's photos: images/, images_N/, the same below dense/, or root itself."""
-    near = model.parent if model.name != "0" else model.parent.parent
+    near = model.parent.parent if model.name.isdecimal() else model.parent
     candidates = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
     return max(candidates, key=lambda folder: sum((folder / name).is_file() for name in names))  # the first of equals
 

@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 
 from core.data import sfm
+from core.data.colmap import MODEL_FOLDERS
+from core.data.model_file import holds_model
 from core.data.photo_file import list_photos
 from core.report import Report
 
@@ -24,6 +26,9 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
             return scene
         number += 1
         scene = wanted.with_name(f"{wanted.name}-{number}")
+    above = photos.resolve().parent
+    if any(holds_model(above / name) for name in MODEL_FOLDERS):
+        report.warn(f"{above} holds a COLMAP model: give that folder to use its cameras. Now they are found anew.")
     sfm.reconstruct(photos, scene, report)
     (scene / MARK).write_text(json.dumps(made_of, indent=1), encoding="utf-8")
     return scene

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.photo_file import list_photos, probe
+from core.data.photo_file import SUFFIXES, list_photos, probe
 from core.data.split import counted, name_them
 from core.errors import BadInput
 
@@ -12,7 +12,7 @@ from core.errors import BadInput
 def with_masks(collection: Collection, folder: Path) -> Collection:
     """The collection whose training photos know their masks in `folder`; white = use, any format, in any size.
 
-    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`; for photos in folders (`left/0001.jpg`) a mask in the
+    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's do; for photos in folders (`left/0001.jpg`) a mask in the
     same folder beats one in `folder` itself. A photo without a mask is used whole. Held-out photos get none: masks never
     enter a figure. Notes say how many there are, and which are missing, are of another size than their photo (they are
     resized, nearest pixel) or belong to no photo. Raises BadInput for a folder without any match, and for two
@@ -23,8 +23,9 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     listed = {place: _by_stem(folder / place) for place in {".", *(_place(photo.name) for photo in collection.photos)}}
     masks = {}
     for photo in collection.photos:
-        stem = Path(photo.name).stem
-        masks[photo.name] = listed[_place(photo.name)].get(stem) or listed["."].get(stem)
+        folders = listed[_place(photo.name)], listed["."]
+        stems = _stems_of_masks(Path(photo.name))
+        masks[photo.name] = next((found[stem] for found in folders for stem in stems if stem in found), None)
     training = collection.split("train")
     known = {photo.name: masks[photo.name] for photo in training if masks[photo.name]}
     if not known:
@@ -56,6 +57,14 @@ def with_masks_of(collection: Collection, before: Collection) -> Collection:
 
 def _place(name: str) -> str:
     return str(Path(name).parent)
+
+
+def _stems_of_masks(photo: Path) -> list[str]:
+    """The stems that a mask of the photo may have, the first that is found counts."""
+    stems = [photo.name, photo.stem]
+    if Path(photo.stem).suffix.lower() in SUFFIXES:  # 0001.png became 0001.png.jpg when its camera was found
+        stems.append(Path(photo.stem).stem)
+    return stems
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from core.data.collection import Collection
 from core.data.colmap import find_model, load_colmap
-from core.data.photo_file import UNREADABLE_SUFFIXES, list_photos
+from core.data.model_file import holds_model
+from core.data.photo_file import list_photos, no_photos
 from core.data.phototourism import find_split_tables
 from core.errors import BadInput, command
 
@@ -57,7 +58,7 @@ def find_photos(path: Path) -> Path:
     for name in PHOTO_FOLDERS:
         if (path / name).is_dir() and list_photos(path / name):
             return path / name
-    others = sorted({file.suffix.lower() for file in path.iterdir()} & set(UNREADABLE_SUFFIXES))
-    if others:
-        raise BadInput(f"{path} holds only {', '.join(others)} photos, which cannot be read.", "Convert them to JPEG.")
-    raise BadInput(f"{path} holds no photos and no COLMAP model.", "Give the folder that holds your photos.")
+    if holds_model(path):
+        fix = "Give the folder above it that holds the photos as well."
+        raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)
+    raise no_photos(path, "no photos and no COLMAP model")

@@ -4,7 +4,9 @@ pycolmap 4.2 never returns from some truncated files and reads others as zeros, 
 record.
 """
 
+import signal
 import struct
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,9 +19,26 @@ PARTS = ("cameras", "images", "points3D")
 POSE_BYTES = 7 * 8  # quaternion and translation
 
 
+if threading.current_thread() is threading.main_thread():  # Python sets handlers in no other
+    # Importing pycolmap makes SIGTERM print pages of C++ addresses and end the program; what Python had is put back.
+    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM) or signal.SIG_DFL)
+
+
 def holds_model(folder: Path) -> bool:
     """Whether `folder` has the files of a COLMAP model, binary or text."""
-    return any(all((folder / f"{part}.{suffix}").is_file() for part in PARTS) for suffix in ("bin", "txt"))
+    return any(not missing for missing in _missing_files(folder))
+
+
+def lacking_files(folder: Path) -> list[str]:
+    """The files that `folder` lacks for the COLMAP model of which it has a part; none where it has all, or nothing."""
+    fewest = min(_missing_files(folder), key=len)
+    return fewest if len(fewest) < len(PARTS) else []
+
+
+def _missing_files(folder: Path) -> list[list[str]]:
+    """What is missing for a binary model, and for one in text."""
+    kinds = ([f"{part}.{suffix}" for part in PARTS] for suffix in ("bin", "txt"))
+    return [[name for name in names if not (folder / name).is_file()] for names in kinds]
 
 
 def read_model(folder: Path) -> pycolmap.Reconstruction:

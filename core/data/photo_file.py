@@ -50,6 +50,23 @@ def list_photos(folder: Path) -> list[Path]:
     return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
 
 
+def list_unreadable(folder: Path) -> list[Path]:
+    """The files in `folder` in formats of cameras and phones that cannot be read, by name."""
+    files = (path for path in folder.iterdir() if path.suffix.lower() in UNREADABLE_SUFFIXES)
+    return sorted(path for path in files if path.is_file() and not path.name.startswith("."))
+
+
+def no_photos(folder: Path, what: str = "no photos") -> BadInput:
+    """The error for a folder that holds none, `what` in words: it says what is there instead."""
+    if others := list_unreadable(folder):
+        suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
+        return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
+    below = sorted(path.name for path in folder.iterdir() if path.is_dir() and list_photos(path))
+    if below:
+        return BadInput(f"{folder} holds {what}; there are photos in its folder {below[0]}.", "Name that folder, or put all photos into one.")
+    return BadInput(f"{folder} holds {what}.", "Give the folder that holds your photos.")
+
+
 def bad_photo(path: Path, why: str) -> BadInput:
     """The error for a photo that cannot be used."""
     return BadInput(f"{path} {why}.", "Copy it again, or convert it to JPEG or PNG.")

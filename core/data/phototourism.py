@@ -26,7 +26,7 @@ class SplitTable:
 
 def find_split_tables(root: Path) -> list[Path]:
     """The .tsv files in `root`, by name."""
-    return sorted(path for path in root.glob("*.tsv") if not path.name.startswith("."))
+    return sorted(path for path in root.glob("*.tsv") if path.is_file() and not path.name.startswith("."))
 
 
 def read_split_table(path: Path) -> SplitTable:
@@ -51,8 +51,8 @@ def read_split_table(path: Path) -> SplitTable:
             continue
         if number.lower() in NO_ID:
             without_id.append(name)
-        elif split not in SPLITS:
+        elif split.lower() not in SPLITS:
             unknown_split.append(name)
         else:
-            splits[name] = split
+            splits[name] = split.lower()
     return SplitTable(path, splits, tuple(without_id), tuple(unknown_split))

@@ -12,7 +12,7 @@ import numpy as np
 import pycolmap
 
 from core.data.model_file import quiet
-from core.data.photo_file import JPEG_EXIF, Header, list_photos, probe, without_orientation
+from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
 from core.data.photos import read
 from core.data.split import counted, name_them
 from core.errors import BadInput, WegsError
@@ -24,6 +24,7 @@ BATCHES = 24  # features and matches are computed in so many parts, to tell of p
 LEAST_PHOTOS = 2
 JPEG_QUALITY = 95
 SEED = 0
+PARTS = ("images", "sparse")  # of a scene; the last makes it one
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
@@ -44,7 +45,9 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         raise BadInput(f"There is no folder {photos}.", "Give the folder that holds your photos.")
     paths = list_photos(photos)
     if not paths:
-        raise BadInput(f"{photos} holds no photos.", "Give the folder that holds your photos.")
+        raise no_photos(photos)
+    for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
+        report.warn(line)
     with _replacing(output) as work, quiet():
         copies = _copy_upright(paths, work / "photos", report)
         names = list(copies)
@@ -67,19 +70,29 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
 
 @contextmanager
 def _replacing(output: Path) -> Iterator[Path]:
-    """A temporary folder beside `output`; its folder scene/ becomes `output` when the block ends well."""
-    work = output.with_name(f".{output.name}.{os.getpid()}")
+    """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
+
+    It lies beside `output`, or inside where that is there, empty: it may be a disk of its own (a container's volume).
+    """
+    is_there = output.is_dir()
+    work = (output if is_there else output.parent) / f".{output.name}.{os.getpid()}"
     try:
         work.mkdir(parents=True)
+    except OSError as problem:
+        raise BadInput(f"The folder {output} could not be made: {problem.strerror}.", "Choose another -o.") from None
+    try:
         yield work
-        if output.is_dir():
-            output.rmdir()  # empty, as was checked
-        os.replace(work / "scene", output)
+        for part in PARTS if is_there else ():
+            os.replace(work / "scene" / part, output / part)
+        if not is_there:
+            os.replace(work / "scene", output)
     except WegsError:
         raise
     except OSError as problem:
         if problem.errno in (errno.ENOSPC, errno.EDQUOT):
             raise _full(output) from None
+        if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise BadInput(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
         if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
             raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
         raise

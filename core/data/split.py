@@ -33,7 +33,8 @@ def split_photos(root: Path, names: list[str], in_model: set[str]) -> tuple[dict
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
         return splits, [f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."]
     if "train" not in splits.values():
-        raise BadInput(f"{root / source} leaves no photo of this model to train on.", f"Correct or remove {source}.")
+        why = f": {'; '.join(notes)}" if notes else ""
+        raise BadInput(f"{root / source} leaves no photo of this model to train on{why}.", f"Correct or remove {source}.")
     if "test" not in splits.values():
         notes.append(f"{source} holds out none of these photos: quality on unseen photos cannot be measured.")
     return splits, notes

@@ -6,6 +6,7 @@ from core.doctor.finding import Finding, verdict
 from core.doctor.ply import examine_ply
 from core.doctor.run import examine_run
 from core.doctor.scene import examine_scene
+from core.errors import BadInput
 from core.report import Report
 from core.training import run
 
@@ -18,7 +19,9 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     Raises BadInput where it cannot be read at all.
     """
     path = run.find_run(None) if path is None else path
-    clouds = path.glob("point_cloud/iteration_*/point_cloud.ply")
+    if not path.exists():
+        raise BadInput(f"There is no {path}.", "Give a .ply, a run, a scene or a folder of photos.")
+    clouds = path.glob(run.CLOUDS)
     if run.is_run(path):
         findings = examine_run(path, report)
     elif newest := max(clouds, key=lambda cloud: cloud.stat().st_mtime_ns, default=None):

@@ -12,7 +12,11 @@ from typing import Any
 from core.errors import BadInput, WegsError, command
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-_REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
+_REFUSED = (
+    *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
+    *(errno.ENOENT, errno.ENOTDIR),  # the folder is gone
+    errno.EFBIG,  # of the disk (4 GB on FAT), or `ulimit -f`
+)
 
 
 def check_folder(folder: Path) -> None:
@@ -43,7 +47,7 @@ def _named(path: Path) -> Iterator[None]:
         if problem.errno in _FULL:
             raise WegsError(f"The disk is full: {path} was not written.", "Free some space and run it again.") from None
         if problem.errno in _REFUSED:
-            raise BadInput(f"{path} may not be written: {problem.strerror}.", "Write to another folder.") from None
+            raise BadInput(f"{path} could not be written: {problem.strerror}.", "Write to another folder.") from None
         raise
 
 
@@ -81,8 +85,8 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
-    whole = folder.resolve()  # "." has no name that another could stand beside
-    temporary = whole.with_name(f".{whole.name}.{os.getpid()}")
+    # Inside a folder that is there: it may be a disk of its own, where no file can be moved from beside it.
+    temporary = (folder if folder.exists() else folder.parent) / f".{folder.resolve().name}.{os.getpid()}"
     try:
         with _named(folder):
             temporary.mkdir(parents=True)

@@ -153,7 +153,8 @@ def _vertices(path: Path) -> np.ndarray:
             f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again."
         ) from None
     except (plyfile.PlyParseError, UnicodeDecodeError) as problem:
-        raise BadInput(f"{path} is not a .ply: {problem}.", "Give a 3DGS .ply.") from None
+        fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
+        raise BadInput(f"{path} is not a .ply: {fault}.", "Give a 3DGS .ply.") from None
     except KeyError:
         raise BadInput(f"{path} has no element `vertex`.", "Give a 3DGS .ply.") from None
     except ValueError:  # numpy cannot map zero rows

@@ -37,7 +37,10 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
     temporary = path.with_suffix(".tmp")
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.tensors.items()}
     try:
+        temporary.touch()
+        mode = temporary.stat().st_mode
         save_file(tensors, temporary, metadata={"wegs": json.dumps({"version": VERSION, **checkpoint.facts})})
+        temporary.chmod(mode)  # save_file leaves it to its owner alone: nobody else could bake from a shared folder
         os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         temporary.unlink(missing_ok=True)

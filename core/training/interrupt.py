@@ -1,26 +1,28 @@
-"""Ctrl-C that waits for the end of the step, so that what was learned can be kept."""
+"""A stop that waits for the end of the step, so that what was learned can be kept: Ctrl-C, or SIGTERM of a job scheduler."""
 
 import signal
 import threading
 from typing import Self
 
+STOPS = (signal.SIGINT, signal.SIGTERM)
+
 
 class StopRequest:
-    """Within its `with` block the first Ctrl-C sets `asked`; the second one interrupts at once, as without it."""
+    """Within its `with` block the first Ctrl-C or SIGTERM sets `asked`; the second one interrupts at once, as without it."""
 
     def __init__(self):
         self.asked = False
-        self._former = None
+        self._former = {}
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():  # Python takes signal handlers from no other thread
-            self._former = signal.signal(signal.SIGINT, self._ask)
+            self._former = {number: signal.signal(number, self._ask) for number in STOPS}
         return self
 
     def __exit__(self, *_) -> None:
-        if self._former is not None:
-            signal.signal(signal.SIGINT, self._former)
+        for number, handler in self._former.items():
+            signal.signal(number, handler)
 
     def _ask(self, *_) -> None:
         self.asked = True
-        signal.signal(signal.SIGINT, self._former)
+        self.__exit__()

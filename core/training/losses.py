@@ -1,4 +1,4 @@
-"""The losses beside the picture's own (paper section IV-C, with the gaps of the text closed)."""
+"""The losses beside the picture's own and the mask's (paper section IV-C, with the gaps of the text closed)."""
 
 import numpy as np
 import torch
@@ -10,39 +10,7 @@ from core.device import sent
 from core.scene.camera import Camera
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
-TYPICAL_ERROR = 0.05  # makes the weight of L_regM comparable with the picture's loss
-USUAL = 0.8  # passers-by seldom cover more than the rest
-LEAST_ERROR = 1 / 255  # below it an error is rounding
-LARGEST_EXCESS = 10.0  # one saturated lamp must not outweigh a photo
 COLLAPSED = 0.6  # a photo of which less counts as static is not a photo of this place
-
-
-def mask_loss(
-    mask: Float[Tensor, "1 h w"],
-    image: Float[Tensor, "H W 3"],
-    photo: Float[Tensor, "3 H W"],
-    regularisation: float,
-) -> Float[Tensor, ""]:
-    """What teaches the mask: it may hide a place only where the error there pays for it. Pictures are detached.
-
-    Picture and photo are compared after both were averaged down to the mask: a passer-by changes the mean colour of a place, detail
-    that is not learnt yet does not. The error counts in units of the photo's own large errors (their USUAL quantile), which
-    say how well the photo is learnt by now; only what exceeds them pays. (The median would not do: where half of a photo
-    is easy sky, it calls the landmark unusual.) A place is best hidden by
-    1 - M = TYPICAL_ERROR * (error / usual - 1) / (2 * regularisation). L_regM is the mean of (1 - M)^2.
-    """
-    difference = image.detach().permute(2, 0, 1) - photo
-    error = F.interpolate(difference[None], size=mask.shape[-2:], mode="area")[0].abs().mean(dim=0, keepdim=True)
-    excess = (error / quantile(error, USUAL).clamp_min(LEAST_ERROR) - 1).clamp(0, LARGEST_EXCESS)
-    return TYPICAL_ERROR * (mask * excess).mean() + regularisation * ((1 - mask) ** 2).mean()
-
-
-def quantile(values: Float[Tensor, "..."], share: float) -> Float[Tensor, ""]:
-    """torch.quantile of finite values, in three kernels of a GPU instead of twenty."""
-    ascending = values.flatten().sort().values
-    rank = np.float32(share) * np.float32(len(ascending) - 1)
-    below = int(rank)
-    return torch.lerp(ascending[below], ascending[min(below + 1, len(ascending) - 1)], float(rank - np.float32(below)))
 
 
 def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:

@@ -16,14 +16,25 @@ from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
 from core.data.split import name_them
 from core.device import CPU
-from core.errors import BadInput
+from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.training.photometric import Target
 
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
+USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
+SMALLEST_WIDTH_PX = 16  # below, a width is taken for a mistyped divisor
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
+
+
+def check_resolution(resolution: int) -> None:
+    """Raise BadSetting for a width in px at which photos show nothing: most likely it was meant to divide their size."""
+    if 0 <= resolution < SMALLEST_WIDTH_PX and resolution not in DIVISORS:
+        raise BadSetting(
+            f"resolution={resolution} would make photos {resolution} px wide.",
+            f"Type -r 1, 2, 4 or 8 to divide their size, or a width of {SMALLEST_WIDTH_PX} px and more.",
+        )
 
 
 def training_size(photo: Photo, resolution: int, auto_factor: float) -> tuple[int, int]:
@@ -92,7 +103,7 @@ class Pictures:
                 self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px, device))
             except BadInput as problem:
                 damaged.append(named_with_fault(photo.name, photo.path, problem))
-        self.notes = name_them("damaged, not used", damaged)
+        self.notes = name_them("damaged, not used", damaged) + _doubtful_masks(self.pictures)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
         self._most_bytes = _most_bytes(device)
@@ -122,6 +133,14 @@ class Pictures:
                 camera = self.pictures[old].camera
                 self._bytes -= _bytes(camera.width // old_factor, camera.height // old_factor)
         return picture.camera.resized(width, height), self._targets[key]
+
+
+def _doubtful_masks(pictures: list[Picture]) -> list[str]:
+    """A note where the masks that the user gave leave little of the photos they belong to."""
+    left = [1.0 if picture.valid is None else picture.valid.mean() for picture in pictures if picture.photo.mask]
+    if not left or np.mean(left) >= USUAL_SHARE:
+        return []
+    return [f"The masks leave {np.mean(left):.0%} of their photos: white is what is used. Invert them if it marks what is not."]
 
 
 def _most_bytes(device: torch.device) -> float:

@@ -6,6 +6,7 @@ history.csv, masks/, curves/, results.json and per_view.json are ours.
 
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
@@ -28,6 +29,7 @@ from core.training.needs import Decision
 CONFIG = "config.json"
 HISTORY = "history.csv"
 RUNS = Path("runs")
+CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance"),
@@ -78,7 +80,8 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     """
     if output is None:
         number = 1
-        while (path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")).exists():
+        # A link to nothing takes its name as well.
+        while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")):
             number += 1
         check_folder(path)
         return path

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.errors import BadInput, BadSetting
-from core.export.atomic import write_json
+from core.export.atomic import check_folder, write_json
 
 FOLDER = "appearance"
 NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
@@ -37,6 +37,19 @@ def path_of(folder: Path, name: str) -> Path:
     if not re.fullmatch(r"\w[\w. -]*", name):
         raise BadSetting(f"{name!r} cannot be the name of a look.", "Use letters, digits, '-', '_' and '.'.")
     return folder / FOLDER / f"{name.removesuffix('.json')}.json"
+
+
+def check_free(folder: Path, name: str, force: bool) -> None:
+    """Raise BadInput where a run cannot keep a look `name`, or has one that is not to be replaced: asked before the work."""
+    path = path_of(folder, name)
+    check_folder(path.parent)
+    if path.exists() and not force:
+        raise BadInput(f"{path} exists.", "Add --force to replace it, or choose another name.")
+
+
+def names(folder: Path) -> list[str]:
+    """The looks that a run keeps."""
+    return sorted(path.stem for path in (folder / FOLDER).glob("*.json"))
 
 
 def save(folder: Path, look: SavedLook) -> Path:

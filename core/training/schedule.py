@@ -20,13 +20,6 @@ def shrink_factor(settings: Settings, progress: float) -> int:
     return COARSEST if progress < settings.coarse_until / 2 else COARSEST // 2
 
 
-def mask_regularisation(settings: Settings, progress: float) -> float:
-    """Weight of L_regM: eight times its value when the mask starts to learn, once from mask_apply on (method: anneal)."""
-    span = max(settings.mask_apply - settings.mask_start, 1e-9)
-    learnt = min(max((progress - settings.mask_start) / span, 0.0), 1.0)
-    return settings.mask_regularisation * 8.0 ** (1.0 - learnt)
-
-
 def densification_steps(settings: Settings) -> list[int]:
     """The steps after which the set of Gaussians changes, ascending and distinct."""
     first, last = settings.densify_from * settings.steps, settings.densify_until * settings.steps

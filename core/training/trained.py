@@ -148,10 +148,15 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
         return _of_outside(trained, path, mask) if photo is None else _of_photo(trained, photo, mask)
     if word in photos:
         return _of_photo(trained, photos[word], mask)
-    near = difflib.get_close_matches(word, photos, n=1, cutoff=0.0) or [NEUTRAL]
+    if not word.strip():
+        raise BadInput("The look has no name.", f"Give a photo, or {NEUTRAL}.")
+    if path.is_dir():
+        raise BadInput(f"{word} is a folder, not a photo.", "Give one of its photos.")
+    names = {name.lower(): name for name in (*photos, *saved_look.names(trained.folder))}
+    near = [names[name] for name in difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.0)] or [NEUTRAL]
     raise BadInput(
         f"{word} is neither a photo file, nor a photo or saved look of {trained.folder}.",
-        f"Give a path, a photo's name such as {near[0]}, or {NEUTRAL}.",
+        f"Give a path, a name such as {near[0]}, or {NEUTRAL}.",
     )
 
 

@@ -24,10 +24,10 @@ from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
-from core.training import checkpoint, densify, guards, losses, needs, networks, schedule
+from core.training import checkpoint, densify, guards, losses, needs, networks, schedule, strangers
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
-from core.training.jitter import draw_gain, jittered
+from core.training.jitter import Jitter, draw_jitter
 from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Pictures, auto_factor
 
@@ -134,8 +134,8 @@ class Trainer:
         index = self._next_photo()
         self.order.pop()
         camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
-        gain = draw_gain(settings, self.generator)
-        looking = beside(lambda: self._look(index, target, gain))
+        jitter = draw_jitter(settings, self.generator)
+        looking = beside(lambda: self._look(index, target, jitter))
         visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
         rows = visible.rows
         leaves = self.gaussians.leaves(rows)
@@ -203,9 +203,11 @@ class Trainer:
             camera, _ = self.pictures.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
-    def _look(self, index: int, target: Target, gain: Tensor | None) -> tuple[Look, Target]:
-        shown, target = jittered(self.pictures[index].encoder_input, target, gain)
-        return self.model.look(shown, index), target
+    def _look(self, index: int, target: Target, jitter: Jitter | None) -> tuple[Look, Target]:
+        shown = self.pictures[index].encoder_input
+        if jitter is None:
+            return self.model.look(shown, index), target
+        return jitter.undone(self.model.look(jitter.of_photo(shown), index)), jitter.of_target(target)
 
     def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
         settings = self.settings
@@ -218,10 +220,9 @@ class Trainer:
     def _mask_loss(self, look: Look, image: Tensor, target: Target, progress: float) -> Tensor:
         if look.mask is None or progress < self.settings.mask_start:
             return self.nothing
-        weight = schedule.mask_regularisation(self.settings, progress)
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
-        return losses.mask_loss(look.mask, image, target.planes, weight)
+        return strangers.mask_loss(look.mask, image, target.planes, self.settings.mask_regularisation)
 
     def _residual_loss(self, residual: Tensor | None) -> tuple[Tensor, Tensor | None, Tensor]:
         if residual is None:

@@ -43,6 +43,7 @@ def outcome_of(problem: BaseException):
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long.", 1),
         (UnicodeEncodeError("utf-8", "photos \udcfe", 7, 8, "no"), r"'photos \udcfe' cannot be written as utf-8", 1),
         (MemoryError(), "not enough memory", 1),
+        (RuntimeError("cannot cache function 'f': no locator available for file 'f.py'"), "Set NUMBA_CACHE_DIR", 1),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes"), "not enough memory", 1),
     ],
 )
@@ -92,6 +93,14 @@ def test_a_foreign_core_is_named(tmp_path):
     assert len(done.stderr.strip().splitlines()) == 1 and str(tmp_path / "core") in done.stderr
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows removes no folder that a program is in")
+def test_a_folder_that_was_removed_is_named(tmp_path):
+    program = f"import os; from wegs_cli.main import run; os.chdir({str(tmp_path)!r}); os.rmdir({str(tmp_path)!r}); run()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and "The folder you are in was removed" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
 def test_our_core_is_recognised():
     assert main.foreign_core() is None
 
@@ -100,3 +109,21 @@ def test_a_command_to_type_can_be_pasted():
     line = command("wegs", "train", Path("my photos"), "-o", Path("runs/a"))
     assert line == "wegs train 'my photos' -o runs/a"
     assert shlex.split(line)[2] == "my photos"
+    assert command("wegs", "train", Path("-x"), "-o", "a") == "wegs train ./-x -o a"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
+def test_sigterm_is_a_ctrl_c_also_once_the_engine_is_loaded(tmp_path):
+    """pycolmap, which core.data imports, sets a handler of its own."""
+    lines = ("import os, signal, click, core.data", "@click.command()", "def stop():", "    os.kill(os.getpid(), signal.SIGTERM)")
+    (tmp_path / "stopped.py").write_text("\n".join(lines))
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
+    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
+
+
+def test_a_program_without_a_terminal_works_all_the_same():
+    program = "import sys; sys.stdout = sys.stderr = None; from wegs_cli.main import run; run()"
+    done = subprocess.run([sys.executable, "-c", program, "--version"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

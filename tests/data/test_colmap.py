@@ -241,6 +241,8 @@ def test_other_models_and_photos_without_a_pose_are_noted(tmp_path):
     cv2.imwrite(str(root / "images" / "stranger.jpg"), np.zeros((9, 9, 3), np.uint8))
     collection = load_collection(root)
     assert notes_with(collection, "holds other models as well (1); 0 is used")
+    (root / "sparse" / "0").rename(root / "sparse" / "10")  # that of few photos, say, was removed
+    assert notes_with(load_collection(root), "holds other models as well (10); 1 is used")
     assert "stranger.jpg" in notes_with(collection, "without a pose")[0]
 
 

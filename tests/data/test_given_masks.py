@@ -48,6 +48,20 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     assert [tuple(vars(photo).values()) for photo in again.photos] == [tuple(vars(photo).values()) for photo in found.photos]
 
 
+def test_masks_of_photos_whose_cameras_were_found_are_known_by_the_name_the_user_gave(collection, tmp_path):
+    """Structure from motion makes a photo.png.jpg of a photo.png."""
+    photos = tuple(replace(photo, name=f"{photo.name}.jpg") for photo in collection.photos)
+    wanted = save_mask(tmp_path / "masks" / "photo_0.png")
+    assert with_masks(replace(collection, photos=photos), tmp_path / "masks").photos[0].mask == wanted
+
+
+def test_masks_named_as_colmap_names_them_are_found(collection, tmp_path):
+    folder = tmp_path / "masks"
+    wanted = [save_mask(folder / f"photo_{index}.png.png") for index in (0, 1)]
+    found = with_masks(collection, folder)
+    assert [photo.mask for photo in found.photos[:2]] == wanted and "no photo in use" not in "".join(found.notes)
+
+
 def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_path):
     folder = tmp_path / "masks"
     names = {"photo_0.png": "left/a.jpg", "photo_1.png": "right/a.jpg", "photo_3.png": "right/b.jpg"}

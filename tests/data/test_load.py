@@ -48,6 +48,24 @@ def test_photos_without_a_model(tmp_path, folder):
         load_collection(tmp_path)
 
 
+def test_what_lies_around_instead_of_photos_is_named(tmp_path):
+    save_photo(tmp_path / "days" / "monday" / "a.jpg")
+    with pytest.raises(BadInput, match="days holds no photos and no COLMAP model; there are photos in its folder monday. Name that"):
+        find_kind(tmp_path / "days")
+    root = SmallScene().write(tmp_path / "scene")
+    with pytest.raises(BadInput, match="holds a COLMAP model, but not the photos.*folder above"):
+        find_kind(root / "sparse" / "0")
+
+
+@pytest.mark.parametrize("lacking", [["points3D.bin"], ["cameras.bin", "images.bin"]])
+def test_a_model_with_files_missing_is_not_taken_for_plain_photos(tmp_path, lacking):
+    root = SmallScene().write(tmp_path / "scene")
+    for name in lacking:
+        (root / "sparse" / "0" / name).unlink()
+    with pytest.raises(BadInput, match=f"sparse/0 lacks {', '.join(lacking)}. Copy it again"):
+        find_kind(root)
+
+
 @pytest.mark.parametrize("mark", ["transforms.json", "transforms_train.json", "final/train/pose"])
 def test_kinds_not_read_yet_are_named(tmp_path, mark):
     (tmp_path / mark).mkdir(parents=True)

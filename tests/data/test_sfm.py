@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data import load_collection
+from core.data import load_collection, sfm
 from core.data.photos import load
 from core.data.sfm import reconstruct
 from core.errors import BadInput, WegsError
@@ -151,6 +151,36 @@ def test_an_output_that_exists_is_left_alone(tmp_path):
     with pytest.raises(BadInput, match="scene exists"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
     assert (tmp_path / "scene" / "mine.txt").read_text() == "precious"
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="file/scene could not be made"):
+        reconstruct(tmp_path, tmp_path / "file" / "scene", Report())
+
+
+def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
+    theirs = tmp_path / "scene" / "theirs.txt"
+    with pytest.raises(BadInput, match="scene was made by another program meanwhile"), sfm._replacing(theirs.parent) as work:
+        (work / "scene").mkdir()
+        theirs.parent.mkdir()
+        theirs.write_text("precious")
+    assert list(tmp_path.iterdir()) == [theirs.parent] and theirs.read_text() == "precious"
+
+
+def test_an_empty_folder_is_filled_from_within(tmp_path):
+    """It may be a disk of its own: it can be neither removed nor moved onto."""
+    with sfm._replacing(tmp_path) as work:
+        assert work.parent == tmp_path
+        for part in sfm.PARTS:
+            (work / "scene" / part).mkdir(parents=True)
+    assert {path.name for path in tmp_path.iterdir()} == set(sfm.PARTS)
+
+
+def test_photos_in_formats_of_phones_are_named(tmp_path):
+    noise_photo(tmp_path / "0.jpg", 0)
+    (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
+    heard = Listener()
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(tmp_path, tmp_path / "scene", heard)
+    assert any("cannot be read, left out; convert them to JPEG: IMG_1.HEIC" in line for line in heard.lines)
 
 
 @pytest.mark.parametrize("stage", ["Features", "Matches"])

@@ -75,6 +75,15 @@ def test_no_test_photo_is_noted_and_no_training_photo_refused(tmp_path):
     (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "test", "x")))
     with pytest.raises(BadInput, match="x.tsv leaves no photo"):
         split(tmp_path, ["a.jpg"])
+    (tmp_path / "x.tsv").write_text(table(("a", "1", "train", "x")))
+    with pytest.raises(BadInput, match="1 photo of x.tsv not in the model: a; 1 photo not in x.tsv, not used: a.jpg"):
+        split(tmp_path, ["a.jpg"])
+
+
+def test_a_split_in_capitals_and_a_folder_named_like_a_table(tmp_path):
+    (tmp_path / "a.tsv").mkdir()
+    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "Train", "x"), ("b.jpg", "2", "TEST", "x")))
+    assert split(tmp_path, NAMES[:2]) == ({"a.jpg": "train", "b.jpg": "test"}, [])
 
 
 @pytest.mark.parametrize("content", [b"", b"name\tvalue\n1\t2\n", b"filename\tid\tsplit\n", b"\xff\xfe\x80\n"])

@@ -140,5 +140,5 @@ def test_points_and_other_files_are_refused_in_one_line(tmp_path):
     points = np.zeros(3, dtype=[(name, "<f4") for name in "xyz"])
     with pytest.raises(BadInput, match="lacks the column f_dc_0. It is not a 3DGS .ply"):
         examine(write(tmp_path / "points.ply", points), Heard())
-    with pytest.raises(BadInput, match="There is no file"):
+    with pytest.raises(BadInput, match="There is no .*Give a .ply, a run, a scene"):
         examine(tmp_path / "nothing.ply", Heard())

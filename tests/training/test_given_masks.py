@@ -10,6 +10,7 @@ import torch
 from core import pipeline
 from core.data.given_masks import with_masks
 from core.training import run
+from core.training.pictures import Pictures
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
@@ -54,6 +55,16 @@ def test_hidden_places_count_for_nothing_from_step_0(tmp_path):
     _, free = trained(collection, tmp_path / "free", transients="off")
     _, given = trained(with_masks(collection, tmp_path / "scene" / "masks"), tmp_path / "given", transients="off")
     assert all(report.picture_loss > 1.2 * other.picture_loss for report, other in zip(free[:4], given[:4], strict=True))
+
+
+def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
+    collection = crowded(tmp_path, (0, 0, 255))
+    for inverted in (False, True):
+        for mask in (tmp_path / "masks").iterdir() if inverted else ():
+            cv2.imwrite(str(mask), 255 - cv2.imread(str(mask)))
+        given = with_masks(collection, tmp_path / "masks").split("train")
+        notes = Pictures(given, 1, 1.0, 32).notes
+        assert notes == (["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."] * inverted)
 
 
 def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatch):

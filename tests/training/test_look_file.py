@@ -1,13 +1,15 @@
 """A look as a file: what is left out of it, and what is said about that."""
 
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from core.export.ply import read_ply
 from core.report import Report
 from core.training import run
-from core.training.look_file import write_look
+from core.training.look_file import next_step, write_look
 from core.training.trained import Run, find_appearance, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
@@ -52,3 +54,17 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     assert line.startswith(f"fewer.ply does without {gone} Gaussians ({gone * ROW_BYTES / 1e6:.1f} MB)")
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
     assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "any photo; then open look.ply"),
+        ({"embedding": "glo"}, "the name of a training photo; then open look.ply"),
+        ({"appearance": "off"}, "open neutral.ply in a 3DGS viewer   (all looks of this run are one)"),
+    ],
+)
+def test_the_next_step_is_one_that_this_run_can_take(trained, changes, words):
+    changed = replace(trained, settings=trained.settings.changed(**changes))
+    advice = next_step(changed, Path("neutral.ply"))
+    assert words in advice and ("wegs bake --run" in advice) == ("look.ply" in advice)

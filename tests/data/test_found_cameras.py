@@ -1,0 +1,51 @@
+"""Cameras of plain photos are found once, and not where a model of them lies beside."""
+
+import pytest
+
+from core.data import found_cameras
+from core.data.found_cameras import scene_of_photos
+from tests.heard import Heard
+from tests.small import small_collection
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """The scenes that structure from motion was asked for; it makes empty ones here."""
+    names = []
+
+    def reconstruct(photos, output, report):
+        names.append(output.name)
+        output.mkdir(parents=True)
+
+    monkeypatch.setattr(found_cameras.sfm, "reconstruct", reconstruct)
+    return names
+
+
+@pytest.fixture
+def photos(tmp_path):
+    folder = tmp_path / "scene" / "images"
+    folder.mkdir(parents=True)
+    small_collection(folder)
+    return folder
+
+
+def test_cameras_of_plain_photos_are_found_once(photos, calls, tmp_path):
+    wanted = tmp_path / "runs" / "photos-scene"
+    assert scene_of_photos(photos, wanted, Heard()) == wanted
+    assert scene_of_photos(photos, wanted, Heard()) == wanted
+    assert calls == ["photos-scene"]
+    (photos / "photo_0.png").unlink()  # other photos: the scene that is there is not theirs
+    assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
+    assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
+    assert calls == ["photos-scene", "photos-scene-2"]
+
+
+def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_path):
+    heard, scene = Heard(), photos.parent
+    scene_of_photos(photos, tmp_path / "a", heard)
+    assert heard.lines == []
+    (scene / "sparse").mkdir()
+    for part in ("cameras", "images", "points3D"):
+        (scene / "sparse" / f"{part}.bin").touch()
+    scene_of_photos(photos, tmp_path / "b", heard)
+    assert heard.lines == [f"! {scene} holds a COLMAP model: give that folder to use its cameras. Now they are found anew."]

@@ -1,0 +1,65 @@
+"""One training a run folder: who comes second takes another, or is told."""
+
+from pathlib import Path
+
+import pytest
+
+from core.errors import BadInput
+from core.training import claim
+from core.training.claim import held, new_run
+
+locks = pytest.mark.skipif(claim.fcntl is None, reason="this system has no flock(2)")
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_trainings_begun_together_get_folders_of_their_own(monkeypatch):
+    with new_run(None, "plaza") as first, new_run(None, "plaza") as second:
+        assert (first, second) == (Path("runs/plaza"), Path("runs/plaza-2"))
+        (second / "config.json").write_text("{}")
+        # Both saw that a name is free, and one was faster.
+        names = iter([first, Path("runs/plaza-3")])
+        monkeypatch.setattr(claim.run, "choose_folder", lambda *_: next(names))
+        with new_run(None, "plaza") as third:
+            assert third == Path("runs/plaza-3")
+    assert [path.name for path in Path("runs").iterdir()] == ["plaza-2"]
+
+
+def test_a_link_to_nothing_takes_its_name():
+    Path("runs").mkdir()
+    Path("runs/plaza").symlink_to("nowhere")
+    with new_run(None, "plaza") as folder:
+        assert folder == Path("runs/plaza-2")
+    with pytest.raises(BadInput, match="runs/plaza could not be made"), new_run(Path("runs/plaza"), "plaza"):
+        pass
+
+
+@locks
+def test_a_folder_that_is_trained_in_is_left_alone():
+    with new_run(Path("a/b"), "plaza") as folder:
+        (folder / "config.json").write_text("{}")
+        for second in (held(folder), new_run(folder, "plaza", force=True)):
+            with pytest.raises(BadInput, match="Another `wegs train` is at work in a/b"), second:
+                pass
+    with held(folder):  # let go at the end
+        assert [path.name for path in folder.iterdir()] == ["config.json"]
+
+
+def test_a_disk_without_locks_is_used_all_the_same(monkeypatch):
+    def refuse(*_):
+        raise OSError("No locks available")
+
+    if claim.fcntl is not None:
+        monkeypatch.setattr(claim.fcntl, "flock", refuse)
+    with new_run(Path("run"), "plaza") as folder:
+        assert folder.is_dir()
+
+
+def test_a_training_that_does_not_begin_leaves_no_folder(here):
+    with pytest.raises(KeyboardInterrupt), new_run(Path("deep/er/run"), "plaza"):
+        raise KeyboardInterrupt
+    assert list(here.iterdir()) == []

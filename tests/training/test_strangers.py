@@ -1,0 +1,95 @@
+"""What the mask is taught: colours that the place has in no light, and neither tone, shade nor unlearnt detail."""
+
+import pytest
+import torch
+
+from core.training import strangers
+
+HEIGHT, WIDTH, CELL = 48, 64, 4
+STRANGER = slice(6, 9), slice(3, 6)  # cells
+SETTLED = 0.00625
+
+
+def place() -> torch.Tensor:
+    """(3, H, W): a wall of warm stone with blocks in other tints, dim enough to be lit up."""
+    generator = torch.Generator().manual_seed(0)
+    blocks = 0.2 + 0.3 * torch.rand(3, HEIGHT // 8, WIDTH // 8, generator=generator)
+    stone = torch.tensor([1.1, 1.0, 0.8])[:, None, None] * blocks.mean(dim=0, keepdim=True)
+    return (0.8 * stone + 0.2 * blocks).repeat_interleave(8, dim=1).repeat_interleave(8, dim=2)
+
+
+def with_stranger(photo: torch.Tensor) -> torch.Tensor:
+    rows, columns = (slice(side.start * CELL, side.stop * CELL) for side in STRANGER)
+    photo = photo.clone()
+    photo[:, rows, columns] = torch.tensor([0.5, 0.1, 0.5])[:, None, None] * photo[:, rows, columns].mean()
+    return photo
+
+
+def best_mask(image: torch.Tensor, photo: torch.Tensor) -> torch.Tensor:
+    """(h, w): the mask that the loss asks for; image as (3, H, W)."""
+    mask = torch.full((1, HEIGHT // CELL, WIDTH // CELL), 0.95, requires_grad=True)
+    optimizer = torch.optim.SGD([mask], lr=5e3)
+    for _ in range(60):
+        optimizer.zero_grad()
+        strangers.mask_loss(mask, image.permute(1, 2, 0), photo, SETTLED).backward()
+        optimizer.step()
+        with torch.no_grad():
+            mask.clamp_(0, 1)
+    return mask.detach()[0]
+
+
+def test_who_has_other_colours_is_hidden_and_nothing_else():
+    mask = best_mask(place(), with_stranger(place()))
+    assert float(mask[STRANGER].max()) < 0.1
+    mask[5:10, 2:7] = 1  # the cells beside are blurred with
+    assert float(mask.min()) > 0.95
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda picture: 1.6 * picture,
+        lambda picture: torch.tensor([1.3, 1.0, 0.7])[:, None, None] * picture + 0.08,
+        lambda picture: picture * torch.linspace(1.0, 0.6, WIDTH),  # shade falls over it
+        lambda picture: picture + 0.1 * (-1) ** torch.arange(WIDTH),  # detail finer than a cell
+    ],
+    ids=["exposure", "white balance", "shade", "detail"],
+)
+def test_another_light_hides_nothing_and_hides_no_stranger(change):
+    assert float(best_mask(place(), change(place())).min()) > 0.9
+    mask = best_mask(place(), change(with_stranger(place())))
+    assert float(mask[STRANGER].mean()) < 0.25 and float(mask.mean()) > 0.85
+
+
+@pytest.mark.parametrize("picture", [torch.zeros(3, 12, 16), torch.full((3, 12, 16), 0.7)], ids=["black", "of one colour"])
+def test_colours_that_determine_no_map_are_left_or_met(picture):
+    torch.testing.assert_close(strangers.retoned(picture, picture), picture)
+    moved = strangers.retoned(picture, picture + 0.1)
+    assert torch.isfinite(moved).all() and float((moved - picture - 0.1).abs().max()) < 1e-3
+
+
+def test_where_the_photo_is_black_nothing_is_learnt():
+    photo = place()
+    photo[:, :, : WIDTH // 2] = 0
+    mask = best_mask(place() + 0.2, photo)
+    assert float(mask[:, : WIDTH // 2 // CELL - 1].min()) > 0.99
+
+
+def test_a_photo_that_is_not_learnt_yet_is_judged_by_its_own_errors():
+    generator = torch.Generator().manual_seed(1)
+    photo = torch.rand(3, HEIGHT // CELL, WIDTH // CELL, generator=generator)
+    photo = photo.repeat_interleave(CELL, dim=1).repeat_interleave(CELL, dim=2)
+    mask = best_mask(place(), photo)
+    assert float((mask < 0.95).float().mean()) < 1 - strangers.USUAL + 0.01
+
+
+def test_the_gradient_is_right():
+    generator = torch.Generator().manual_seed(0)
+    mask, image, photo = (torch.rand(shape, generator=generator).double() for shape in ((1, 3, 4), (12, 16, 3), (3, 12, 16)))
+    assert torch.autograd.gradcheck(lambda mask: strangers.mask_loss(mask, image, photo, 0.1), mask.requires_grad_())
+
+
+def test_quantiles_are_torchs():
+    values = torch.rand(7, 11, generator=torch.Generator().manual_seed(0))
+    for share in (0.0, 0.5, strangers.USUAL, 1.0):
+        torch.testing.assert_close(strangers.quantile(values, share), torch.quantile(values, share))

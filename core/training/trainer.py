@@ -164,10 +164,9 @@ class Trainer:
             if self.device.type == "cpu":  # as soon as the embedding has its gradient, while others are still on their way
                 embedding.register_post_accumulate_grad_hook(lambda _: (teaching(), None)[1])
             losses.backward((loss, None), (residual, residual_gradient))
-            taught = teaching()
             reached = *leaves.values(), embedding, *self.model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
-            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, taught, taken))
+            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, teaching(), taken))
             if not guards.refused(taken):
                 # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
                 self._update_gaussians(rows, leaves, progress, taken)

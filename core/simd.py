@@ -9,10 +9,12 @@ import operator
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from core.compiled import exact_part
 
 LANES = 8
 
@@ -252,7 +254,7 @@ ROUNDING = np.float32(1.5 * 2**23)
 EXP2 = tuple(np.float32(c) for c in (1.0, 0.693147, 0.24022242, 0.055507336, 0.009671513, 0.0013264728))
 
 
-@njit(error_model="numpy")
+@exact_part
 def exp2(exponents):
     """2^exponents, lane by lane, to 2e-7 relative, for exponents in [-126, 127]; anything at all outside."""
     shifted = exponents + broadcast(ROUNDING)

@@ -11,7 +11,7 @@ import torch
 from click.testing import CliRunner
 
 from core import rasterizer
-from core.appearance.transfer_kernel import _BlockwiseMLP
+from core.appearance.transfer_kernel import _ThroughHidden
 from core.config import Settings
 from core.rasterizer.cpu.backend import _Render
 from core.training.photometric_kernel import _Photometric
@@ -22,7 +22,7 @@ from samples.measurements.scenes import plaza
 from samples.measurements.stopwatch import Stopwatch
 
 SCALE = benchmark.SMALL
-KERNELS = {_BlockwiseMLP: "MLP", _Render: "drawing", _Photometric: "SSIM"}
+KERNELS = {_ThroughHidden: "MLP", _Render: "drawing", _Photometric: "SSIM"}
 FORWARD = ["encoder forward", "SH transfer forward", "rasterizer forward", "picture loss"]
 # In capitals: a kernel's backward pass, followed by the lap that it has to count for. The gauge has an MLP of its own.
 BACK = [*["mask, regularisers"] * 4, "SSIM BACK", "picture loss", "DRAWING BACK", "rasterizer backward"]

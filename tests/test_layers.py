@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 350
 # wegs_cli -> bench -> pipeline, doctor -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
 LAYERS = [
-    {"core", "core.errors", "core.launch", "core.report", "core.simd", "core.threads"},  # "core" itself: the version
-    {"core.config", "core.memory"},
+    {"core", "core.compiled", "core.errors", "core.launch", "core.report", "core.threads"},  # "core" itself: the version
+    {"core.config", "core.memory", "core.simd"},
     {"core.device"},
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},

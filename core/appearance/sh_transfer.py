@@ -1,17 +1,15 @@
 """G_phi: from the base SH of a Gaussian and the embedding of a photo to the SH of that photo's look."""
 
-from contextlib import nullcontext
-
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.appearance.encoding import encode, encoded_size
-from core.appearance.transfer_kernel import Layers, blockwise_mlp, blockwise_sum, chunked_mlp
+from core.appearance.transfer_kernel import HiddenLayers, OutputLayer, blockwise_mlp, blockwise_sum, chunked_mlp
 from core.config import Settings
 from core.errors import BadInput
 from core.scene.harmonics import coefficient_count
-from core.threads import one_torch_thread
+from core.threads import threads_for_blocks
 
 LAST_LAYER_SPREAD = 1e-3  # near zero: a run starts at the base look, and yet every layer has a gradient
 MIXING_GAIN = 0.25  # one embedding moves every weight of the output layer; from 0.1 to 1 all are within 0.2 dB of each other
@@ -69,10 +67,13 @@ class SHTransfer(nn.Module):
         all but `means`, and in `sh` unless `detach_sh`. A row's result does not depend on the other rows (bit for
         bit for float32 on the CPU). Raises BadInput if the sizes are not those of the settings.
         """
-        with one_torch_thread() if is_fast(sh) else nullcontext():
-            learned, layers = self.inputs(sh, embedding, latents)
-        mlp = blockwise_mlp if is_fast(sh) else chunked_mlp
-        return mlp(learned, means, layers, self.settings.position_octaves, self.settings.residual_bound).view_as(sh)
+        sizes = self.settings.position_octaves, self.settings.residual_bound
+        if not is_fast(sh):
+            layers = self.hidden_layers(embedding), self.output_layer(embedding)
+            return chunked_mlp(self.learned_inputs(sh, latents), means, *layers, *sizes).view_as(sh)
+        with threads_for_blocks():
+            learned, hidden_layers = self.learned_inputs(sh, latents), self.hidden_layers(embedding)
+            return blockwise_mlp(learned, means, hidden_layers, lambda: self.output_layer(embedding), *sizes).view_as(sh)
 
     @torch.no_grad()
     def write(
@@ -87,60 +88,52 @@ class SHTransfer(nn.Module):
         if not is_fast(sh):
             into.copy_(sh + self(sh, means, embedding, latents))
             return
-        with one_torch_thread():
-            learned, layers = self.inputs(sh, embedding, latents)
         sizes = self.settings.position_octaves, self.settings.residual_bound
-        blockwise_sum(sh.flatten(1), learned, means, layers, *sizes, into.view(len(into), -1))
+        with threads_for_blocks():
+            layers = self.hidden_layers(embedding), self.output_layer(embedding)
+            learned = self.learned_inputs(sh, latents)
+            blockwise_sum(sh.flatten(1), learned, means, *layers, *sizes, into.view(len(into), -1))
 
-    def inputs(
-        self,
-        sh: Float[Tensor, "v c 3"],
-        embedding: Float[Tensor, " e"],
-        latents: Float[Tensor, "v l"] | None = None,
-    ) -> tuple[Float[Tensor, "v learned"], Layers]:
-        """What the MLP is evaluated on beside the places: the columns with a gradient, and the layers of this photo."""
-        latent_size = 0 if latents is None else latents.shape[1]
-        for what, given, expected in (
-            ("SH coefficients", sh.shape[1] * 3, self.coefficients),
-            ("latent numbers", latent_size, self.settings.latent_size),
-            ("embedding numbers", embedding.shape[0], self.settings.embedding_size),
-        ):
-            if given != expected:
-                raise BadInput(
-                    f"The SH transfer was trained on {expected} {what} and got {given}.",
-                    "Use the settings that the run was trained with.",
-                )
+    def learned_inputs(
+        self, sh: Float[Tensor, "v c 3"], latents: Float[Tensor, "v l"] | None
+    ) -> Float[Tensor, "v learned"]:
+        """The columns with a gradient that the MLP is evaluated on beside the places."""
+        require("SH coefficients", sh.shape[1] * 3, self.coefficients)
+        require("latent numbers", 0 if latents is None else latents.shape[1], self.settings.latent_size)
         base = (sh.detach() if self.settings.detach_sh else sh).flatten(1)
         learned = encode(base, self.settings.sh_octaves) if self.settings.sh_octaves else base
-        if latents is not None:
-            learned = torch.cat([learned, latents], dim=1)
+        return learned if latents is None else torch.cat([learned, latents], dim=1)
+
+    def hidden_layers(self, embedding: Float[Tensor, " e"]) -> HiddenLayers:
+        """The hidden layers of this photo."""
+        require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
         first, *more = self.layers
         places = encoded_size(3, self.settings.position_octaves)
         columns = self.learned_columns, places, first.in_features - self.learned_columns - places
         learned_weight, place_weight, embedding_weight = first.weight.split(columns, dim=1)
-        width = len(first.bias)
-        if self.mixes:
-            first_bias = first.bias
-            mixed = MIXING_GAIN * self.last(embedding).view(self.coefficients, -1)
-            output_weight, skip_weight, output_bias = mixed.split((width, self.learned_columns, 1), dim=1)
-            output_bias = output_bias.squeeze(1)
-        else:
-            first_bias = embedding_weight @ embedding + first.bias
-            output_weight, output_bias = self.last.weight, self.last.bias
-            skip_weight = output_weight.new_empty(self.coefficients, 0)
-        hidden_weights = torch.stack([layer.weight for layer in more]) if more else first.weight.new_empty(0, width, width)
-        hidden_biases = torch.stack([layer.bias for layer in more]) if more else first.bias.new_empty(0, width)
-        layers = Layers(
-            learned_weight,
-            place_weight,
-            first_bias,
-            hidden_weights,
-            hidden_biases,
-            output_weight,
-            skip_weight,
-            output_bias,
+        first_bias = first.bias if self.mixes else embedding_weight @ embedding + first.bias
+        width = len(first_bias)
+        weights = torch.stack([layer.weight for layer in more]) if more else first.weight.new_empty(0, width, width)
+        biases = torch.stack([layer.bias for layer in more]) if more else first.bias.new_empty(0, width)
+        return HiddenLayers(learned_weight, place_weight, first_bias, weights, biases)
+
+    def output_layer(self, embedding: Float[Tensor, " e"]) -> OutputLayer:
+        """The output layer of this photo."""
+        weight = self.last.weight
+        if not self.mixes:
+            return OutputLayer(weight, weight.new_empty(self.coefficients, 0), self.last.bias)
+        mixed = MIXING_GAIN * self.last(embedding).view(self.coefficients, -1)
+        output_weight, skip_weight, bias = mixed.split((self.layers[0].out_features, self.learned_columns, 1), dim=1)
+        return OutputLayer(output_weight, skip_weight, bias.squeeze(1))
+
+
+def require(what: str, given: int, expected: int) -> None:
+    """Raise BadInput unless as many of these are given as the transfer was trained on."""
+    if given != expected:
+        raise BadInput(
+            f"The SH transfer was trained on {expected} {what} and got {given}.",
+            "Use the settings that the run was trained with.",
         )
-        return learned, layers
 
 
 def is_fast(sh: Tensor) -> bool:

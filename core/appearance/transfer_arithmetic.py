@@ -5,7 +5,8 @@ here; a row's result does not depend on the other rows.
 """
 
 import numpy as np
-from numba import njit
+
+from core.compiled import part
 
 # tanh x = x P(x^2) / Q(x^2), fitted on [0, SATURATED] for the least relative error, 2e-8; beyond it float32 rounds tanh to 1.
 SATURATED = np.float32(9.0)
@@ -25,7 +26,7 @@ C_1, C_2, C_3, C_4, C_5, C_6, C_7 = (
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@part
 def bound_softly(values, bound):
     """values (n,) float32 become bound * tanh(values / bound), in place; what is not a number stays so."""
     inverse = ONE / bound
@@ -46,7 +47,7 @@ def bound_softly(values, bound):
         values[i] = bound * y
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@part
 def encode_places(means, octaves, encoded):
     """encoding.encode(encoding.contract(means), octaves) of float32 means (n, 3), transposed into `encoded` (columns, >= n) float32.
 

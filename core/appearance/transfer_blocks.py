@@ -9,10 +9,10 @@ but not turned. Buffers have padded columns too, which stay zero.
 """
 
 import numpy as np
-from numba import njit
 
 from core.appearance.encoding import encoded_size
 from core.appearance.transfer_arithmetic import bound_softly, encode_places
+from core.compiled import kernel, part
 from core.simd import LANES, broadcast, broadcast_element, load, maximum, multiply_add, store
 
 STRIP = 128  # rows at a time: what is at work on them fits the second-level cache, at width 32 nearly the first
@@ -20,8 +20,6 @@ PANEL = 2 * LANES  # columns of a product are a multiple of this
 QUAD = 4  # and its rows of this
 ANY, ZERO = np.float32(-np.inf), np.float32(0)  # the least value that a product may have: any, or that of a ReLU
 
-_kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-_part = njit(error_model="numpy", fastmath={"contract"})  # of a kernel
 
 
 def padded(count, to):
@@ -29,10 +27,10 @@ def padded(count, to):
     return (count + to - 1) // to * to
 
 
-_padded, _encoded_size = _part(padded), _part(encoded_size)
+_padded, _encoded_size = part(padded), part(encoded_size)
 
 
-@_part
+@part
 def multiply(left, turned, right, start, into, least):
     """into = max(start + left right, least), or with the transpose of `left` if it is `turned`. What is not a number stays so.
 
@@ -76,17 +74,23 @@ def multiply(left, turned, right, start, into, least):
             store(into, at + 3 * columns + LANES, maximum(floor, b3))
 
 
-@_part
-def read_strip(learned, means, octaves, begin, end, inputs, places):
-    """Rows begin..end of both parts of the input: `learned` as it is, places encoded and transposed; zeros beyond."""
+@part
+def copy_rows(learned, begin, end, inputs):
+    """Rows begin..end of the learned part of the input; zeros beyond."""
     for i in range(end - begin):
         for j in range(learned.shape[1]):
             inputs[i, j] = learned[begin + i, j]
     inputs[end - begin :] = 0
+
+
+@part
+def read_strip(learned, means, octaves, begin, end, inputs, places):
+    """Rows begin..end of both parts of the input: `learned` as it is, places encoded and transposed; zeros beyond."""
+    copy_rows(learned, begin, end, inputs)
     encode_places(means[begin:end], octaves, places[: _encoded_size(3, octaves)])
 
 
-@_kernel
+@kernel
 def evaluate(
     begin, end, learned, means, octaves, bound, base,
     learned_weight, place_weight, first_bias, hidden_weights, hidden_biases, output_weight, skip_weight, output_bias,
@@ -119,17 +123,32 @@ def evaluate(
                 output[first + i, j] = y[i, j] + base[first + i, j] if len(base) else y[i, j]
 
 
-@_kernel
-def differentiate(
-    begin, end, learned, means, octaves, bound, output, output_gradient, kept,
-    back_learned, back_hidden, back_output, back_skip,
-    to_learned, to_learned_weight, to_place_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
-    to_output_weight, to_skip_weight, to_output_bias,
+@kernel
+def differentiate_output(
+    begin, end, learned, bound, output, output_gradient, kept, to_output_weight, to_skip_weight, to_output_bias,
 ):  # fmt: skip
-    """From dL/d(output), rows begin..end, to dL/d(learned), and add to dL/d(weights), turned and padded (also to quads).
+    """From dL/d(output), rows begin..end, add to dL/d(weights) of the output layer, turned and padded (also to quads).
 
     output, kept: as `evaluate` left them, without a base. What is wanted may be empty: then nobody asks for it.
     """
+    inputs = np.zeros((STRIP, _padded(learned.shape[1], QUAD)), np.float32)
+    before_output = np.zeros((STRIP, _padded(output.shape[1], PANEL)), np.float32)
+    for first in range(begin, end, STRIP):
+        last = min(first + STRIP, end)
+        copy_rows(learned, first, last, inputs)
+        before_bound(output[first:last], output_gradient[first:last], bound, before_output)
+        add_products(inputs, True, before_output, to_skip_weight)
+        add_products(kept[kept.shape[0] - 1, first : first + STRIP], True, before_output, to_output_weight)
+        add_rows(before_output, to_output_bias)
+
+
+@kernel
+def differentiate_hidden(
+    begin, end, learned, means, octaves, bound, output, output_gradient, kept,
+    back_learned, back_hidden, back_output, back_skip,
+    to_learned, to_learned_weight, to_place_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
+):  # fmt: skip
+    """As `differentiate_output` for the hidden layers, and write dL/d(learned)."""
     columns, wide, layers = learned.shape[1], kept.shape[2], len(back_hidden)
     inputs = np.zeros((STRIP, _padded(columns, QUAD)), np.float32)
     places = np.zeros((_padded(_encoded_size(3, octaves), QUAD), STRIP), np.float32)
@@ -141,12 +160,8 @@ def differentiate(
         last = min(first + STRIP, end)
         read_strip(learned, means, octaves, first, last, inputs, places)
         before_bound(output[first:last], output_gradient[first:last], bound, before_output)
-        here = kept[layers, first : first + STRIP]
-        add_products(inputs, True, before_output, to_skip_weight)
-        add_products(here, True, before_output, to_output_weight)
-        add_rows(before_output, to_output_bias)
         multiply(before_output, False, back_output, nothing, gradient, ANY)
-        stop_at_zeros(gradient, here)
+        stop_at_zeros(gradient, kept[layers, first : first + STRIP])
         for layer in range(layers - 1, -1, -1):
             here = kept[layer, first : first + STRIP]
             if to_hidden_weights.size:
@@ -168,7 +183,7 @@ def differentiate(
                     to_learned[first + i, j] = block[i, j]
 
 
-@_part
+@part
 def before_bound(output, output_gradient, bound, into):
     """dL/dy of y -> bound * tanh(y / bound): the gradient times 1 - (output / bound)^2; zero in the rows beyond."""
     inverse = np.float32(1) / bound
@@ -179,14 +194,14 @@ def before_bound(output, output_gradient, bound, into):
     into[output.shape[0] :] = 0
 
 
-@_part
+@part
 def add_products(inputs, turned, gradient, sums):
     """Add the gradient of a weight, unless nobody asks: inputs' gradient, from inputs that are `turned` on the way or were."""
     if sums.size:
         multiply(inputs, turned, gradient, sums, sums, ANY)
 
 
-@_part
+@part
 def add_rows(gradient, sums):
     """Add the gradient of a bias, unless nobody asks."""
     if sums.size:
@@ -195,7 +210,7 @@ def add_rows(gradient, sums):
                 sums[j] += gradient[i, j]
 
 
-@_part
+@part
 def stop_at_zeros(gradient, hidden):
     """No gradient passes where a ReLU gave zero."""
     flat, values = gradient.reshape(-1), hidden.reshape(-1)

@@ -9,6 +9,7 @@ with, so bakes equal live renders bit for bit. Weight gradients are summed a blo
 the blocks: the same for any number of threads.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,15 @@ from torch.autograd.function import once_differentiable
 from torch.utils.checkpoint import checkpoint
 
 from core.appearance.encoding import encoded_places
-from core.appearance.transfer_blocks import PANEL, QUAD, STRIP, differentiate, evaluate, padded
+from core.appearance.transfer_blocks import (
+    PANEL,
+    QUAD,
+    STRIP,
+    differentiate_hidden,
+    differentiate_output,
+    evaluate,
+    padded,
+)
 from core.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
@@ -27,58 +36,85 @@ ROWS = 8 * STRIP  # of a block: half a millisecond of work
 NOTHING = np.empty((0, 0), np.float32)
 
 
-class Layers(NamedTuple):
-    """Weights (outputs, inputs) and biases: the first layer's for either part of the input, the further hidden ones', the
-    output's. `skip_weight` has no columns where nothing skips the hidden layers."""
+class HiddenLayers(NamedTuple):
+    """Weights (outputs, inputs) and biases: the first layer's for either part of the input, and the further hidden ones'."""
 
     learned_weight: Float[Tensor, "width learned"]
     place_weight: Float[Tensor, "width encoded"]
     first_bias: Float[Tensor, " width"]
     hidden_weights: Float[Tensor, "more width width"]
     hidden_biases: Float[Tensor, "more width"]
+
+
+class OutputLayer(NamedTuple):
+    """`skip_weight` has no columns where nothing skips the hidden layers."""
+
     output_weight: Float[Tensor, "out width"]
     skip_weight: Float[Tensor, "out skipping"]
     output_bias: Float[Tensor, " out"]
 
 
 def plain_mlp(
-    learned: Float[Tensor, "n learned"], means: Float[Tensor, "n 3"], layers: Layers, octaves: int, bound: float
+    learned: Float[Tensor, "n learned"],
+    means: Float[Tensor, "n 3"],
+    hidden_layers: HiddenLayers,
+    output_layer: OutputLayer,
+    octaves: int,
+    bound: float,
 ) -> Float[Tensor, "n out"]:
     """The definition: any dtype, any device, differentiable by autograd but for the means. Outputs lie in [-bound, bound].
 
     means: scene frame. octaves: of the encoding of the contracted means, see core.appearance.encoding.
     """
     linear = torch.addmm  # a bias, or what is already there, plus a product: one kernel on a GPU
-    hidden = linear(layers.first_bias, encoded_places(means, octaves), layers.place_weight.T)
-    hidden = torch.relu(linear(hidden, learned, layers.learned_weight.T))
-    for weight, bias in zip(layers.hidden_weights, layers.hidden_biases):
+    hidden = linear(hidden_layers.first_bias, encoded_places(means, octaves), hidden_layers.place_weight.T)
+    hidden = torch.relu(linear(hidden, learned, hidden_layers.learned_weight.T))
+    for weight, bias in zip(hidden_layers.hidden_weights, hidden_layers.hidden_biases):
         hidden = torch.relu(linear(bias, hidden, weight.T))
-    output = linear(layers.output_bias, hidden, layers.output_weight.T)
-    if layers.skip_weight.shape[1]:
-        output = linear(output, learned, layers.skip_weight.T)
+    output = linear(output_layer.output_bias, hidden, output_layer.output_weight.T)
+    if output_layer.skip_weight.shape[1]:
+        output = linear(output, learned, output_layer.skip_weight.T)
     return bound * torch.tanh(output / bound)
 
 
 def chunked_mlp(
-    learned: Float[Tensor, "n learned"], means: Float[Tensor, "n 3"], layers: Layers, octaves: int, bound: float
+    learned: Float[Tensor, "n learned"],
+    means: Float[Tensor, "n 3"],
+    hidden_layers: HiddenLayers,
+    output_layer: OutputLayer,
+    octaves: int,
+    bound: float,
 ) -> Float[Tensor, "n out"]:
     """`plain_mlp` within CHUNK_BYTES: rows that do not fit go in chunks, of which the backward pass computes each again."""
-    inputs = learned.shape[1] + layers.place_weight.shape[1]
+    inputs = learned.shape[1] + hidden_layers.place_weight.shape[1]
+    layers = 1 + len(hidden_layers.hidden_weights)
     # Kept for the backward pass: both inputs, each hidden layer before and after its ReLU, and three steps of the output.
-    kept = inputs + 2 * len(layers.first_bias) * (1 + len(layers.hidden_weights)) + 3 * len(layers.output_bias)
+    kept = inputs + 2 * len(hidden_layers.first_bias) * layers + 3 * len(output_layer.output_bias)
     rows = max(1, CHUNK_BYTES // (kept * learned.element_size()))
+    given = hidden_layers, output_layer, octaves, bound
     if len(learned) <= rows:
-        return plain_mlp(learned, means, layers, octaves, bound)
+        return plain_mlp(learned, means, *given)
     parts = zip(learned.split(rows), means.split(rows))
     options = {"use_reentrant": False, "preserve_rng_state": False}
-    return torch.cat([checkpoint(plain_mlp, *part, layers, octaves, bound, **options) for part in parts])
+    return torch.cat([checkpoint(plain_mlp, *part, *given, **options) for part in parts])
 
 
 def blockwise_mlp(
-    learned: Float[Tensor, "n learned"], means: Float[Tensor, "n 3"], layers: Layers, octaves: int, bound: float
+    learned: Float[Tensor, "n learned"],
+    means: Float[Tensor, "n 3"],
+    hidden_layers: HiddenLayers,
+    output_layer: Callable[[], OutputLayer],
+    octaves: int,
+    bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on torch.get_num_threads() threads."""
-    return _BlockwiseMLP.apply(torch.is_grad_enabled(), learned, means.detach(), octaves, bound, *layers)
+    """`plain_mlp` for float32 on the CPU, on torch.get_num_threads() threads.
+
+    Autograd goes back in the reverse order of creation. output_layer: makes the output layer when the hidden ones are
+    in the graph, so that what it is made of has its gradient before the way back through them begins.
+    """
+    taken = _Pass(learned.detach(), means.detach(), octaves, bound)
+    entered = _ThroughHidden.apply(taken, learned, *hidden_layers)
+    return _ThroughOutput.apply(taken, torch.is_grad_enabled(), [part.detach() for part in hidden_layers], entered, *output_layer())
 
 
 @torch.no_grad()
@@ -86,69 +122,115 @@ def blockwise_sum(
     base: Float[Tensor, "n out"],
     learned: Float[Tensor, "n learned"],
     means: Float[Tensor, "n 3"],
-    layers: Layers,
+    hidden_layers: HiddenLayers,
+    output_layer: OutputLayer,
     octaves: int,
     bound: float,
     into: Float[Tensor, "n out"],
 ) -> None:
     """base + blockwise_mlp(...), the same bits, written into the contiguous `into`: without a gradient, in one pass."""
-    _forward(learned, means, octaves, bound, layers, _array_of(base), False, into.numpy())
+    taken = _Pass(learned, means, octaves, bound)
+    _forward(taken, hidden_layers, output_layer, _array_of(base), False, into.numpy())
+
+
+class _Pass:
+    """What the way through the layers and the two halves of the way back share, as arrays.
+
+    kept: the hidden layers (layers, padded rows, padded width), without rows if nobody goes back. output, output_gradient
+    (n, out); back_output, back_skip: the output layer's weights, padded. The output layer is passed first on the way
+    back, and leaves all of these to the hidden ones.
+    """
+
+    def __init__(self, learned: Tensor, means: Tensor, octaves: int, bound: float):
+        self.learned, self.means, self.octaves, self.bound = _array_of(learned), _array_of(means), octaves, np.float32(bound)
+        self.kept = self.output = self.output_gradient = self.back_output = self.back_skip = NOTHING
 
 
 def _forward(
-    learned: Tensor, means: Tensor, octaves: int, bound: float, layers: Layers, base: np.ndarray, keeps: bool, output: np.ndarray
-) -> np.ndarray:
-    """Write the output; return the hidden layers (layers, padded rows, padded width), without rows unless it `keeps` them."""
-    weights = [_padded(turned) for turned in _turned(layers)]
+    taken: _Pass, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool, output: np.ndarray
+) -> None:
+    """Write the output and, if it `keeps` them, the hidden layers."""
+    weights = [_padded(turned) for turned in (*_turned(hidden_layers), *_turned(output_layer))]
+    rows = len(taken.learned)
     # Kept for the backward pass: 4 * layers * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
-    rows = padded(len(learned), STRIP) if keeps else 0
-    kept = np.empty((1 + len(layers.hidden_weights), rows, weights[0].shape[1]), np.float32)
-    given = _array_of(learned), _array_of(means), octaves, np.float32(bound), base
-    in_parallel(lambda begin, end: evaluate(begin, end, *given, *weights, kept, output), len(learned), ROWS)
-    return kept
+    shape = 1 + len(hidden_layers.hidden_weights), padded(rows, STRIP) if keeps else 0, weights[0].shape[1]
+    taken.kept = np.empty(shape, np.float32)
+    given = taken.learned, taken.means, taken.octaves, taken.bound, base
+    in_parallel(lambda begin, end: evaluate(begin, end, *given, *weights, taken.kept, output), rows, ROWS)
 
 
-class _BlockwiseMLP(torch.autograd.Function):
+class _ThroughOutput(torch.autograd.Function):
+    """All layers on the way there; on the way back the output layer alone."""
+
     @staticmethod
-    def forward(ctx, training: bool, learned: Tensor, means: Tensor, octaves: int, bound: float, *weights: Tensor) -> Tensor:
-        layers = Layers(*weights)
-        output = learned.new_empty(len(learned), len(layers.output_bias))
-        kept = _forward(learned, means, octaves, bound, layers, NOTHING, training, output.numpy())
-        if training:
-            ctx.save_for_backward(learned, means, output, *weights)
-            ctx.octaves, ctx.bound, ctx.kept = octaves, bound, kept
+    def forward(ctx, taken: _Pass, keeps: bool, hidden_layers: list[Tensor], entered: Tensor, *weights: Tensor) -> Tensor:
+        output_layer = OutputLayer(*weights)
+        output = entered.new_empty(len(taken.learned), len(output_layer.output_bias))
+        _forward(taken, HiddenLayers(*hidden_layers), output_layer, NOTHING, keeps, output.numpy())
+        if keeps:
+            ctx.save_for_backward(output, *weights)
+            ctx.taken = taken
         return output
 
     @staticmethod
     @once_differentiable
     def backward(ctx, output_gradient: Tensor):
-        learned, means, output, *weights = ctx.saved_tensors
-        layers = Layers(*weights)
-        wants_learned, wants = ctx.needs_input_grad[1], ctx.needs_input_grad[5:]
-        back = layers.learned_weight, layers.hidden_weights, layers.output_weight, layers.skip_weight
-        learned_gradient = np.empty(learned.shape if wants_learned else (0, 0), np.float32)
-        given = _array_of(learned), _array_of(means), ctx.octaves, np.float32(ctx.bound), _array_of(output)
-        given += _array_of(output_gradient), ctx.kept, *map(_padded, back), learned_gradient
-        # A block adds into sums of its own, which are then added in the order of the blocks.
-        turned = _turned(layers)
-        shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(turned, wants)]
-        sums = [np.zeros((-(-len(learned) // ROWS), *shape), np.float32) for shape in shapes]
-        in_parallel(
-            lambda begin, end: differentiate(begin, end, *given, *(part[begin // ROWS] for part in sums)), len(learned), ROWS
-        )
-        totals = [torch.from_numpy(part.sum(axis=0)) for part in sums]
-        cut = [total[tuple(map(slice, weight.shape))] for total, weight in zip(totals, turned)]
-        gradients = (gradient if wanted else None for gradient, wanted in zip(_turned(Layers(*cut)), wants))
-        return None, torch.from_numpy(learned_gradient) if wants_learned else None, None, None, None, *gradients
+        taken, (output, *weights) = ctx.taken, ctx.saved_tensors
+        output_layer = OutputLayer(*weights)
+        taken.output, taken.output_gradient = _array_of(output), _array_of(output_gradient)
+        taken.back_output, taken.back_skip = _padded(output_layer.output_weight), _padded(output_layer.skip_weight)
+        given = taken.learned, taken.bound, taken.output, taken.output_gradient, taken.kept
+        gradients = _summed(differentiate_output, given, len(output), output_layer, ctx.needs_input_grad[4:])
+        return None, None, None, output_gradient.new_empty(0), *gradients
 
 
-def _turned(layers: Layers) -> Layers:
+class _ThroughHidden(torch.autograd.Function):
+    """The hidden layers on the way back. On the way there nothing is done yet: the result only ties the output to their weights."""
+
+    @staticmethod
+    def forward(ctx, taken: _Pass, learned: Tensor, *weights: Tensor) -> Tensor:
+        ctx.save_for_backward(*weights)
+        ctx.taken = taken
+        return learned.new_empty(0)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, _):
+        taken, hidden_layers = ctx.taken, HiddenLayers(*ctx.saved_tensors)
+        wants_learned, wants = ctx.needs_input_grad[1], ctx.needs_input_grad[2:]
+        learned_gradient = np.empty(taken.learned.shape if wants_learned else (0, 0), np.float32)
+        back = hidden_layers.learned_weight, hidden_layers.hidden_weights
+        given = taken.learned, taken.means, taken.octaves, taken.bound, taken.output, taken.output_gradient, taken.kept
+        given += *map(_padded, back), taken.back_output, taken.back_skip, learned_gradient
+        gradients = _summed(differentiate_hidden, given, len(taken.learned), hidden_layers, wants)
+        return None, torch.from_numpy(learned_gradient) if wants_learned else None, *gradients
+
+
+def _summed(
+    differentiate: Callable[..., None],
+    given: tuple,
+    rows: int,
+    layers: HiddenLayers | OutputLayer,
+    wants: tuple[bool, ...],
+) -> list[Tensor | None]:
+    """The gradients of the weights that are wanted, which `differentiate` adds up for the rows of a block, after what is `given`."""
+    turned = _turned(layers)
+    shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(turned, wants)]
+    # A block adds into sums of its own, which are then added in the order of the blocks.
+    sums = [np.zeros((-(-rows // ROWS), *shape), np.float32) for shape in shapes]
+    in_parallel(lambda begin, end: differentiate(begin, end, *given, *(part[begin // ROWS] for part in sums)), rows, ROWS)
+    totals = [torch.from_numpy(part.sum(axis=0)) for part in sums]
+    cut = type(layers)(*(total[tuple(map(slice, weight.shape))] for total, weight in zip(totals, turned)))
+    return [gradient if wanted else None for gradient, wanted in zip(_turned(cut), wants)]
+
+
+def _turned(layers: HiddenLayers | OutputLayer) -> HiddenLayers | OutputLayer:
     """Weights as (inputs, outputs), or back again; biases as they are."""
-    return Layers(*(part.mT if name.endswith(("weight", "weights")) else part for name, part in zip(Layers._fields, layers)))
+    return type(layers)(*(part if name.endswith(("bias", "biases")) else part.mT for name, part in layers._asdict().items()))
 
 
 def _padded_shape(weight: Tensor) -> tuple[int, ...]:
-    """The shape in which `differentiate` sums a turned weight's gradient: whole panels, and whole quads of rows."""
+    """The shape in which the kernels sum a turned weight's gradient: whole panels, and whole quads of rows."""
     *more, columns = weight.shape
     return *more[:-1], *(padded(rows, QUAD) for rows in more[-1:]), padded(columns, PANEL)
 

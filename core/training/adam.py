@@ -7,9 +7,9 @@ traffic for the whole scene. Each row counts its own updates, so rows born late 
 from functools import cache
 
 import numpy as np
-from numba import njit
 from torch import Tensor
 
+from core.compiled import exact_kernel
 from core.threads import in_parallel
 
 BETA_1, BETA_2 = 0.9, 0.999
@@ -19,7 +19,7 @@ ROWS_A_BLOCK = 4096
 LARGEST_GRADIENT = 1e18
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@exact_kernel
 def _update(values, first, second, counts, corrections, rows, gradient, rates, begin, end):
     columns = values.shape[1]
     for i in range(begin, end):

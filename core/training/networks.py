@@ -1,10 +1,13 @@
 """Adam for the networks: encoder, mask, SH transfer and tables, each at its own rate."""
 
+from collections.abc import Callable
+
 import torch
+from jaxtyping import Bool
 from torch import Tensor, nn
 
 from core.config import Settings
-from core.training import schedule
+from core.training import guards, schedule
 
 
 def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | None:
@@ -23,11 +26,21 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
     return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True)
 
 
-def update(optimizer: torch.optim.Adam, progress: float, learnt: Tensor) -> None:
-    """One step at the rates of this moment, from gradients that are then gone; on a GPU only if `learnt` () is true."""
+def update(
+    model: nn.Module, optimizer: torch.optim.Adam | None, progress: float, taught: Callable[[], None], taken: Bool[Tensor, ""]
+) -> Bool[Tensor, ""]:
+    """One step at the rates of this moment, if the step is `taken` and all gradients are finite, which is returned.
+
+    taught: waits for the last of the gradients, the encoder's. They are gone afterwards.
+    """
+    taught()
+    learnt = taken & guards.finite((weight.grad for weight in model.parameters()), taken.device)
+    if optimizer is None or guards.refused(learnt):
+        return learnt
     for group in optimizer.param_groups:
         group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)
     if learnt.device.type != "cpu":
         optimizer.found_inf = (~learnt).float()  # as torch's GradScaler leaves the choice to the GPU
     optimizer.step()
     optimizer.zero_grad(set_to_none=True)
+    return learnt

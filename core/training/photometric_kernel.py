@@ -10,13 +10,13 @@ zeros around the picture so that nothing branches. A row is computed on its own 
 order, so results do not depend on the number of threads.
 """
 
-import numba
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from core.compiled import kernel, part
 from core.threads import in_parallel
 from core.training.photometric import C1, C2, RADIUS, Target, window
 
@@ -27,8 +27,6 @@ _C1, _C2 = np.float32(C1), np.float32(C2)
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _THIRD = np.float32(0.5), np.float32(1 / 3)
 
-# contract lets LLVM form fused multiply-adds; anything more would let it assume that no NaN comes by.
-_kernel = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
 
 
 def photometric_fast(
@@ -85,7 +83,7 @@ class _Photometric(torch.autograd.Function):
         return torch.from_numpy(gradient), None, None, None
 
 
-@_kernel
+@part
 def _down(plane, row, i):
     """The window down column i, from `row` on."""
     outer = _K0 * (plane[row, i] + plane[row + 10, i]) + _K1 * (plane[row + 1, i] + plane[row + 9, i])
@@ -93,7 +91,7 @@ def _down(plane, row, i):
     return outer + inner + _K4 * (plane[row + 4, i] + plane[row + 6, i]) + _K5 * plane[row + 5, i]
 
 
-@_kernel
+@part
 def _along(line, i):
     """The window along a line, from i on."""
     outer = _K0 * (line[i] + line[i + 10]) + _K1 * (line[i + 1] + line[i + 9])
@@ -101,7 +99,7 @@ def _along(line, i):
     return outer + inner + _K4 * (line[i + 4] + line[i + 6]) + _K5 * line[i + 5]
 
 
-@_kernel
+@kernel
 def _forward_rows(x, y, y_mean, y_mean_square, weights, share, scale, begin, end, error, slopes):
     width = weights.shape[1]
     lines = np.zeros((3, width + 10), np.float32)
@@ -116,7 +114,7 @@ def _forward_rows(x, y, y_mean, y_mean_square, weights, share, scale, begin, end
             )  # fmt: skip
 
 
-@_kernel
+@part
 def _blur_products(x, y, row, lines):
     """The window down every column of x, x^2 and x y, from `row` on, into the middle of three padded lines."""
     width = x.shape[1]
@@ -132,7 +130,7 @@ def _blur_products(x, y, row, lines):
     _add_rows(_HALF * _K5, x[row + 5], x[row + 5], y[row + 5], y[row + 5], means, squares, products)
 
 
-@_kernel
+@part
 def _add_rows(tap, x, x_mirror, y, y_mirror, means, squares, products):
     """Adds two rows that share a tap. Written out over all eleven rows at once, LLVM gives up on vectors."""
     for i in range(x.shape[0]):
@@ -142,7 +140,7 @@ def _add_rows(tap, x, x_mirror, y, y_mirror, means, squares, products):
         products[i] += tap * (a * y[i] + b * y_mirror[i])
 
 
-@_kernel
+@part
 def _compare(lines, x, y, y_means, y_squares, weights, share, scale, error, by_mean, by_square, by_product):
     """One row of one channel: adds to `error`, and the derivatives of the loss by blur(x), blur(x^2) and blur(x y)."""
     means, squares, products = lines[0], lines[1], lines[2]
@@ -167,15 +165,15 @@ def _compare(lines, x, y, y_means, y_squares, weights, share, scale, error, by_m
         by_product[i] = slope * product
 
 
-@_kernel
+@kernel
 def _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, gradient):
     width = weights.shape[1]
     lines = np.zeros((3, width + 10), np.float32)
     line = np.empty(width, np.float32)
     for row in range(begin, end):
         for channel in range(3):
-            for part in range(3):
-                _blur_down(slopes[part, channel], row, lines[part, 5:])
+            for k in range(3):
+                _blur_down(slopes[k, channel], row, lines[k, 5:])
             _combine(
                 lines, x[channel, row + 5], y[channel, row + 5], weights[row], (_ONE - share) * scale, factor, line
             )
@@ -183,13 +181,13 @@ def _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, grad
                 gradient[row, i, channel] = line[i]
 
 
-@_kernel
+@part
 def _blur_down(plane, row, line):
     for i in range(plane.shape[1]):
         line[i] = _down(plane, row, i)
 
 
-@_kernel
+@part
 def _combine(lines, x, y, weights, scale, factor, line):
     means, squares, products = lines[0], lines[1], lines[2]
     for i in range(x.shape[0]):

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from statistics import fmean
 
@@ -159,19 +160,18 @@ class Trainer:
         sound = guards.sound(total + gauge_loss, picture_loss.detach(), usual)
         taken = learnt = sound
         if not guards.refused(sound):
+            teaching = cache(lambda: beside(lambda: self._teach_encoder(look, embedding, mask_loss)))  # started by the first call
+            if self.device.type == "cpu":  # as soon as the embedding has its gradient, while others are still on their way
+                embedding.register_post_accumulate_grad_hook(lambda _: (teaching(), None)[1])
             losses.backward((loss, None), (residual, residual_gradient))
-            teaching = beside(lambda: self._teach_encoder(look, embedding, mask_loss))
             reached = *leaves.values(), embedding, *self.model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
+            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, teaching(), taken))
             if not guards.refused(taken):
-                # The Gaussians do not wait for the encoder, which learns from a finite gradient by now. Should its own overflow
-                # all the same, only the networks learn nothing.
+                # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
                 self._update_gaussians(rows, leaves, progress, taken)
                 densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height, taken)
-            teaching()
-            learnt = taken & guards.finite((weight.grad for weight in self.model.parameters()), self.device)
-            if self.optimizer is not None and not guards.refused(learnt):
-                networks.update(self.optimizer, progress, learnt)
+            learnt = updating()
         mask_mean = self.nothing if look.mask is None else look.mask.detach().mean()
         facts = total, gauge_loss, picture_loss.detach(), residual_size, mask_mean, sound, taken, learnt
         facts = OnTheWay(torch.stack([fact.float() for fact in facts]))

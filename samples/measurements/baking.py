@@ -25,8 +25,8 @@ def measure_bake(scale: float) -> dict:
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
     settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST)
     model = AppearanceModel(settings, ())
-    _, layers = model.sh_transfer.inputs(splats.sh[:1], model.mean_embedding)
-    weights = [layers.learned_weight, layers.place_weight, *layers.hidden_weights, layers.output_weight, layers.skip_weight]
+    hidden, output = (layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer))
+    weights = [hidden.learned_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]
     factors = [(torch.randn(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
     own = threading.local()  # products: a thread writes into its own
 

@@ -192,6 +192,18 @@ def test_uses_the_fast_path_for_float32_only(monkeypatch):
     assert used == ["plain"]
 
 
+def test_the_embedding_has_its_gradient_before_the_way_back_through_the_hidden_layers():
+    """A training step starts to teach the encoder then, beside the rest."""
+    transfer, order = transfer_of(embedding_enters="output"), []
+    inputs = inputs_of(transfer, 3)
+    embedding = inputs["embedding"].detach().requires_grad_()
+    embedding.register_hook(lambda gradient: order.append("embedding"))
+    for layer in transfer.layers:
+        layer.weight.register_hook(lambda gradient: order.append("hidden"))
+    transfer(**inputs | {"embedding": embedding}).sum().backward()
+    assert order == ["embedding"] + ["hidden"] * len(transfer.layers)
+
+
 @pytest.mark.parametrize(
     "wrong, words",
     [

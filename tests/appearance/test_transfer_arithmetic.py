@@ -11,6 +11,7 @@ import torch
 
 from core.appearance.encoding import contract, encode, encoded_size
 from core.appearance.transfer_arithmetic import bound_softly, encode_places
+from tests.afresh import afresh
 
 EPS = float(np.finfo(np.float32).eps)
 BLOCK = numba.float32[:, ::1]
@@ -24,7 +25,7 @@ def test_bound_is_a_scaled_tanh(bound):
     values = (np.concatenate([values, -values]) * bound).astype(np.float32)
     expected = bound * np.tanh(values.astype(np.float64) / np.float32(bound))
     found = values.copy()
-    bound_softly(found, np.float32(bound))
+    afresh(bound_softly)(found, np.float32(bound))
     # A dozen roundings, each of half an eps at most; they seldom add up.
     assert np.allclose(found, expected, rtol=4 * EPS, atol=1e-44)
     assert np.abs(found).max() <= np.float32(bound)
@@ -32,7 +33,7 @@ def test_bound_is_a_scaled_tanh(bound):
 
 def test_bound_keeps_what_is_not_a_number():
     values = np.array([np.nan, np.inf, -np.inf, 0.0], np.float32)
-    bound_softly(values, np.float32(4))
+    afresh(bound_softly)(values, np.float32(4))
     assert np.allclose(values, [np.nan, 4, -4, 0], rtol=EPS, atol=0, equal_nan=True)  # the rounding of the quotient
 
 
@@ -43,7 +44,7 @@ def test_places_are_contracted_and_encoded(octaves):
     directions = torch.nn.functional.normalize(torch.randn(60, 3, generator=generator), dim=1)
     means = directions * torch.cat([torch.zeros(1), torch.logspace(-3, 15, 59)])[:, None]
     encoded = np.full((encoded_size(3, octaves), 64), 7, np.float32)
-    encode_places(means.numpy(), octaves, encoded)
+    afresh(encode_places)(means.numpy(), octaves, encoded)
     expected = encode(contract(means.double()), octaves).numpy().T
     # A rounded sine or cosine, whose error each octave doubles on average; pi as for `encode` itself.
     assert np.allclose(encoded[:, :60], expected, rtol=0, atol=np.pi * 2**octaves * EPS)
@@ -53,12 +54,11 @@ def test_places_are_contracted_and_encoded(octaves):
 LOOPS = {bound_softly: (numba.float32[::1], numba.float32), encode_places: (BLOCK, numba.int64, BLOCK)}
 
 
-@pytest.mark.parametrize("kernel, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_places, r"vfn?m\w+pd\s.*[yz]mm")])
-def test_loops_are_vectorised(kernel, instruction):
+@pytest.mark.parametrize("part, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_places, r"vfn?m\w+pd\s.*[yz]mm")])
+def test_loops_are_vectorised(part, instruction):
     """A loop that LLVM quietly leaves scalar is right and several times as slow; nothing but the assembly tells."""
     features = llvmlite.binding.get_host_cpu_features()
     if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
         pytest.skip("says something of AVX2 only")
-    flags = {name: kernel.targetoptions[name] for name in ("nogil", "error_model", "fastmath")}
-    (assembly,) = numba.njit(LOOPS[kernel], **flags)(kernel.py_func).inspect_asm().values()
+    (assembly,) = afresh(part, LOOPS[part]).inspect_asm().values()
     assert re.search(instruction, assembly)

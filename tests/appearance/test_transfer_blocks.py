@@ -4,19 +4,21 @@ import platform
 import re
 
 import llvmlite.binding
-import numba
 import numpy as np
 import pytest
 import torch
 
 from core.appearance.sh_transfer import SHTransfer
-from core.appearance.transfer_blocks import ANY, ZERO, differentiate, evaluate, multiply
+from core.appearance.transfer_blocks import ANY, ZERO, differentiate_hidden, differentiate_output, evaluate, multiply
+from tests.afresh import afresh
 from tests.small import whole_settings
+
+multiplied = afresh(multiply)
 
 
 def product(left, right, start, least, turned=False):
     into = np.empty((left.shape[1] if turned else left.shape[0], right.shape[1]), np.float32)
-    multiply(left, turned, right, start, into, np.float32(least))
+    multiplied(left, turned, right, start, into, np.float32(least))
     return into
 
 
@@ -31,7 +33,7 @@ def test_product(rows, columns, inner):
     turned = np.ascontiguousarray(left.T)
     np.testing.assert_array_equal(product(turned, right, start, ANY, turned=True), left @ right + start)
     sums = start.copy()
-    multiply(turned, True, right, sums, sums, ANY)
+    multiplied(turned, True, right, sums, sums, ANY)
     np.testing.assert_array_equal(sums, left @ right + start)
 
 
@@ -42,7 +44,7 @@ def test_a_relu_keeps_what_is_not_a_number():
     assert np.isnan(result[1]).all() and (result[[0, 2, 3]] == 0).all()
 
 
-@pytest.mark.parametrize("kernel", [evaluate, differentiate], ids=["forward", "backward"])
+@pytest.mark.parametrize("kernel", [evaluate, differentiate_output, differentiate_hidden], ids=["forward", "output", "hidden"])
 def test_kernels_use_wide_registers(kernel):
     """A product whose vectors were lost is right and eight times as slow; nothing but the assembly tells."""
     features = llvmlite.binding.get_host_cpu_features()
@@ -50,8 +52,5 @@ def test_kernels_use_wide_registers(kernel):
         pytest.skip("says something of AVX2 only")
     transfer = SHTransfer(whole_settings(sh_degree=1))
     transfer(torch.zeros(2, 4, 3), torch.zeros(2, 3), torch.zeros(16)).sum().backward()
-    flags = {name: kernel.targetoptions[name] for name in ("nogil", "error_model", "fastmath")}
-    fresh = numba.njit(**flags)(kernel.py_func)  # code that comes from the cache cannot be inspected
-    fresh.compile(kernel.signatures[0])
-    (assembly,) = fresh.inspect_asm().values()
+    (assembly,) = afresh(kernel, kernel.signatures[0]).inspect_asm().values()
     assert len(re.findall(r"vfmadd\d+ps\s.*%ymm", assembly)) >= 8

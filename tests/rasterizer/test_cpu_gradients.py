@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from core.rasterizer.cpu import backend, harmonics
+from core.rasterizer.cpu import backend, harmonics, project, project_backward
 from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, SUM_G, SUM_GE, SUM_GEE, SUM_GEY, SUM_GY, SUM_GYY
-from core.rasterizer.cpu.project import ellipse
-from core.rasterizer.cpu.project_backward import ellipse_backward
 from core.scene.harmonics import basis as torch_basis
+from tests.afresh import afresh
 from tests.rasterizer.scenes import camera, in_world
+
+ellipse, ellipse_backward = afresh(project.ellipse), afresh(project_backward.ellipse_backward)
+fill_basis, direction_gradient = afresh(harmonics.fill_basis), afresh(harmonics.direction_gradient)
 
 STEP = 1e-6  # of numbers of order 1: truncation 1e-12, rounding 1e-16 / 1e-6
 ERROR = 1e-7  # what those leave, with a margin for curvature
@@ -72,7 +74,7 @@ def test_harmonics(coefficients):
     basis, to_basis = np.full(16, np.nan), random.normal(size=16)
 
     def evaluated(direction):
-        harmonics.fill_basis(basis, tuple(direction), coefficients)
+        fill_basis(basis, tuple(direction), coefficients)
         return basis[:coefficients].copy()
 
     degree = int(np.sqrt(coefficients)) - 1
@@ -81,7 +83,7 @@ def test_harmonics(coefficients):
     )
     assert np.isnan(basis[coefficients:]).all(), "work beyond the degree"
     expected = differences(lambda moved: evaluated(moved) @ to_basis[:coefficients], direction)
-    gradient = harmonics.direction_gradient(to_basis, tuple(direction), coefficients)
+    gradient = direction_gradient(to_basis, tuple(direction), coefficients)
     np.testing.assert_allclose(gradient, expected, rtol=0, atol=ERROR * 10)  # coefficients up to 3, three terms each
 
 

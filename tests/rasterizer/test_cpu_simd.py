@@ -8,11 +8,11 @@ import sys
 import llvmlite.binding
 import numpy as np
 import pytest
-from numba import njit
 
 from core.rasterizer import create
 from core.rasterizer.cpu.blend_backward import blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
+from tests.afresh import afresh
 from tests.rasterizer.scenes import SCENES
 from tests.rasterizer.tolerances import PICTURE
 
@@ -26,9 +26,7 @@ def test_kernels_use_wide_registers(kernel):
     scene = SCENES["single"]()
     splats = scene.splats.map(lambda tensor: tensor.requires_grad_())
     create("cpu").render(splats, scene.camera).image.sum().backward()
-    fresh = njit(nogil=True, error_model="numpy")(kernel.py_func)  # code that comes from the cache cannot be inspected
-    fresh.compile(kernel.signatures[0])
-    (assembly,) = fresh.inspect_asm().values()
+    (assembly,) = afresh(kernel, kernel.signatures[0]).inspect_asm().values()
     assert len(re.findall(r"vfn?madd\d+ps\s.*%ymm", assembly)) >= 8
     assert not re.search(r"vfn?madd\d+ss", assembly), "scalar arithmetic in what should be vectors"
 

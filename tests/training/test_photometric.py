@@ -11,6 +11,7 @@ import torch
 from core.errors import BadInput
 from core.training import photometric_kernel
 from core.training.photometric import Target, blur, photometric, photometric_definition, photometric_paper
+from tests.afresh import afresh
 
 # float32 keeps 1e-7 of values near 1; SSIM subtracts squares of them and divides by at least C2 = 9e-4.
 ERROR_TOLERANCE = 2e-5
@@ -179,7 +180,6 @@ def test_loops_are_vectorised(loop):
     if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
         pytest.skip("says something of AVX2 only")
     function = getattr(photometric_kernel, loop)
-    flags = {name: function.targetoptions[name] for name in ("nogil", "error_model", "fastmath")}
-    (assembly,) = numba.njit(LOOPS[loop], **flags)(function.py_func).inspect_asm().values()
+    (assembly,) = afresh(function, LOOPS[loop]).inspect_asm().values()
     packed = re.findall(r"vfn?m(?:add|sub)\d+ps\s.*[yz]mm", assembly)
     assert len(packed) >= 4  # what the shortest of these loops needs

@@ -5,8 +5,8 @@ integer with one bit each. Positions within a tile are measured from its centre.
 """
 
 import numpy as np
-from numba import njit
 
+from core.compiled import exact_part
 from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.footprint import TILE
@@ -36,7 +36,7 @@ SPAN = np.float32(LANES - 1)  # px from the first pixel of a chunk to its last
 ROW_TERMS = 2 * TILE  # floats a splat: see `write_row_terms`
 
 
-@njit(error_model="numpy")
+@exact_part
 def write_row_terms(footprints, i, centre_x, centre_y, terms, at):
     """Write what log2(alpha) = strength - (sharpness x + shift)^2 needs for each row, x from the tile's centre.
 
@@ -54,7 +54,7 @@ def write_row_terms(footprints, i, centre_x, centre_y, terms, at):
         store(terms, at + TILE + half * LANES, multiply_add(broadcast(-fall) * dy, dy, broadcast(strength)))
 
 
-@njit(error_model="numpy")
+@exact_part
 def touched_chunks(sharpness, terms, at):
     """The chunks within which alpha reaches ALPHA_MIN, given the row terms: exact, no root, eight rows at a time."""
     chunks = np.uint32(0)
@@ -71,7 +71,7 @@ def touched_chunks(sharpness, terms, at):
     return chunks
 
 
-@njit(error_model="numpy")
+@exact_part
 def alpha_in_chunk(chunk, sharpness, terms, at):
     """Alpha of a splat in the eight pixels of a chunk, before the clamp at ALPHA_MAX; 0 where it is below ALPHA_MIN."""
     row = at + (chunk & (TILE - 1))
@@ -82,6 +82,6 @@ def alpha_in_chunk(chunk, sharpness, terms, at):
     return select(exponent >= broadcast(LOG2_ALPHA_MIN), exp2(exponent), broadcast(ZERO))
 
 
-@njit(error_model="numpy")
+@exact_part
 def clamped(alpha):
     return minimum(alpha, broadcast(ALPHA_LIMIT))

@@ -9,8 +9,8 @@ so that any number of channels costs one dot product, and nothing has to be stor
 """
 
 import numpy as np
-from numba import njit
 
+from core.compiled import exact_kernel, exact_part
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
@@ -37,6 +37,7 @@ from core.simd import (
     lowest_set_bit,
     minimum,
     multiply_add,
+    prefetch,
     select,
     store,
 )
@@ -51,7 +52,7 @@ SUM_RED, SUM_GREEN, SUM_BLUE = 6, 7, 8  # w v
 SLOT_WIDTH = 9
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@exact_kernel
 def blend_backward(
     counter, tile_starts, entries, footprints, drawn_chunks, image, image_gradient, slot_gradients,
 ):  # fmt: skip
@@ -73,6 +74,11 @@ def blend_backward(
         for begin in range(tile_starts[tile], tile_starts[tile + 1], BATCH):
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
+                # As in the forward pass; here a third of the time, as the slots are jumped about in as well.
+                ahead = min(entry + BATCH, len(entries) - 1)
+                prefetch(footprints, entries[ahead, SPLAT] * footprint.WIDTH)
+                prefetch(drawn_chunks, entries[ahead, SLOT])
+                prefetch(slot_gradients, entries[ahead, SLOT] * SLOT_WIDTH)
                 at = (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, entries[entry, SPLAT], centre_x, centre_y, terms, at)
             for entry in range(begin, end):
@@ -85,7 +91,7 @@ def blend_backward(
                     move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot)
 
 
-@njit(error_model="numpy")
+@exact_part
 def read_tile(state, left, top, image, image_gradient):
     """The state before the first splat; pixels outside the picture are finished from the start."""
     height, width = image.shape[0], image.shape[1]
@@ -103,7 +109,7 @@ def read_tile(state, left, top, image, image_gradient):
                 state[here] = -1.0
 
 
-@njit(error_model="numpy")
+@exact_part
 def gather_moments(chunks, footprints, i, terms, at, state, moments):
     """Splat `i`'s sums over the tile of g x^m y^n, x and y from the tile's centre, and of w v.
 
@@ -150,7 +156,7 @@ def gather_moments(chunks, footprints, i, terms, at, state, moments):
     return lane_sum(sum_blue)
 
 
-@njit(error_model="numpy")
+@exact_part
 def move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot):
     """Moments about the tile's centre, which are small, to moments in (e, dy) about the splat's line and centre.
 

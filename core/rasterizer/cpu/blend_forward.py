@@ -1,8 +1,8 @@
 """The picture: splats blended over each other, front to back, tile by tile (3DGS equation 3)."""
 
 import numpy as np
-from numba import njit
 
+from core.compiled import exact_kernel, exact_part
 from core.rasterizer.contract import STOP_TRANSMITTANCE
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import SLOT, SPLAT
@@ -29,6 +29,7 @@ from core.simd import (
     maximum,
     minimum,
     multiply_add,
+    prefetch,
     select,
     store,
 )
@@ -41,7 +42,7 @@ RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES
 STATE = 4 * LANES
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@exact_kernel
 def blend_forward(
     counter, tile_starts, entries, footprints, background,
     image, transmittance, drawn_chunks, strongest,
@@ -68,6 +69,10 @@ def blend_forward(
                 break
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
+                # What the next batch will need: the lists jump about in memory, and waiting for it took a fifth of the time.
+                ahead = min(entry + BATCH, len(entries) - 1)
+                prefetch(footprints, entries[ahead, SPLAT] * footprint.WIDTH)
+                prefetch(drawn_chunks, entries[ahead, SLOT])
                 i, at = entries[entry, SPLAT], (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, i, centre_x, centre_y, terms, at)
                 chunks = touched_chunks(footprints[i, footprint.SHARPNESS], terms, at) & unfinished
@@ -80,7 +85,7 @@ def blend_forward(
         write_tile(state, background, left, top, image, transmittance)
 
 
-@njit(error_model="numpy")
+@exact_part
 def clear(state, width, height):
     """Nothing blended yet; pixels beyond `width` and `height` (from the tile's corner) are finished from the start."""
     state[:] = 0
@@ -90,7 +95,7 @@ def clear(state, width, height):
             state[chunk * STATE + lane] = 1.0 if x + lane < width and y < height else -1.0
 
 
-@njit(error_model="numpy")
+@exact_part
 def unfinished_chunks(state):
     chunks = np.uint32(0)
     for chunk in range(CHUNKS):
@@ -99,7 +104,7 @@ def unfinished_chunks(state):
     return chunks
 
 
-@njit(error_model="numpy")
+@exact_part
 def blend_splat(chunks, footprints, i, terms, at, state):
     """Blend splat `i` into the given chunks; lane by lane the largest weight that it got."""
     sharpness = broadcast(footprints[i, footprint.SHARPNESS])
@@ -126,7 +131,7 @@ def blend_splat(chunks, footprints, i, terms, at, state):
     return largest
 
 
-@njit(error_model="numpy")
+@exact_part
 def write_tile(state, background, left, top, image, transmittance):
     """Put the tile's pixels over the background into the picture."""
     height, width = transmittance.shape

@@ -12,7 +12,8 @@ cancels, and the cost is the same: two fused multiply-adds a pixel, as the row's
 import math
 
 import numpy as np
-from numba import njit
+
+from core.compiled import exact_part
 
 TILE = 16  # pixels a side; two chunks of eight across
 
@@ -33,14 +34,14 @@ WIDTH = 12
 SLACK_PX = 0.01
 
 
-@njit(error_model="numpy")
+@exact_part
 def touched_rows(footprints, i, height):
     """The tile rows [first, last) that hold pixel centres within the ellipse of footprint `i`."""
     y, half_height = np.float64(footprints[i, Y]), np.float64(footprints[i, HALF_HEIGHT])
     return tiles_between(y - half_height, y + half_height, height)
 
 
-@njit(error_model="numpy")
+@exact_part
 def touched_columns(footprints, i, tile_row, width):
     """The tiles [first, last) of a tile row that the ellipse touches: all of them, as an ellipse has no holes.
 
@@ -58,13 +59,13 @@ def touched_columns(footprints, i, tile_row, width):
     return tiles_between(x + left, x + right, width)
 
 
-@njit(error_model="numpy")
+@exact_part
 def half_chord(height):
     """Of the unit circle, at a height above its centre; 0 outside."""
     return math.sqrt(max(1.0 - height * height, 0.0))
 
 
-@njit(error_model="numpy")
+@exact_part
 def tiles_between(low, high, size):
     """The tiles [first, last) along an axis of `size` pixels that hold pixel centres in [low, high] (px)."""
     # Clamped before it becomes an integer: the cast of a float beyond the integers' range is undefined.

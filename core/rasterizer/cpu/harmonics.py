@@ -1,13 +1,13 @@
 """core.scene.harmonics for one Gaussian at a time, with the gradient. In float64, which costs the same here."""
 
 import numpy as np
-from numba import njit
 
-from core.rasterizer.cpu.tuples import SCALAR, add, scaled
+from core.compiled import part
+from core.rasterizer.cpu.tuples import add, scaled
 from core.scene.harmonics import SH_0, SH_1, SH_2, SH_3
 
 
-@njit(**SCALAR)
+@part
 def fill_basis(basis, direction, coefficients):
     """Write the first `coefficients` (1, 4, 9 or 16) basis functions at a unit direction, or at zero, to `basis`."""
     x, y, z = direction
@@ -33,7 +33,7 @@ def fill_basis(basis, direction, coefficients):
             basis[15] = SH_3[6] * x * (xx - 3 * yy)
 
 
-@njit(**SCALAR)
+@part
 def colour(sh, i, basis):
     """SH + 0.5 of Gaussian `i` (red, green, blue), before the clamp at zero: not finite if a coefficient is not."""
     red = green = blue = 0.5
@@ -44,7 +44,7 @@ def colour(sh, i, basis):
     return red, green, blue
 
 
-@njit(**SCALAR)
+@part
 def is_finite(sh, i):
     """Whether every coefficient of Gaussian `i` is a finite number."""
     total = np.float32(0)
@@ -54,7 +54,7 @@ def is_finite(sh, i):
     return total == 0
 
 
-@njit(**SCALAR)
+@part
 def direction_gradient(to_basis, direction, coefficients):
     """dL/d(direction) from dL/d(basis functions), before the direction's normalisation is taken into account."""
     x, y, z = direction

@@ -6,8 +6,8 @@ Scalar code, in float64 throughout: without vectors it costs what float32 costs,
 import math
 
 import numpy as np
-from numba import njit
 
+from core.compiled import kernel, part
 from core.rasterizer.contract import (
     ALPHA_MIN,
     BLUR_PX2,
@@ -18,7 +18,7 @@ from core.rasterizer.contract import (
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
-from core.rasterizer.cpu.tuples import SCALAR, cross, dot, row, scaled, subtract
+from core.rasterizer.cpu.tuples import cross, dot, row, scaled, subtract
 from core.simd import fetch_add
 
 BLOCK = 512  # Gaussians a thread takes at a time
@@ -30,7 +30,7 @@ MOST_LEVEL = 2.0 * math.log(1.0 / ALPHA_MIN) * (1 + 1e-9)  # `level_of` an opaci
 SPHERE_MARGIN = 1 + 1e-9  # rounding of the axes' lengths
 
 
-@njit(**SCALAR)
+@part
 def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
     """Whether Gaussian `i` is finite (its SH apart), in front of the camera, rotated by a real rotation, not too faint.
 
@@ -48,14 +48,14 @@ def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
     )
 
 
-@njit(**SCALAR)
+@part
 def quaternion_of(quaternions, i):
     """Quaternion `i` as it stands, w x y z."""
     w, x, y, z = quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3]
     return np.float64(w), np.float64(x), np.float64(y), np.float64(z)
 
 
-@njit(**SCALAR)
+@part
 def axes_of(quaternions, i):
     """Gaussian `i`'s unit quaternion, the inverse of its norm, and its rotation's columns: the ellipsoid's axes."""
     w, x, y, z = quaternion_of(quaternions, i)
@@ -67,7 +67,7 @@ def axes_of(quaternions, i):
     return (w, x, y, z), inverse_norm, (first, second, third)
 
 
-@njit(**SCALAR)
+@part
 def scales_of(log_scales, i):
     """The standard deviations along the axes."""
     first, second, third = row(log_scales, i)
@@ -78,13 +78,13 @@ def scales_of(log_scales, i):
     )
 
 
-@njit(**SCALAR)
+@part
 def opacity_of(logit):
     """In [0, 1]."""
     return 1.0 / (1.0 + math.exp(-np.float64(logit)))
 
 
-@njit(**SCALAR)
+@part
 def slopes_of(offset, rotation, limits):
     """The inverse depth, x / z and y / z, and the latter two clamped to `limits`, which is for the Jacobian only."""
     inverse_depth = 1.0 / dot(row(rotation, 2), offset)
@@ -93,19 +93,19 @@ def slopes_of(offset, rotation, limits):
     return inverse_depth, x, y, min(max(x, left), right), min(max(y, top), bottom)
 
 
-@njit(**SCALAR)
+@part
 def pixel_gradient(rotation, line, zoom, slope):
     """How a pixel coordinate (line 0: x, 1: y) moves with a point of the world: a row of J W. zoom: focal / depth."""
     return scaled(zoom, subtract(row(rotation, line), scaled(slope, row(rotation, 2))))
 
 
-@njit(**SCALAR)
+@part
 def projected_axes(gradient, axes, scales):
     """The Gaussian's axes along a picture axis, px: a row of the factor V = J W R S of the 2D covariance V V'."""
     return scales[0] * dot(gradient, axes[0]), scales[1] * dot(gradient, axes[1]), scales[2] * dot(gradient, axes[2])
 
 
-@njit(**SCALAR)
+@part
 def covariance(across, down):
     """The entries a, b, c of V V' + blur and its determinant, px^2 and px^4."""
     a, b, c = dot(across, across), dot(across, down), dot(down, down)
@@ -115,7 +115,7 @@ def covariance(across, down):
     return a + BLUR_PX2, b, c + BLUR_PX2, determinant
 
 
-@njit(**SCALAR)
+@part
 def ellipse(i, offset, quaternions, log_scales, rotation, lens, limits):
     """Centre (px) and covariance entries a, b, c, determinant of Gaussian `i`, which passed `can_be_projected`."""
     fx, fy, cx, cy = lens
@@ -128,26 +128,26 @@ def ellipse(i, offset, quaternions, log_scales, rotation, lens, limits):
     return fx * x + cx, fy * y + cy, a, b, c, determinant
 
 
-@njit(**SCALAR)
+@part
 def level_of(opacity):
     """d' S^-1 d where opacity * exp(-d' S^-1 d / 2) has fallen to ALPHA_MIN; never 0, as its root is divided by."""
     return max(2.0 * math.log(opacity / ALPHA_MIN), 1e-6)
 
 
-@njit(**SCALAR)
+@part
 def meets_picture(x, y, reach_x, reach_y, size):
     """Whether the box around an ellipse with centre x, y meets the picture."""
     return x + reach_x >= 0 and x - reach_x <= size[0] and y + reach_y >= 0 and y - reach_y <= size[1]
 
 
-@njit(**SCALAR)
+@part
 def centre_in_picture(offset, rotation, lens, limits, size):
     fx, fy, cx, cy = lens
     _, x, y, _, _ = slopes_of(offset, rotation, limits)
     return meets_picture(fx * x + cx, fy * y + cy, 0.0, 0.0, size)
 
 
-@njit(**SCALAR)
+@part
 def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
     """Whether the picture is met by the box around an opaque sphere of Gaussian `i`'s largest scale: its own lies within."""
     fx, fy, cx, cy = lens
@@ -162,7 +162,7 @@ def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
     return meets_picture(fx * x + cx, fy * y + cy, reach_x, reach_y, size)
 
 
-@njit(cache=True, nogil=True, **SCALAR)
+@kernel
 def find_visible(
     counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible
 ):
@@ -187,7 +187,7 @@ def find_visible(
             visible[i] = inside and is_finite(sh, i)
 
 
-@njit(cache=True, nogil=True, **SCALAR)
+@kernel
 def project(
     counter, means, quaternions, log_scales, logit_opacities, sh, probe, rotation, centre, lens, limits, size,
     footprints, depths, tile_counts, tile_loads,

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from core.compiled import kernel, part
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.blend_backward import (
     SLOT_WIDTH,
@@ -31,11 +31,11 @@ from core.rasterizer.cpu.project import (
     scales_of,
     slopes_of,
 )
-from core.rasterizer.cpu.tuples import SCALAR, add, dot, row, scaled, subtract
+from core.rasterizer.cpu.tuples import add, dot, row, scaled, subtract
 from core.simd import fetch_add
 
 
-@njit(cache=True, nogil=True, **SCALAR)
+@kernel
 def project_backward(
     counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits,
     footprints, slot_starts, drawn_chunks, slot_gradients,
@@ -68,7 +68,7 @@ def project_backward(
             to_logit_opacities[i] = sums[SUM_G] * (1.0 - opacity_of(logit_opacities[i]))
 
 
-@njit(**SCALAR)
+@part
 def add_up(begin, end, drawn_chunks, slot_gradients, sums):
     """Sum slots begin..end, those drawn, into `sums`; whether there was one."""
     drawn = False
@@ -81,14 +81,14 @@ def add_up(begin, end, drawn_chunks, slot_gradients, sums):
     return drawn
 
 
-@njit(**SCALAR)
+@part
 def write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe):
     to_means[i], to_quaternions[i], to_log_scales[i], to_logit_opacities[i], to_sh[i] = 0, 0, 0, 0, 0
     if len(to_probe) > 0:
         to_probe[i] = 0
 
 
-@njit(**SCALAR)
+@part
 def ellipse_backward(
     i, offset, quaternions, log_scales, rotation, lens, limits, sums, to_quaternions, to_log_scales, to_probe
 ):
@@ -149,7 +149,7 @@ def ellipse_backward(
     return scaled(inverse_depth, subtract(in_picture, scaled(to_depth, axis_z)))
 
 
-@njit(**SCALAR)
+@part
 def write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions):
     """From dL/d(columns of the rotation matrix) to dL/d(quaternion), its normalisation included."""
     w, x, y, z = unit
@@ -168,7 +168,7 @@ def write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions):
     to_quaternions[i, 3] = inverse_norm * (to_z - z * radial)
 
 
-@njit(**SCALAR)
+@part
 def colour_backward(i, offset, sh, basis, footprints, sums, to_sh):
     """Write dL/d(sh); dL/d(offset) by way of the direction. basis: room for 16 numbers; ends as dL/d(basis)."""
     distance = math.sqrt(dot(offset, offset))

@@ -1,0 +1,45 @@
+"""How Numba compiles our kernels, which Python calls, and their parts, which only kernels and other parts call.
+
+On its own Numba makes every function ready to be called from Python, from C and from compiled code. These wrappers are a quarter
+of the time that a new user waits for the kernels, so kernels get none for C and parts none at all: calling a part from Python crashes.
+
+`exact_` ones round after every operation, as written. In the others a product and a sum may become one instruction, which
+rounds once; anything more would let LLVM assume that no NaN comes by.
+"""
+
+import gc
+
+from numba import njit
+from numba.core import event
+
+_CONTRACTING = {"fastmath": {"contract"}}
+_KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_PART = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+
+exact_kernel, kernel = njit(**_KERNEL), njit(**_KERNEL, **_CONTRACTING)
+exact_part, part = njit(**_PART), njit(**_PART, **_CONTRACTING)
+
+
+class _WithoutCollections(event.Listener):
+    """Holds Python's garbage collector while a kernel and its parts are compiled.
+
+    A compiler's million objects are mostly in use: to look through them, and torch's, again and again took a seventh of
+    the time. Numba compiles under a lock, so nothing races here.
+    """
+
+    depth = 0  # of parts in parts in a kernel
+    enabled = True
+
+    def on_start(self, _):
+        if not self.depth:
+            self.enabled = gc.isenabled()
+            gc.disable()
+        self.depth += 1
+
+    def on_end(self, _):
+        self.depth -= 1
+        if not self.depth and self.enabled:
+            gc.enable()
+
+
+event.register("numba:compile", _WithoutCollections())

@@ -1,0 +1,48 @@
+"""How kernels are compiled: what it must not leave behind."""
+
+import gc
+
+import pytest
+from numba.core import event
+from numba.core.errors import TypingError
+
+from core.compiled import exact_kernel, exact_part
+
+
+class Watch(event.Listener):
+    def __init__(self):
+        self.collecting = []
+
+    def on_start(self, _):
+        self.collecting.append(gc.isenabled())
+
+    def on_end(self, _):
+        pass
+
+
+@exact_part
+def doubled(x):
+    return x + x
+
+
+def test_the_collector_rests_while_kernel_and_parts_are_compiled():
+    def quadrupled(x):
+        return doubled(doubled(x))
+
+    watch = Watch()
+    event.register("numba:compile", watch)
+    try:
+        assert exact_kernel(quadrupled)(1.5) == 6
+    finally:
+        event.unregister("numba:compile", watch)
+    assert watch.collecting == [False, False]
+    assert gc.isenabled()
+
+
+def test_the_collector_is_back_after_a_kernel_that_cannot_be_compiled():
+    def impossible(x):
+        return x.nothing
+
+    with pytest.raises(TypingError):
+        exact_kernel(impossible)(1.5)
+    assert gc.isenabled()

@@ -60,8 +60,8 @@ class Settings:
     embedding_enters: str = setting("output", "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).", choices=("output", "input"))
     transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2)
     transfer_width: int = setting(32, "Width of the SH transfer MLP.", low=1)
-    position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0)
-    sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0)
+    position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0, high=16)
+    sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0, high=16)
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
     encoder_side_px: int = setting(128, "Photos are shrunk to this short side before the encoder, never enlarged.", low=16)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
@@ -77,7 +77,7 @@ class Settings:
     mask_start: float = setting(0.35, "Fraction at which the mask begins to learn.", low=0, high=1)
     mask_apply: float = setting(0.45, "Fraction from which the mask weights the picture loss.", low=0, high=1)
 
-    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training, where every other one is mirrored; 0: as they are.", low=0, high=1)
+    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
     # --- learning rates (Adam)
     mean_rate: float = setting(8e-4, "Of centres, decaying to a hundredth; scene units a step.", low=0)
@@ -142,6 +142,9 @@ class Settings:
         return asdict(self)
 
 
+KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}
+
+
 def check(item, value: Any) -> None:
     """Raise BadSetting unless `value` has the type and lies in the range of the Settings field `item`."""
     rules = item.metadata
@@ -149,7 +152,7 @@ def check(item, value: Any) -> None:
     if item.type is float:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not good:
-        raise BadSetting(f"{item.name}={value!r} is not of type {item.type.__name__}.", item.metadata["help"])
+        raise BadSetting(f"{item.name}={value!r} is not {KINDS[item.type]}.", item.metadata["help"])
     if rules["auto"] and value == UNDECIDED:
         return
     if rules["choices"] and value not in rules["choices"]:

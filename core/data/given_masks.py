@@ -14,9 +14,9 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
 
     A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's
     do; for photos in folders (`left/0001.jpg`) a mask in the same folder beats one in `folder` itself. A photo without a mask
-    is used whole. Held-out photos get none: masks never enter a figure. Notes say how many there are, and which are missing, are of another size than their photo (they are
-    resized, nearest pixel) or belong to no photo. Raises BadInput for a folder without any match, and for two
-    masks of one photo.
+    is used whole. Held-out photos get none: masks never enter a figure. Notes say how many there are, and which are missing,
+    are of another size than their photo (they are resized, nearest pixel) or belong to no photo. Raises BadInput for a folder
+    without any match, and for two masks of one photo.
     """
     if not folder.is_dir():
         raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")

@@ -1,15 +1,12 @@
-"""A photo in another exposure and white balance, and maybe mirrored: a collection holds few, and the encoder meets each many times.
+"""A photo in another exposure and white balance, for the encoder and as the target alike.
 
-It learns to tell tone from light, and passers-by from the side of the picture on which they stood.
+A collection holds few photos; with this the encoder meets each in many tones and learns to tell tone from light.
 """
-
-from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from core.appearance.model import Look
 from core.config import Settings
 from core.device import sent
 from core.training.photometric import Target
@@ -17,33 +14,19 @@ from core.training.photometric import Target
 LARGEST_GAIN = 1.4  # a photo has nothing above 1 to be brightened
 
 
-@dataclass(frozen=True)
-class Jitter:
-    """What one step does to a photo. gain: of each channel. mirrored: left to right, for the encoder alone."""
-
-    gain: Float[Tensor, "3"]
-    mirrored: bool
-
-    def of_photo(self, shown: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
-        """What the encoder sees."""
-        shown = (shown * sent(self.gain, shown.device)[:, None, None]).clamp(max=1.0)
-        return shown.flip(-1) if self.mirrored else shown
-
-    def of_target(self, target: Target) -> Target:
-        """What the render is compared with."""
-        return target.brightened(sent(self.gain, target.planes.device))
-
-    def undone(self, look: Look) -> Look:
-        """The look of the photo as it was taken."""
-        if not self.mirrored or look.mask is None:
-            return look
-        return Look(look.embedding, look.mask.flip(-1))
-
-
-def draw_jitter(settings: Settings, generator: torch.Generator) -> Jitter | None:
-    """A random one, or None where looks are not learnt from photos. The MLP's mask sees no photo, so that is not mirrored for it."""
+def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:
+    """A random gain of each channel, or None where looks are not learnt from photos."""
     if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
         return None
     draw = torch.randn(4, generator=generator)
-    gain = torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
-    return Jitter(gain, mirrored=bool(torch.rand((), generator=generator) < 0.5) and settings.mask != "mlp")
+    return torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
+
+
+def jittered(
+    shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None
+) -> tuple[Float[Tensor, "3 h w"], Target]:
+    """Both with each channel times its gain; for None as they are."""
+    if gain is None:
+        return shown, target
+    gain = sent(gain, shown.device)
+    return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)

@@ -27,7 +27,7 @@ from core.threads import beside, threads_for_blocks
 from core.training import checkpoint, densify, guards, losses, needs, networks, schedule, strangers
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
-from core.training.jitter import Jitter, draw_jitter
+from core.training.jitter import draw_gain, jittered
 from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Pictures, auto_factor
 
@@ -71,7 +71,8 @@ class Trainer:
         size = settings.resolution, factor, settings.encoder_side_px, self.device
         self.pictures = Pictures(collection.split("train"), *size)
         if not len(self.pictures):
-            raise BadInput(f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}.", "Copy them again.")
+            what = f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}."
+            raise BadInput(what, "Copy them again, or give masks that are white where a photo is to be used.")
         settings, self.decisions = needs.decide(settings, collection.points, self.pictures.pictures)
         self.settings = settings
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
@@ -134,8 +135,8 @@ class Trainer:
         index = self._next_photo()
         self.order.pop()
         camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
-        jitter = draw_jitter(settings, self.generator)
-        looking = beside(lambda: self._look(index, target, jitter))
+        gain = draw_gain(settings, self.generator)
+        looking = beside(lambda: self._look(index, target, gain))
         visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
         rows = visible.rows
         leaves = self.gaussians.leaves(rows)
@@ -202,11 +203,9 @@ class Trainer:
             camera, _ = self.pictures.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
-    def _look(self, index: int, target: Target, jitter: Jitter | None) -> tuple[Look, Target]:
-        shown = self.pictures[index].encoder_input
-        if jitter is None:
-            return self.model.look(shown, index), target
-        return jitter.undone(self.model.look(jitter.of_photo(shown), index)), jitter.of_target(target)
+    def _look(self, index: int, target: Target, gain: Tensor | None) -> tuple[Look, Target]:
+        shown, target = jittered(self.pictures[index].encoder_input, target, gain)
+        return self.model.look(shown, index), target
 
     def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
         settings = self.settings

@@ -74,8 +74,8 @@ class Settings:
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
-    mask_start: float = setting(0.35, "Fraction at which the mask begins to learn.", low=0, high=1)
-    mask_apply: float = setting(0.45, "Fraction from which the mask weights the picture loss.", low=0, high=1)
+    mask_start: float = setting(0.2, "Fraction at which the mask begins to learn.", low=0, high=1)
+    mask_apply: float = setting(0.6, "Fraction from which the mask weights the picture loss.", low=0, high=1)
 
     exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 

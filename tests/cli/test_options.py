@@ -84,7 +84,7 @@ def test_the_same_setting_twice_is_refused():
     [
         ("steps = \n", BadInput, "not TOML"),
         ("stepz = 3\n", BadSetting, "no setting 'stepz'"),
-        ("steps = '3'\n", BadSetting, "not of type int"),
+        ("steps = '3'\n", BadSetting, "is not a whole number"),
         ("[train]\nsteps = 3\n", BadSetting, "no setting 'train'"),
     ],
 )

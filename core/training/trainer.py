@@ -72,7 +72,7 @@ class Trainer:
         self.pictures = Pictures(collection.split("train"), *size)
         if not len(self.pictures):
             what = f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}."
-            raise BadInput(what, "Copy them again, or give masks that are white where a photo is to be used.")
+            raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = needs.decide(settings, collection.points, self.pictures.pictures)
         self.settings = settings
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
@@ -163,7 +163,7 @@ class Trainer:
         if not guards.refused(sound):
             teaching = cache(lambda: beside(lambda: self._teach_encoder(look, embedding, mask_loss)))  # started by the first call
             if self.device.type == "cpu":  # as soon as the embedding has its gradient, while others are still on their way
-                embedding.register_post_accumulate_grad_hook(lambda _: (teaching(), None)[1])
+                embedding.register_post_accumulate_grad_hook(lambda _: teaching() and None)
             losses.backward((loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *self.model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)

@@ -1,5 +1,6 @@
 """How the networks learn: encoder, mask, SH transfer and tables, each by Adam at its own rate."""
 
+import weakref
 from collections.abc import Callable
 from functools import cache
 
@@ -39,8 +40,11 @@ def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Callab
     def started() -> Callable[[], None]:
         return beside(work)
 
+    # Weakly: `work` holds the embedding, which holds the hook, and Python's collector does not see through torch to find that.
+    to_start = weakref.ref(started)
+
     def start(_: Tensor) -> None:
-        started()
+        to_start()()
 
     if embedding.device.type == "cpu":
         embedding.register_post_accumulate_grad_hook(start)

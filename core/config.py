@@ -36,20 +36,45 @@ class Settings:
     """All that decides how a run turns out. Fractions are of `steps`; lengths are scene units (scene radius 1)."""
 
     # --- the run
-    steps: int = setting(UNDECIDED, f"Optimisation steps; every schedule is a fraction of them. auto: {VISITS} a photo, at least {LEAST['steps']}.", low=1, auto=True)
+    steps: int = setting(
+        UNDECIDED,
+        f"Optimisation steps; every schedule is a fraction of them. auto: {VISITS} a photo, at least {LEAST['steps']}.",
+        low=1,
+        auto=True,
+    )
     seed: int = setting(0, "Seed of everything random.", low=0, high=2**63 - 1)
     device: str = setting("auto", "Where to compute.", choices=("auto", "cpu", "cuda"))
     backend: str = setting("auto", "Rasterizer.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(-1, "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 decides.", low=-1)
-    max_gaussians: int = setting(UNDECIDED, f"Never more Gaussians than this (without the sky's). auto: one for {PIXELS_A_GAUSSIAN} pixels of all photos, at least {LEAST['max_gaussians']}.", low=1, auto=True)
-    sh_degree: int = setting(UNDECIDED, "Degree of the spherical harmonics; auto asks the photos whether colours depend on the viewing direction.", low=0, high=3, auto=True)
+    max_gaussians: int = setting(
+        UNDECIDED,
+        f"Never more Gaussians than this (without the sky's). auto: one for {PIXELS_A_GAUSSIAN} pixels of all photos, "
+        f"at least {LEAST['max_gaussians']}.",
+        low=1,
+        auto=True,
+    )
+    sh_degree: int = setting(
+        UNDECIDED,
+        "Degree of the spherical harmonics; auto asks the photos whether colours depend on the viewing direction.",
+        low=0,
+        high=3,
+        auto=True,
+    )
 
     # --- the parts of the method, each a switch of the paper's ablation
-    appearance: str = setting(AUTO, "How looks differ: not at all, by an affine colour map, by SH transfer; auto asks the photos.", choices=(AUTO, "off", "exposure", "full"))
+    appearance: str = setting(
+        AUTO,
+        "How looks differ: not at all, by an affine colour map, by SH transfer; auto asks the photos.",
+        choices=(AUTO, "off", "exposure", "full"),
+    )
     transients: str = setting(AUTO, "Whether passers-by are masked; auto asks the photos.", choices=(AUTO, "off", "on"))
     sky: str = setting("dome", "What stands behind everything: a far dome of Gaussians, or nothing (black).", choices=("none", "dome"))
     embedding: str = setting("encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo"))
-    mask: str = setting("attention", "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).", choices=("attention", "cnn", "mlp"))
+    mask: str = setting(
+        "attention",
+        "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).",
+        choices=("attention", "cnn", "mlp"),
+    )
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
@@ -57,7 +82,11 @@ class Settings:
     # --- sizes
     embedding_size: int = setting(16, "Numbers in a photo's embedding.", low=1)
     latent_size: int = setting(0, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position.", low=0)
-    embedding_enters: str = setting("output", "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).", choices=("output", "input"))
+    embedding_enters: str = setting(
+        "output",
+        "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).",
+        choices=("output", "input"),
+    )
     transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2)
     transfer_width: int = setting(32, "Width of the SH transfer MLP.", low=1)
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0, high=16)
@@ -69,7 +98,11 @@ class Settings:
 
     # --- losses
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1)
-    mask_loss: str = setting("weighted", "How masks enter the picture loss: weighting the maps, or multiplying the pictures (paper).", choices=("weighted", "paper"))
+    mask_loss: str = setting(
+        "weighted",
+        "How masks enter the picture loss: weighting the maps, or multiplying the pictures (paper).",
+        choices=("weighted", "paper"),
+    )
     mask_regularisation: float = setting(0.00625, "Weight of mean((1 - M)^2) (L_regM).", low=0)
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
@@ -89,7 +122,13 @@ class Settings:
     encoder_rate: float = setting(5e-4, "Of encoder and mask, decaying to a tenth.", low=0)
     embedding_rate: float = setting(1e-2, "Of GLO embeddings and latents, decaying to a tenth.", low=0)
 
-    geometry_from: float = setting(UNDECIDED, "Fraction at which the geometry begins to move; until then only looks are learnt. auto: 0.1, or 0 without looks.", low=0, high=1, auto=True)
+    geometry_from: float = setting(
+        UNDECIDED,
+        "Fraction at which the geometry begins to move; until then only looks are learnt. auto: 0.1, or 0 without looks.",
+        low=0,
+        high=1,
+        auto=True,
+    )
 
     # --- density control
     densify_from: float = setting(UNDECIDED, "Fraction at which growth starts. auto: 0.12, or 0.02 without looks.", low=0, high=1, auto=True)
@@ -98,7 +137,13 @@ class Settings:
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(4.0, "Gaussians farther from SfM points than these lie apart, times this, are removed; 0 keeps all.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
-    prune_contribution: float = setting(UNDECIDED, "After growth: Gaussians below this share of every pixel are removed. auto: 0.2, or 0 without looks.", low=0, high=1, auto=True)
+    prune_contribution: float = setting(
+        UNDECIDED,
+        "After growth: Gaussians below this share of every pixel are removed. auto: 0.2, or 0 without looks.",
+        low=0,
+        high=1,
+        auto=True,
+    )
 
     # --- schedule
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
@@ -152,7 +197,7 @@ def check(item, value: Any) -> None:
     if item.type is float:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not good:
-        raise BadSetting(f"{item.name}={value!r} is not {KINDS[item.type]}.", item.metadata["help"])
+        raise BadSetting(f"{item.name}={value!r} is not {KINDS[item.type]}.", rules["help"])
     if rules["auto"] and value == UNDECIDED:
         return
     if rules["choices"] and value not in rules["choices"]:

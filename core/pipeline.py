@@ -76,9 +76,8 @@ def train(
 ) -> Path:
     """Train on the photos in `scene`; returns the run folder, which nothing is written into before the scene is read.
 
-    masks: a folder of pictures that are white where the photo of that name is to be used (core.data.given_masks).
-
     Plain photos go through structure from motion first; the scene it makes lies beside the run and is used again.
+    masks: a folder of pictures that are white where the photo of that name is to be used (core.data.given_masks).
     """
     check_resolution(settings.resolution)
     # Refused before the minutes that cameras may take.
@@ -133,7 +132,6 @@ def _go_on(folder: Path, report: Report) -> Path:
 def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
     _tell_sizes(trainer, report)
-    step = None
     with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():
             for message in step.messages:
@@ -237,7 +235,7 @@ def interpolate(
     ply: bool = False,
     force: bool = False,
 ) -> Path:
-    """Fade from one look to another in `steps` frames seen by the camera of photo `view`; returns their folder.
+    """Fade from one look to another in `steps` frames (2 or more) seen by the camera of photo `view`; returns their folder.
 
     The first and the last step are the two looks themselves, bit for bit: their embeddings are not computed but taken.
     """

@@ -65,8 +65,7 @@ def define_operator(function, result, emit) -> None:
     lower_builtin(function, float8, float8)(lambda context, builder, sig, args: emit(builder, *args))
 
 
-# No fast-math flag on any of them: `power_of_two` counts on its roundings, and the backward pass on repeating the
-# forward's.
+# No fast-math flag on any of them: `exp2` counts on its roundings, and the backward pass on repeating the forward's.
 define_operator(operator.add, float8, lambda builder, a, b: builder.fadd(a, b))
 define_operator(operator.sub, float8, lambda builder, a, b: builder.fsub(a, b))
 define_operator(operator.mul, float8, lambda builder, a, b: builder.fmul(a, b))
@@ -247,8 +246,7 @@ def times_power_of_two(typing_context, numbers, shifted):
     return float8(float8, float8), generate
 
 
-# Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa, which rounds to the nearest
-# integer.
+# Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa: that rounds to the nearest integer.
 ROUNDING = np.float32(1.5 * 2**23)
 # 2^f on [-1/2, 1/2] with the least relative error (9e-8) of all quintics that are exact at 0.
 EXP2 = tuple(np.float32(c) for c in (1.0, 0.693147, 0.24022242, 0.055507336, 0.009671513, 0.0013264728))
@@ -268,8 +266,7 @@ def exp2(exponents):
     return times_power_of_two(power, shifted)
 
 
-# ------------------------------------------------------------------------------------------------------ across the
-# lanes
+# ---------------------------------------------------------------------------------------------------- across the lanes
 
 
 def shuffled(builder, a, b, lanes):

@@ -4,7 +4,7 @@ from core.report import Report
 
 
 class Heard(Report):
-    """Keeps what it is told; warnings begin with `! `."""
+    """Keeps what it is told; warnings begin with `! `, tables become lines (a header too, where there is one)."""
 
     def __init__(self):
         self.lines: list[str] = []
@@ -19,5 +19,5 @@ class Heard(Report):
     def progress(self, what: str, done: int, total: int, note: str = "") -> None:
         self.steps.append((done, total))
 
-    def table(self, title: str, rows: list[tuple[str, str]]) -> None:
-        self.lines += [f"{name}: {value}" for name, value in rows]
+    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
+        self.lines += [": ".join(row) for row in ([header] if header else []) + rows]

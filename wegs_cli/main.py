@@ -110,7 +110,12 @@ def _show_version(context: click.Context, _parameter: click.Parameter, wanted: b
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version, help="Show the version."
 )
-@click.option("--memory", type=click.FloatRange(min=1.5), metavar="GIB", help="Never take more main memory than this (Linux); a GPU's own is not limited.")
+@click.option(
+    "--memory",
+    type=click.FloatRange(min=1.5),
+    metavar="GIB",
+    help="Never take more main memory than this (Linux); a GPU's own is not limited.",
+)
 def wegs(memory: float | None) -> None:
     """Tourist photos in, a 3D Gaussian scene out whose light follows any photo.
 

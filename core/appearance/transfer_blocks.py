@@ -21,7 +21,6 @@ QUAD = 4  # and its rows of this
 ANY, ZERO = np.float32(-np.inf), np.float32(0)  # the least value that a product may have: any, or that of a ReLU
 
 
-
 def padded(count, to):
     """`count` rounded up to a multiple."""
     return (count + to - 1) // to * to

@@ -107,7 +107,7 @@ def blockwise_mlp(
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on torch.get_num_threads() threads.
+    """`plain_mlp` for float32 on the CPU, on core.threads.threads() threads.
 
     Autograd goes back in the reverse order of creation. output_layer: makes the output layer when the hidden ones are
     in the graph, so that what it is made of has its gradient before the way back through them begins.

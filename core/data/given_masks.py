@@ -37,12 +37,12 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
         if photo.name in known and probe(known[photo.name]).displayed != (photo.camera.width, photo.camera.height)
     ]
     missing = [photo.name for photo in training if photo.name not in known]
-    strangers = sorted({path.name for found in listed.values() for path in found.values()} - {m.name for m in masks.values() if m})
+    unused = sorted({path for found in listed.values() for path in found.values()} - set(masks.values()))
     notes = [f"{counted(len(known), 'photo')} with a mask from {folder}."]
     notes += name_them("without one, used whole", missing)
     notes += name_them("with a mask of another size, which is resized", resized)
-    if strangers:
-        notes.append(f"{counted(len(strangers), 'mask')} of no photo in use, such as {strangers[0]}.")
+    if unused:
+        notes.append(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}.")
     photos = tuple(replace(photo, mask=known.get(photo.name)) for photo in collection.photos)
     return replace(collection, photos=photos, notes=(*collection.notes, *notes))
 

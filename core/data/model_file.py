@@ -7,7 +7,7 @@ record.
 import signal
 import struct
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from core.errors import BadInput
 
 PARTS = ("cameras", "images", "points3D")
 POSE_BYTES = 7 * 8  # quaternion and translation
-
 
 if threading.current_thread() is threading.main_thread():  # Python sets handlers in no other
     # Importing pycolmap makes SIGTERM print pages of C++ addresses and end the program; what Python had is put back.
@@ -71,7 +70,7 @@ def quiet() -> Iterator[None]:
         pycolmap.logging.minloglevel = before
 
 
-def _whole(data: bytes, walk) -> bool:
+def _whole(data: bytes, walk: Callable[[bytes, int], int]) -> bool:
     """Whether the records that the file announces fill it exactly."""
     try:
         count = _integer(data, 0, "Q")

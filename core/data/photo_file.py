@@ -46,14 +46,17 @@ class Header:
 
 def list_photos(folder: Path) -> list[Path]:
     """The files in `folder` (not below) with a photo's suffix, by name. Hidden files are not photos."""
-    files = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith("."))
-    return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
+    return _list_files(folder, SUFFIXES)
 
 
 def list_unreadable(folder: Path) -> list[Path]:
     """The files in `folder` in formats of cameras and phones that cannot be read, by name."""
-    files = (path for path in folder.iterdir() if path.suffix.lower() in UNREADABLE_SUFFIXES)
-    return sorted(path for path in files if path.is_file() and not path.name.startswith("."))
+    return _list_files(folder, UNREADABLE_SUFFIXES)
+
+
+def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
+    return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
 
 
 def no_photos(folder: Path, what: str = "no photos") -> BadInput:
@@ -161,7 +164,7 @@ def _read_png(path: Path, data: bytes | mmap.mmap) -> Header:
             raise bad_photo(path, TRUNCATED)
         body = position + 8
         if kind == b"IHDR":
-            size = struct.unpack(">II", data[body : body + 8])
+            size = struct.unpack(">II", data[body : body + 8].ljust(8, b"\0"))
         elif kind == b"eXIf":
             exif = data[body : body + length]
             orientation = orientation_of(exif)

@@ -34,8 +34,9 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     all. Two runs differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a place are left out and named.
-    Raises BadInput for a folder with fewer than two readable photos, an output that exists, and where no model is
-    found.
+
+    Raises BadInput for a folder with fewer than two readable photos, an output that exists and is not an empty folder, or
+    cannot be written, and where no model is found; WegsError for a full disk.
     """
     if output.resolve() == Path.cwd():
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")

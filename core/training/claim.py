@@ -62,6 +62,6 @@ def _make(output: Path | None, scene_name: str, force: bool) -> tuple[Path, list
             folder.mkdir(parents=True, exist_ok=output is not None)
             return folder, missing
         except OSError as problem:
-            if isinstance(problem, FileExistsError) and output is None:
+            if output is None and isinstance(problem, FileExistsError) and Path(problem.filename) == folder:
                 continue  # a training begun at the same time was faster: the next name
             raise BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.") from None

@@ -1,12 +1,15 @@
-"""Adam for the networks: encoder, mask, SH transfer and tables, each at its own rate."""
+"""How the networks learn: encoder, mask, SH transfer and tables, each by Adam at its own rate."""
 
+import weakref
 from collections.abc import Callable
+from functools import cache
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from core.config import Settings
+from core.threads import beside
 from core.training import guards, schedule
 
 
@@ -24,6 +27,28 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
     if not groups:
         return None
     return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True)
+
+
+def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Callable[[], Callable[[], None]]:
+    """The way back through the encoder, `work`, on another thread: a call starts it, once, and gives what waits for its end.
+
+    embedding: the leaf whose gradient `work` begins with. On a CPU that starts it as well: other gradients are then still on
+    their way, through the SH transfer's hidden layers.
+    """
+
+    @cache
+    def started() -> Callable[[], None]:
+        return beside(work)
+
+    # Weakly: `work` holds the embedding, which holds the hook, and Python's collector does not see through torch to find that.
+    to_start = weakref.ref(started)
+
+    def start(_: Tensor) -> None:
+        to_start()()
+
+    if embedding.device.type == "cpu":
+        embedding.register_post_accumulate_grad_hook(start)
+    return started
 
 
 def update(

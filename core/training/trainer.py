@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from statistics import fmean
 
@@ -22,6 +21,7 @@ from core.device import OnTheWay
 from core.errors import BadInput, TrainingStopped
 from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
+from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
 from core.training import checkpoint, densify, guards, losses, needs, networks, schedule, strangers
@@ -101,7 +101,7 @@ class Trainer:
         settings = self.settings
         densify_at = set(schedule.densification_steps(settings))
         drop_at = schedule.contribution_steps(settings)
-        checks = schedule.evenly(settings.held_out_checks, settings.steps) if settings.held_out_checks else set()
+        checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
         with (self.folder / "history.csv").open("a", newline="") as file:
             history = csv.DictWriter(file, HISTORY)
@@ -161,9 +161,7 @@ class Trainer:
         sound = guards.sound(total + gauge_loss, picture_loss.detach(), usual)
         taken = learnt = sound
         if not guards.refused(sound):
-            teaching = cache(lambda: beside(lambda: self._teach_encoder(look, embedding, mask_loss)))  # started by the first call
-            if self.device.type == "cpu":  # as soon as the embedding has its gradient, while others are still on their way
-                embedding.register_post_accumulate_grad_hook(lambda _: teaching() and None)
+            teaching = networks.teaching(lambda: self._teach_encoder(look, embedding, mask_loss), embedding)
             losses.backward((loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *self.model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
@@ -227,7 +225,7 @@ class Trainer:
             return self.nothing, None, self.nothing
         return losses.residual_loss(residual, self.settings.sh_regularisation)
 
-    def _transient_loss(self, look: Look, seen: Splats, camera, progress: float, pairs: int | None) -> Tensor:
+    def _transient_loss(self, look: Look, seen: Splats, camera: Camera, progress: float, pairs: int | None) -> Tensor:
         settings = self.settings
         if look.mask is None or progress < settings.mask_apply or self.done % TRANSIENT_EVERY:
             return self.nothing
@@ -255,8 +253,7 @@ class Trainer:
         self.gaussians.step(rows, leaves, rates, taken)
 
     def _remember(self, look: Look, photo: int, mask_mean: float, progress: float) -> list[str]:
-        if look.embedding is not None:
-            self.model.remember(look.embedding.detach(), photo)
+        self.model.remember(look.embedding.detach(), photo)
         if look.mask is None or progress < self.settings.mask_start:
             return []
         self.mask_mean += 0.05 * (mask_mean - self.mask_mean)

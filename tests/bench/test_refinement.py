@@ -12,6 +12,7 @@ from core.evaluation.protocols import PROTOCOLS, REFINE_STEPS, measure
 from core.evaluation.subject import TrainedScene
 from core.pipeline import held_out_view
 from core.report import Report
+from tests.heard import Heard
 from tests.small import damage
 
 
@@ -34,20 +35,14 @@ def test_the_course_begins_and_ends_with_the_figures_of_the_evaluation(trained):
 
 
 def test_a_damaged_photo_is_named_and_the_others_are_measured(trained):
-    heard = []
-
-    class Heard(Report):
-        def warn(self, line):
-            heard.append(line)
-
-    photos = list(trained.collection.photos)
+    heard, photos = Heard(), list(trained.collection.photos)
     tests = [index for index, photo in enumerate(photos) if photo.split == "test"]
     whole = photos[tests[0]].path.read_bytes()
     photos[tests[0]] = damage(photos[tests[0]])
     broken = replace(trained, collection=replace(trained.collection, photos=tuple(photos)))
-    made = refinement_figure([broken], ("full",), 10, Heard())
+    made = refinement_figure([broken], ("full",), 10, heard)
     assert len(made.points) == len(MEASURED)
-    assert any(photos[tests[0]].name in line for line in heard)
+    assert any(photos[tests[0]].name in line for line in heard.lines)
     assert photos[tests[0]].path.with_suffix(".png").read_bytes() == whole
 
 

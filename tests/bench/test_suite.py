@@ -13,6 +13,7 @@ from core.errors import BadInput
 from core.evaluation import protocols
 from core.report import Report
 from core.training.trained import bake, find_appearance, load_run
+from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH
 
 TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, photos=1)
@@ -78,18 +79,12 @@ def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(s
 
 
 def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, monkeypatch):
-    lines = []
-
-    class Heard(Report):
-        def say(self, line):
-            lines.append(line)
-
-    trained = load_run(small_run)
+    heard, trained = Heard(), load_run(small_run)
     trained.model.sh_transfer = None
     monkeypatch.setattr(suite, "load_run", lambda _: trained)
-    assert suite.bench(None, small_run, ("refinement",), False, tmp_path, Heard()) == []
-    assert [figure.name for figure in suite.curves((small_run,), ("full",), True, Heard())] == ["training"]
-    assert sum("no embedding to refine" in line for line in lines) == 2
+    assert suite.bench(None, small_run, ("refinement",), False, tmp_path, heard) == []
+    assert [figure.name for figure in suite.curves((small_run,), ("full",), True, heard)] == ["training"]
+    assert sum("no embedding to refine" in line for line in heard.lines) == 2
 
 
 def test_presets_end_in_time_and_differ_in_the_rest():

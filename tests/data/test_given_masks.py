@@ -67,8 +67,11 @@ def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_pat
     names = {"photo_0.png": "left/a.jpg", "photo_1.png": "right/a.jpg", "photo_3.png": "right/b.jpg"}
     photos = tuple(replace(photo, name=names.get(photo.name, photo.name)) for photo in collection.photos)
     wanted = [save_mask(folder / "a.png"), save_mask(folder / "right" / "a.png"), save_mask(folder / "b.tif")]
-    found = {photo.name: photo.mask for photo in with_masks(replace(collection, photos=photos), folder).photos}
-    assert [found[name] for name in names.values()] == wanted
+    save_mask(folder / "left" / "b.tif")  # a name that is in use elsewhere
+    found = with_masks(replace(collection, photos=photos), folder)
+    masks = {photo.name: photo.mask for photo in found.photos}
+    assert [masks[name] for name in names.values()] == wanted
+    assert found.notes[-1] == "1 mask of no photo in use, such as left/b.tif."
 
 
 def test_what_cannot_be_meant_is_refused(collection, tmp_path):

@@ -70,7 +70,14 @@ def test_every_cut_of_a_small_jpeg_is_noticed(tmp_path):
             read_header(path, data[:length])
 
 
-@pytest.mark.parametrize("content", [b"text", b"\xff\xd8\xff\xe0", b"\xff\xd8abcd", b"\x89PNG\r\n\x1a\n" + b"\0" * 12])
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"text", b"\xff\xd8\xff\xe0", b"\xff\xd8abcd", PNG + b"\0" * 12, PNG + b"\0\0\0\0IHDR" + b"\0" * 4],
+    ids=["text", "segment cut short", "no segment", "empty chunk", "size missing"],
+)
 def test_what_is_no_photo_is_refused(tmp_path, content):
     path = tmp_path / "photo.jpg"
     path.write_bytes(content)

@@ -161,7 +161,10 @@ def test_the_command_says_findings_and_leaves_with_0(trained, tmp_path):
     assert any(line.startswith("ok steps: 30 of 30") for line in lines) and "Verdict: " in lines[-1]
 
 
-@pytest.mark.parametrize("content", [None, b"", b"ply\n", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 2\n"])  # fmt: skip
+A_LIST = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 2\n"
+
+
+@pytest.mark.parametrize("content", [None, b"", b"ply\n", A_LIST])
 def test_what_cannot_be_read_is_one_line_and_1(tmp_path, content):
     path = tmp_path / "a.ply"
     if content is not None:

@@ -38,6 +38,12 @@ def test_a_link_to_nothing_takes_its_name():
         pass
 
 
+def test_where_runs_is_a_link_to_nothing_it_is_said():
+    Path("runs").symlink_to("nowhere")
+    with pytest.raises(BadInput, match="runs/plaza could not be made: File exists"), new_run(None, "plaza"):
+        pass
+
+
 @locks
 def test_a_folder_that_is_trained_in_is_left_alone():
     with new_run(Path("a/b"), "plaza") as folder:

@@ -98,7 +98,11 @@ def test_a_row_that_met_a_huge_gradient_learns_on():
 @few
 @given(
     spoilt=st.lists(
-        st.tuples(st.sampled_from(["means", "quaternions", "log_scales", "logit_opacities", "sh"]), st.integers(0, 6), st.sampled_from(FINITE + POISON)),
+        st.tuples(
+            st.sampled_from(["means", "quaternions", "log_scales", "logit_opacities", "sh"]),
+            st.integers(0, 6),
+            st.sampled_from(FINITE + POISON),
+        ),
         max_size=6,
     ),
     budget=st.sampled_from([0, 3, 100]),

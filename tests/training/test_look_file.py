@@ -7,25 +7,15 @@ from pathlib import Path
 import pytest
 
 from core.export.ply import read_ply
-from core.report import Report
 from core.training import run
 from core.training.look_file import next_step, write_look
 from core.training.trained import Run, find_appearance, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
+from tests.heard import Heard
 from tests.small import small_collection, small_settings
 
 ROW_BYTES = 248  # of a Gaussian in a vanilla .ply
-
-
-class Heard(Report):
-    """Keeps what it is told."""
-
-    def __init__(self):
-        self.lines: list[str] = []
-
-    def say(self, line: str) -> None:
-        self.lines.append(line)
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from core.training import checkpoint, needs, run
 from core.training.evidence import Evidence
 from core.training.pictures import Pictures, auto_factor
 from core.training.trainer import Trainer
+from tests.heard import Heard
 from tests.real_data import real
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
 
@@ -194,16 +195,11 @@ def test_the_exposure_mode_is_no_worse_than_the_full_transfer_where_only_exposur
 
 
 def test_decisions_are_printed_kept_and_never_taken_again(calm, tmp_path, monkeypatch):
-    said = []
-
-    class Heard(pipeline.Report):
-        def say(self, line):
-            said.append(line)
-
+    heard = Heard()
     monkeypatch.setattr(pipeline, "find_kind", lambda path: "test")
     monkeypatch.setattr(pipeline, "load_collection", lambda path: calm)
-    folder = pipeline.train(calm.root, Settings(steps=4, **SMALL), tmp_path / "run", Heard())
-    assert any(line.startswith("appearance=off: a point's colour differs by") for line in said)
+    folder = pipeline.train(calm.root, Settings(steps=4, **SMALL), tmp_path / "run", heard)
+    assert any(line.startswith("appearance=off: a point's colour differs by") for line in heard.lines)
     kept = json.loads((folder / "config.json").read_text())
     assert kept["settings"]["appearance"] == "off" and kept["settings"]["geometry_from"] == 0.0
     assert [decision["setting"] for decision in kept["decisions"]] == ["appearance", "transients", "sh_degree"]

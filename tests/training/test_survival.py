@@ -180,7 +180,8 @@ def test_a_view_of_nothing_is_a_step_like_any_other(collection, tmp_path):
         for photo in collection.photos
     )
     before = Trainer(collection, small_settings(sky="none", steps=9), tmp_path).gaussians.parameters
-    trainer, messages = run(replace(collection, photos=blind), tmp_path / "run", sky="none", steps=9, densify_from=1.0, densify_until=1.0, prune_contribution=0.0)  # fmt: skip
+    unchanged = {"densify_from": 1.0, "densify_until": 1.0, "prune_contribution": 0.0}
+    trainer, messages = run(replace(collection, photos=blind), tmp_path / "run", sky="none", steps=9, **unchanged)
     assert messages == [] and trainer.skipped == 0
     for name, tensor in trainer.gaussians.parameters.items():
         assert torch.equal(tensor, before[name]), name

@@ -1,5 +1,7 @@
 """The loop as a whole: it learns, it resumes bit for bit. What it survives: test_survival."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import pytest
@@ -64,6 +66,23 @@ def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, t
     hopeless = replace(collection, photos=tuple(map(damage, collection.photos)))
     with pytest.raises(BadInput, match="no photo is left to train on. 4 photos damaged"):
         Trainer(hopeless, small_settings(), tmp_path)
+
+
+@pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}])
+def test_nothing_of_a_step_is_left_behind(collection, tmp_path, changes):
+    trainer = Trainer(collection, small_settings(**changes), tmp_path)
+    met = []
+
+    def look(*given, honest=trainer.model.look):
+        found = honest(*given)
+        met.append(weakref.ref(found))
+        return found
+
+    trainer.model.look = look
+    for _ in range(3):
+        trainer.step()
+    gc.collect()
+    assert [found() for found in met] == [None] * 3
 
 
 def test_the_cap_always_holds(collection, tmp_path):

@@ -174,7 +174,7 @@ def colour_backward(i, offset, sh, basis, footprints, sums, to_sh):
     distance = math.sqrt(dot(offset, offset))
     direction = scaled(1.0 / distance, offset)
     fill_basis(basis, direction, sh.shape[1])
-    # A colour that the axis_z pass clamped at zero has no gradient.
+    # A colour that the forward pass clamped at zero has no gradient.
     red = sums[SUM_RED] if footprints[i, footprint.RED] > 0 else 0.0
     green = sums[SUM_GREEN] if footprints[i, footprint.GREEN] > 0 else 0.0
     blue = sums[SUM_BLUE] if footprints[i, footprint.BLUE] > 0 else 0.0

@@ -26,7 +26,7 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
     written = len(splats) - dropped
     gone = []
     if trimmed.gaussians:
-        gone.append(f"{trimmed.gaussians} Gaussians ({path.stat().st_size / written * trimmed.gaussians / 1e6:.1f} MB)")
+        gone.append(f"{trimmed.gaussians} Gaussians ({path.stat().st_size / max(written, 1) * trimmed.gaussians / 1e6:.1f} MB)")
     if trimmed.bands:
         # A row of a vanilla .ply is 248 bytes whatever the degree: some viewers count on it.
         gone.append(f"the SH bands above degree {splats.degree} (zeros in a .ply)")

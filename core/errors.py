@@ -28,6 +28,11 @@ class TrainingStopped(WegsError):
     """Training could not go on; a checkpoint was written and `fix` says how to continue."""
 
 
+def not_made(folder: Path, problem: OSError) -> BadInput:
+    """The error for a folder of results that the system refuses to make."""
+    return BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.")
+
+
 def command(*words: str | Path) -> str:
     """A command line to type; a word with spaces is quoted, so that it can be pasted, and no path reads as an option."""
     return shlex.join(f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from core.config import AUTO, PRESETS, UNDECIDED, Settings, preset
+from core.config import AUTO, KINDS, PRESETS, UNDECIDED, Settings, preset
 from core.errors import BadInput, BadSetting
 
 FIELDS = {item.name: item for item in fields(Settings)}
@@ -132,5 +132,4 @@ def _parse(assignment: str) -> tuple[str, Any]:
     try:
         return name, item.type(text.strip())
     except ValueError:
-        kind = "a whole number" if item.type is int else "a number"
-        raise BadSetting(f"{name}={text} is not {kind}.", item.metadata["help"]) from None
+        raise BadSetting(f"{name}={text} is not {KINDS[item.type]}.", item.metadata["help"]) from None

@@ -15,7 +15,7 @@ from core.data.model_file import quiet
 from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
 from core.data.photos import read
 from core.data.split import counted, name_them
-from core.errors import BadInput, WegsError
+from core.errors import BadInput, WegsError, not_made
 from core.report import Report
 
 LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
@@ -80,7 +80,7 @@ def _replacing(output: Path) -> Iterator[Path]:
     try:
         work.mkdir(parents=True)
     except OSError as problem:
-        raise BadInput(f"The folder {output} could not be made: {problem.strerror}.", "Choose another -o.") from None
+        raise not_made(output, problem) from None
     try:
         yield work
         for part in PARTS if is_there else ():

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from core.errors import BadInput
+from core.errors import BadInput, not_made
 from core.training import run
 
 try:
@@ -64,4 +64,4 @@ def _make(output: Path | None, scene_name: str, force: bool) -> tuple[Path, list
         except OSError as problem:
             if output is None and isinstance(problem, FileExistsError) and Path(problem.filename) == folder:
                 continue  # a training begun at the same time was faster: the next name
-            raise BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.") from None
+            raise not_made(folder, problem) from None

@@ -28,7 +28,6 @@ _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _THIRD = np.float32(0.5), np.float32(1 / 3)
 
 
-
 def photometric_fast(
     image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
 ) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:

@@ -18,7 +18,7 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.errors import BadInput, BadSetting
+from core.errors import BadInput, BadSetting, not_made
 from core.export.atomic import check_folder, write_json, write_text
 from core.export.ply import write_points
 from core.scene.camera import Camera
@@ -106,7 +106,7 @@ def create(folder: Path, collection: Collection, settings: Settings, decisions: 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.") from None
+        raise not_made(folder, problem) from None
     try:
         world = collection.frame.for_files().to_world(collection.points)
         write_points(folder / "input.ply", world, collection.point_colours)

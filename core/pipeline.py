@@ -10,11 +10,12 @@ import core.export
 import core.rasterizer
 from core import device
 from core.config import Settings
-from core.data import find_kind, find_photos, load_collection, sfm
+from core.data import find_kind, load_collection, sfm
 from core.data.collection import Collection, Photo
-from core.data.found_cameras import scene_of_photos
 from core.data.given_masks import with_masks, with_masks_of
+from core.data.load import check_cameras_unknown
 from core.data.photo_file import named_with_fault
+from core.data.prepare import prepared
 from core.data.split import counted, list_names, name_them
 from core.errors import BadInput, command
 from core.evaluation import lpips
@@ -58,6 +59,7 @@ FADE = ("frame_*.png", "step_*.ply", "sheet.png", "video.mp4")  # what an interp
 
 def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
     """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
+    check_cameras_unknown(photos)
     sfm.reconstruct(photos, output, report)
     report.say(f"Next: {command('wegs', 'train', output)}")
     return output
@@ -76,7 +78,7 @@ def train(
 ) -> Path:
     """Train on the photos in `scene`; returns the run folder, which nothing is written into before the scene is read.
 
-    Plain photos go through structure from motion first; the scene it makes lies beside the run and is used again.
+    What the scene lacks, cameras or points, is made first (core.data.prepare), lies beside the run and is used again.
     masks: a folder of pictures that are white where the photo of that name is to be used (core.data.given_masks).
     """
     check_resolution(settings.resolution)
@@ -84,8 +86,7 @@ def train(
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:
-        if find_kind(scene) == "photos":
-            scene = scene_of_photos(find_photos(scene), folder.parent / f"{name}-scene", report)
+        scene = prepared(scene, find_kind(scene), folder.parent / f"{name}-scene", report)
         collection = load_collection(scene) if masks is None else with_masks(load_collection(scene), masks)
         _tell_collection(collection, report)
         trainer = Trainer(collection, settings, folder)

@@ -20,7 +20,7 @@ def bench(scene, run_folder, names, full, output, force) -> None:
     """Draw what accuracy costs: rendering, baking, training and refinement, each as a table, CSV, JSON and PNG.
 
     Without SCENE and --run a small built-in scene is photographed and trained on by every preset: under three minutes on
-    two cores. With SCENE, a COLMAP or PhotoTourism folder, the presets are trained on that.
+    two cores. With SCENE, of any kind that `wegs train` reads, the presets are trained on that.
 
     \b
     Examples:

@@ -18,7 +18,9 @@ from wegs_cli.options import settings_from, settings_options, settings_table
 def train(scene, output, masks, preset_name, config, assignments, resume, force, **typed) -> None:
     """Train a scene whose light can be changed, from the photos in SCENE (default: the current folder).
 
-    SCENE is a COLMAP model with its photos, a PhotoTourism folder, or plain photos, whose cameras are then found first.
+    SCENE is a COLMAP model with its photos, a PhotoTourism folder, a transforms.json of nerfstudio or Instant-NGP, a
+    Blender or NeRF-OSR scene, or plain photos, whose cameras are then found first. Where cameras come without points,
+    these are triangulated first.
 
     \b
     Examples:

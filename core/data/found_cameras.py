@@ -5,8 +5,10 @@ from pathlib import Path
 
 from core.data import sfm
 from core.data.colmap import MODEL_FOLDERS
+from core.data.load import posed_kind
 from core.data.model_file import holds_model
 from core.data.photo_file import list_photos
+from core.data.scene_folder import kept, read_mark, stamp
 from core.report import Report
 
 MARK = "photos.json"  # in a scene: the photos it was made of
@@ -18,24 +20,16 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     wanted: where it should lie; if another scene does, a number is added. A scene that is there is used again only for
     the very same files (path, size and time of change of each). Errors: as sfm.reconstruct.
     """
-    made_of = {str(path.resolve()): [path.stat().st_size, path.stat().st_mtime_ns] for path in list_photos(photos)}
-    scene, number = wanted, 1
-    while scene.exists():
-        if _made_of(scene) == made_of:
-            report.say(f"Cameras as found before in {scene}; remove it to have them found again.")
-            return scene
-        number += 1
-        scene = wanted.with_name(f"{wanted.name}-{number}")
+    made_of = {str(path.resolve()): stamp(path) for path in list_photos(photos)}
+    scene, is_there = kept(wanted, lambda folder: read_mark(folder / MARK) == made_of)
+    if is_there:
+        report.say(f"Cameras as found before in {scene}; remove it to have them found again.")
+        return scene
     above = photos.resolve().parent
     if any(holds_model(above / name) for name in MODEL_FOLDERS):
         report.warn(f"{above} holds a COLMAP model: give that folder to use its cameras. Now they are found anew.")
+    if kind := posed_kind(above):
+        report.warn(f"{above} is a {kind} scene: give that folder to use its cameras. Now they are found anew.")
     sfm.reconstruct(photos, scene, report)
     (scene / MARK).write_text(json.dumps(made_of, indent=1), encoding="utf-8")
     return scene
-
-
-def _made_of(scene: Path) -> dict | None:
-    try:
-        return json.loads((scene / MARK).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None

@@ -26,23 +26,32 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
         folders = listed[_place(photo.name)], listed["."]
         stems = _stems_of_masks(Path(photo.name))
         masks[photo.name] = next((found[stem] for found in folders for stem in stems if stem in found), None)
-    training = collection.split("train")
-    known = {photo.name: masks[photo.name] for photo in training if masks[photo.name]}
-    if not known:
-        example = Path(training[0].name).with_suffix(".png")
+    unused = sorted({path for found in listed.values() for path in found.values()} - set(masks.values()))
+    found = masked(collection, {name: path for name, path in masks.items() if path is not None}, folder)
+    if not any(photo.mask for photo in found.photos):
+        example = Path(collection.split("train")[0].name).with_suffix(".png")
         raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
+    if unused:
+        note = f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}."
+        found = replace(found, notes=(*found.notes, note))
+    return found
+
+
+def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
+    """The collection whose training photos have those of the `masks` (by photo name) that are there, in place of any others.
+
+    Notes say how many there are, which photos have none, and which masks are of another size than their photo. `source` gave them.
+    """
+    training = collection.split("train")
+    known = {name: mask for photo in training if (mask := masks.get(name := photo.name)) and mask.is_file()}
     resized = [
         photo.name
         for photo in training
         if photo.name in known and probe(known[photo.name]).displayed != (photo.camera.width, photo.camera.height)
     ]
-    missing = [photo.name for photo in training if photo.name not in known]
-    unused = sorted({path for found in listed.values() for path in found.values()} - set(masks.values()))
-    notes = [f"{counted(len(known), 'photo')} with a mask from {folder}."]
-    notes += name_them("without one, used whole", missing)
+    notes = [f"{counted(len(known), 'photo')} with a mask from {source}."]
+    notes += name_them("without one, used whole", [photo.name for photo in training if photo.name not in known])
     notes += name_them("with a mask of another size, which is resized", resized)
-    if unused:
-        notes.append(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}.")
     photos = tuple(replace(photo, mask=known.get(photo.name)) for photo in collection.photos)
     return replace(collection, photos=photos, notes=(*collection.notes, *notes))
 

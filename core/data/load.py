@@ -1,26 +1,28 @@
 """From a folder to a Collection: finds out what kind it is and reads it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
 from core.data.colmap import find_model, load_colmap
+from core.data.kept_points import read_kept, scene_of
 from core.data.model_file import holds_model
+from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
 from core.data.phototourism import find_split_tables
+from core.data.posed import collect
+from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
 from core.errors import BadInput, command
 
 PHOTO_FOLDERS = (".", "images", "photos")
-NOT_READ_YET = {
-    "transforms.json": "a nerfstudio scene",
-    "transforms_train.json": "a Blender scene",
-    "final/train/pose": "a NeRF-OSR scene",
-}
+POSED = {"nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
 
 
 def load_collection(path: Path) -> Collection:
-    """The posed photos in the folder `path`, a COLMAP or PhotoTourism scene.
+    """The posed photos in the folder `path`, of any kind but plain photos.
 
-    Raises BadInput where there is no such folder, no photos, no model, or nothing usable in them; photos that cannot be
+    Where cameras come without points (NeRF's formats), the collection has none; core.data.prepare makes them.
+    Raises BadInput where there is no such folder, no photos, no cameras, or nothing usable in them; photos that cannot be
     used while others can are left out and named in the collection's notes.
     """
     path = Path(path)
@@ -30,27 +32,53 @@ def load_collection(path: Path) -> Collection:
         raise BadInput(
             f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}"
         )
-    return load_colmap(path, find_model(path), kind)
+    if kind not in POSED:
+        return load_colmap(path, find_model(path), kind)
+    of = scene_of(path)
+    if of is None:
+        return collect(path, POSED[kind](path))
+    posed, (points, notes) = POSED[kind](of[0]), read_kept(path)
+    collection = collect(of[0], replace(posed, points=points, notes=posed.notes + notes))
+    return replace(collection, root=path)
 
 
 def find_kind(path: Path) -> str:
-    """What a folder holds: "phototourism" (a COLMAP model and a split .tsv), "colmap", or "photos" (without any poses).
+    """What a folder holds: "phototourism" (a COLMAP model and a split .tsv), "colmap", one of POSED, or "photos" (without poses).
 
-    Raises BadInput for anything else, and names the kinds that are not read yet. A model beats a transforms.json.
+    A folder of triangulated points is of the kind of the scene whose points they are. A model beats a transforms.json.
+    Raises BadInput for anything else.
     """
     if not path.exists():
         raise BadInput(f"There is no folder {path}.", "Give the folder that holds your photos.")
     if not path.is_dir():
         raise BadInput(f"{path} is a file, not a folder.", "Give the folder that holds your photos.")
+    if of := scene_of(path):
+        scene, kind = of
+        if not scene.is_dir():
+            raise BadInput(f"{path} holds the points of {scene}, which is gone.", "Move it back.")
+        return kind
     if find_model(path):
         return "phototourism" if find_split_tables(path) else "colmap"
-    for mark, name in NOT_READ_YET.items():
-        if (path / mark).exists():
-            raise BadInput(
-                f"{path} looks like {name} ({mark}), which is not read yet.", "Give a COLMAP scene, or photos."
-            )
+    if kind := posed_kind(path):
+        return kind
     find_photos(path)
     return "photos"
+
+
+def posed_kind(path: Path) -> str | None:
+    """Which of POSED the folder is, by the files in it; None for none."""
+    if (path / FILE).exists():
+        return "nerfstudio"
+    if (path / BLENDER_FILES["train"]).exists():
+        return "blender"
+    return "nerf-osr" if find_nerf_osr(path) else None
+
+
+def check_cameras_unknown(path: Path) -> None:
+    """Raise BadInput for a folder that has cameras and no plain photos: there is nothing that structure from motion could do."""
+    if path.is_dir() and (kind := posed_kind(path)) and not list_photos(path):
+        fix = f"Type: {command('wegs', 'train', path)} (or name the folder of its photos, to have them found anew)."
+        raise BadInput(f"{path} is a {kind} scene, which has cameras.", fix)
 
 
 def find_photos(path: Path) -> Path:

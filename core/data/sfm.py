@@ -1,30 +1,26 @@
 """Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
 
-import errno
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pycolmap
 
+from core.data.features import DATABASE, PHOTOS, extract, match
 from core.data.model_file import quiet
 from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
 from core.data.photos import read
+from core.data.scene_folder import replacing
 from core.data.split import counted, name_them
-from core.errors import BadInput, WegsError, not_made
+from core.errors import BadInput
 from core.report import Report
 
-LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
-FEATURES = 8192  # at most, a photo
-BATCHES = 24  # features and matches are computed in so many parts, to tell of progress and to notice Ctrl-C
 LEAST_PHOTOS = 2
 JPEG_QUALITY = 95
 SEED = 0
-PARTS = ("images", "sparse")  # of a scene; the last makes it one
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
@@ -49,8 +45,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         raise no_photos(photos)
     for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
         report.warn(line)
-    with _replacing(output) as work, quiet():
-        copies = _copy_upright(paths, work / "photos", report)
+    with replacing(output) as work, quiet():
+        copies = _copy_upright(paths, work / PHOTOS, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
             raise BadInput(
@@ -58,8 +54,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
                 "Add photos of the same place.",
             )
         pycolmap.set_random_seed(SEED)
-        _extract(work, names, report)
-        _match(work, names, report)
+        extract(work, names, report)
+        match(work, [(first, second) for index, first in enumerate(names) for second in names[:index]], report)
         model = _map(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
@@ -67,47 +63,6 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         report.warn(line)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output
-
-
-@contextmanager
-def _replacing(output: Path) -> Iterator[Path]:
-    """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
-
-    It lies beside `output`, or inside where that is there, empty: it may be a disk of its own (a container's volume).
-    """
-    is_there = output.is_dir()
-    work = (output if is_there else output.parent) / f".{output.name}.{os.getpid()}"
-    try:
-        work.mkdir(parents=True)
-    except OSError as problem:
-        raise not_made(output, problem) from None
-    try:
-        yield work
-        for part in PARTS if is_there else ():
-            os.replace(work / "scene" / part, output / part)
-        if not is_there:
-            os.replace(work / "scene", output)
-    except WegsError:
-        raise
-    except OSError as problem:
-        if problem.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise _full(output) from None
-        if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
-            raise BadInput(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
-        if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
-            raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
-        raise
-    except Exception:
-        # pycolmap and SQLite name a full disk in their own ways.
-        if work.exists() and shutil.disk_usage(work).free < 1 << 20:
-            raise _full(output) from None
-        raise
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def _full(output: Path) -> WegsError:
-    return WegsError(f"The disk is full: {output} was not written.", "Free some space and run it again.")
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
@@ -148,43 +103,6 @@ def _encode(pixels: np.ndarray, header: Header) -> bytes:
     return jpeg[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + jpeg[2:]
 
 
-def _extract(work: Path, names: list[str], report: Report) -> None:
-    """SIFT features into the database."""
-    options = pycolmap.FeatureExtractionOptions()
-    options.use_gpu = False
-    options.max_image_size = LONG_SIDE_PX
-    options.sift.max_num_features = FEATURES
-    size = max(2, -(-len(names) // BATCHES))
-    for start in range(0, len(names), size):
-        batch = names[start : start + size]
-        pycolmap.extract_features(
-            work / "database.db",
-            work / "photos",
-            batch,
-            pycolmap.CameraMode.PER_IMAGE,
-            extraction_options=options,
-            device=pycolmap.Device.cpu,
-        )
-        report.progress("Features", start + len(batch), len(names))
-
-
-def _match(work: Path, names: list[str], report: Report) -> None:
-    """Every photo against every other."""
-    options = pycolmap.FeatureMatchingOptions()
-    options.use_gpu = False
-    pairs = [f"{first} {second}" for index, first in enumerate(names) for second in names[:index]]
-    size = max(8, -(-len(pairs) // BATCHES))
-    pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = work / "pairs.txt"
-    for start in range(0, len(pairs), size):
-        batch = pairs[start : start + size]
-        (work / "pairs.txt").write_text("\n".join(batch) + "\n", encoding="utf-8")
-        pycolmap.match_image_pairs(
-            work / "database.db", matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu
-        )
-        report.progress("Matches", start + len(batch), len(pairs))
-
-
 def _map(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
     """Cameras and points; the model with the most photos."""
     options = pycolmap.IncrementalPipelineOptions()
@@ -192,8 +110,8 @@ def _map(work: Path, names: list[str], report: Report) -> pycolmap.Reconstructio
     options.random_seed = SEED
     (work / "models").mkdir()
     models = pycolmap.incremental_mapping(
-        work / "database.db",
-        work / "photos",
+        work / DATABASE,
+        work / PHOTOS,
         work / "models",
         options,
         initial_image_pair_callback=_counter(report, len(names), 2),
@@ -226,12 +144,12 @@ def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
 def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str]) -> None:
     """Undistort the model's photos, under their own names, into scene/images, and the model into scene/sparse/0."""
     for image in model.images.values():
-        os.replace(work / "photos" / image.name, work / "photos" / copies[image.name])
+        os.replace(work / PHOTOS / image.name, work / PHOTOS / copies[image.name])
         image.name = copies[image.name]
     chosen, undistorted, scene = work / "chosen", work / "undistorted", work / "scene"
     chosen.mkdir()
     model.write(str(chosen))
-    pycolmap.undistort_images(undistorted, chosen, work / "photos", jpeg_quality=JPEG_QUALITY)
+    pycolmap.undistort_images(undistorted, chosen, work / PHOTOS, jpeg_quality=JPEG_QUALITY)
     (scene / "sparse").mkdir(parents=True)
     os.replace(undistorted / "images", scene / "images")
     os.replace(undistorted / "sparse", scene / "sparse" / "0")

@@ -7,8 +7,9 @@ import numpy as np
 from core.data import find_kind, find_photos, load_collection
 from core.data import photos as files
 from core.data.collection import Collection, Photo, astray
-from core.data.colmap import USUAL_FOCAL_LENGTHS
+from core.data.load import POSED
 from core.data.photo_file import list_photos, named_with_fault
+from core.data.placing import USUAL_FOCAL_LENGTHS
 from core.data.split import counted, list_names
 from core.doctor import views
 from core.doctor.finding import Finding
@@ -27,7 +28,7 @@ SMALL_PX = 160  # photos are decoded to about this width
 
 
 def examine_scene(root: Path, report: Report) -> list[Finding]:
-    """Findings about a COLMAP or PhotoTourism folder, or about plain photos. BadInput if it is neither."""
+    """Findings about photos with cameras, of any kind that is read, or about plain photos. BadInput if it is neither."""
     if find_kind(root) == "photos":
         return _plain_photos(root, report)
     collection = load_collection(root)
@@ -62,7 +63,7 @@ def _cameras(collection: Collection) -> list[Finding]:
         name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
     ]
     far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
-    away = [photo.name for photo in photos if _shown(photo, collection.points) < SHOWN]
+    away = [photo.name for photo in photos if len(collection.points) and _shown(photo, collection.points) < SHOWN]
     lengths = np.array(list(focal.values()))
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
     remove = "Remove them from the model unless they are what they seem."
@@ -89,13 +90,18 @@ def _shown(photo: Photo, points: np.ndarray) -> float:
 
 def _points(collection: Collection) -> list[Finding]:
     photos, count = collection.photos, len(collection.points)
+    if not count:
+        return []  # the reader says so
     seen = {photo.name: len(photo.points) for photo in photos}
     few = [f"{name}: {points}" for name, points in seen.items() if points < FEW_POINTS]
     farthest = np.linalg.norm(collection.points, axis=1).max()
     figure = f"{count:,}, {np.median(list(seen.values())):.0f} a photo (median), the farthest {farthest:.3g} radii off"
     more = "Run SfM with more features." if count < POINTS_WANTED else ""
+    found = Finding("points", figure, "Gaussians start from them", more)
+    if collection.kind in POSED:
+        return [found]  # poses that were given do not hang on them
     return [
-        Finding("points", figure, "Gaussians start from them", more),
+        found,
         _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders."),
     ]  # fmt: skip
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from core.data import find_kind, find_photos, load_collection
+from core.data.load import check_cameras_unknown
 from core.data.photos import load
 from core.errors import BadInput
 from tests.data.small_scene import SmallScene
@@ -66,18 +67,26 @@ def test_a_model_with_files_missing_is_not_taken_for_plain_photos(tmp_path, lack
         find_kind(root)
 
 
-@pytest.mark.parametrize("mark", ["transforms.json", "transforms_train.json", "final/train/pose"])
-def test_kinds_not_read_yet_are_named(tmp_path, mark):
+@pytest.mark.parametrize(
+    ("mark", "kind"),
+    [("transforms.json", "nerfstudio"), ("transforms_train.json", "blender"), ("final/train/pose", "nerf-osr"), ("train/pose", "nerf-osr")],
+)
+def test_kinds_are_told_by_their_files(tmp_path, mark, kind):
     (tmp_path / mark).mkdir(parents=True)
     save_photo(tmp_path / "images" / "a.jpg")
-    with pytest.raises(BadInput, match=f"{mark}.*not read yet"):
-        load_collection(tmp_path)
-
-
-def test_a_model_beats_what_is_not_read_yet(tmp_path):
+    assert find_kind(tmp_path) == kind
     root = SmallScene().write(tmp_path / "scene")
-    (root / "transforms.json").write_text("{}")
-    assert load_collection(root).kind == "colmap"
+    (root / mark).mkdir(parents=True)
+    assert load_collection(root).kind == "colmap"  # a model beats the rest
+
+
+def test_cameras_that_are_known_are_not_looked_for(tmp_path):
+    (tmp_path / "transforms.json").write_text("{}")
+    with pytest.raises(BadInput, match="is a nerfstudio scene, which has cameras. Type: wegs train"):
+        check_cameras_unknown(tmp_path)
+    save_photo(tmp_path / "a.jpg")
+    check_cameras_unknown(tmp_path)  # plain photos as well: their cameras may be wanted anew
+    check_cameras_unknown(tmp_path / "nowhere")
 
 
 def test_one_photo(tmp_path):

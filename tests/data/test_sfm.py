@@ -7,20 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data import load_collection, sfm
+from core.data import load_collection
 from core.data.photos import load
+from core.data.scene_folder import PARTS, replacing
 from core.data.sfm import reconstruct
 from core.errors import BadInput, WegsError
 from core.report import Report
+from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
 from tests.data.small_scene import add_exif, exif_block
-
-WIDTH, HEIGHT, FOCAL = 320, 240, 380.0
-WALLS = (  # corner, and the two edges from it; all 2 units long
-    ((-1, -1, 5), (2, 0, 0), (0, 2, 0)),
-    ((-1, 1, 3), (2, 0, 0), (0, 0, 2)),
-    ((-1, -1, 3), (0, 0, 2), (0, 2, 0)),
-)
-SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
 class Listener(Report):
@@ -34,47 +28,6 @@ class Listener(Report):
 
     def progress(self, what, done, total, note=""):
         self.stages.append((what, done, total))
-
-
-def textures():
-    """Three pictures full of corners, coarse and fine."""
-    random = np.random.default_rng(1)
-    made = []
-    for _ in WALLS:
-        picture = np.zeros((500, 500, 3), np.uint8)
-        for cells in (25, 60):
-            noise = random.integers(0, 128, (cells, cells, 3), np.uint8)
-            picture += cv2.resize(noise, (500, 500), interpolation=cv2.INTER_NEAREST)
-        made.append(picture)
-    return made
-
-
-def cameras(count):
-    """World-to-camera rotations and centres on an arc, all looking into the corner."""
-    for index in range(count):
-        centre = np.array([0.4 + 0.35 * index, -0.6 - 0.1 * (index % 2), -0.3 + 0.1 * index])
-        forward = np.array([-0.2, 0.2, 4.4]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross([0.0, 1.0, 0.0], forward)
-        right /= np.linalg.norm(right)
-        yield np.stack([right, np.cross(forward, right), forward]), centre
-
-
-def take_photo(rotation, centre, pictures):
-    """The corner seen by a pinhole; farther walls first."""
-    photo = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
-    for (corner, first, second), picture in zip(WALLS, pictures, strict=True):
-        world = np.array([np.add(corner, np.multiply(first, u) + np.multiply(second, v)) for u, v in SQUARE])
-        local = (world - centre) @ rotation.T
-        seen = local[:, :2] / local[:, 2:] * FOCAL + (WIDTH / 2, HEIGHT / 2)
-        # OpenCV counts pixels from the middle of the first one.
-        warp = cv2.getPerspectiveTransform(
-            (np.array(SQUARE) * 500 - 0.5).astype(np.float32), (seen - 0.5).astype(np.float32)
-        )
-        wall = cv2.warpPerspective(picture, warp, (WIDTH, HEIGHT), flags=cv2.INTER_AREA)
-        inside = cv2.warpPerspective(np.full(picture.shape[:2], 255, np.uint8), warp, (WIDTH, HEIGHT)) == 255
-        photo[inside] = wall[inside]
-    return photo
 
 
 def aligned(found, truth):
@@ -158,7 +111,7 @@ def test_an_output_that_exists_is_left_alone(tmp_path):
 
 def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
     theirs = tmp_path / "scene" / "theirs.txt"
-    with pytest.raises(BadInput, match="scene was made by another program meanwhile"), sfm._replacing(theirs.parent) as work:
+    with pytest.raises(BadInput, match="scene was made by another program meanwhile"), replacing(theirs.parent) as work:
         (work / "scene").mkdir()
         theirs.parent.mkdir()
         theirs.write_text("precious")
@@ -167,11 +120,11 @@ def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
 
 def test_an_empty_folder_is_filled_from_within(tmp_path):
     """It may be a disk of its own: it can be neither removed nor moved onto."""
-    with sfm._replacing(tmp_path) as work:
+    with replacing(tmp_path) as work:
         assert work.parent == tmp_path
-        for part in sfm.PARTS:
+        for part in PARTS:
             (work / "scene" / part).mkdir(parents=True)
-    assert {path.name for path in tmp_path.iterdir()} == set(sfm.PARTS)
+    assert {path.name for path in tmp_path.iterdir()} == set(PARTS)
 
 
 def test_photos_in_formats_of_phones_are_named(tmp_path):

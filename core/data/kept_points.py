@@ -1,0 +1,61 @@
+"""Points of photos that came with cameras but without points: triangulated once, and kept beside the runs."""
+
+import json
+from pathlib import Path
+
+from core.data.collection import Collection
+from core.data.colmap import read_points
+from core.data.model_file import read_model
+from core.data.posed import Points
+from core.data.scene_folder import kept, read_mark, replacing, stamp
+from core.data.split import counted
+from core.data.triangulate import triangulate
+from core.errors import BadInput
+from core.report import Report
+
+MARK = "triangulated.json"  # in a folder of points: whose they are, and what they were made of
+MODEL = "points"  # a COLMAP model of the training photos
+
+
+def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
+    """The folder of the collection's points, which core.data.load reads as it does the collection's own; made now unless it is there.
+
+    wanted: where it should lie; if something else does, a number is added. Points that are there are used again only for the
+    very same training photos, masks and cameras. Raises BadInput where no point is found, or nothing can be written.
+    """
+    training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
+    made_of = {}
+    for photo, camera in training:
+        numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.world_to_camera.ravel(), *camera.centre]
+        mask = [] if photo.mask is None else [str(photo.mask.resolve()), *stamp(photo.mask)]
+        made_of[str(photo.path.resolve())] = [*stamp(photo.path), *map(float, numbers), *mask]
+    facts = {"scene": str(collection.root.resolve()), "kind": collection.kind, "made_of": made_of}
+    folder, is_there = kept(wanted, lambda folder: read_mark(folder / MARK) == facts)
+    if is_there:
+        report.say(f"Points as triangulated before in {folder}; remove it to have them found again.")
+        return folder
+    report.say(
+        f"{collection.root} has cameras but no points: they are triangulated from {counted(len(training), 'photo')}."
+    )
+    with replacing(folder) as work:
+        model = triangulate(training, work, report)
+        if not model.num_points3D():
+            what = f"No point could be triangulated from the photos and cameras of {collection.root}"
+            fix = "Look whether its poses are in the axes of its format, or have cameras found anew: wegs sfm PHOTOS -o SCENE"
+            raise BadInput(f"{what}.", fix)
+        (work / "scene" / MODEL).mkdir(parents=True)
+        model.write(work / "scene" / MODEL)
+        (work / "scene" / MARK).write_text(json.dumps(facts, indent=1), encoding="utf-8")
+    report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
+    return folder
+
+
+def scene_of(folder: Path) -> tuple[Path, str] | None:
+    """The scene, and its kind, whose points the folder holds; None for a folder of anything else."""
+    facts = read_mark(folder / MARK)
+    return (Path(facts["scene"]), facts["kind"]) if {"scene", "kind"} <= facts.keys() else None
+
+
+def read_kept(folder: Path) -> tuple[Points, list[str]]:
+    """The points and notes on them; BadInput for a damaged model."""
+    return read_points(read_model(folder / MODEL), folder / MODEL)

@@ -1,0 +1,106 @@
+"""NeRF-OSR folders, SITE/final/{train,validation,test}/{rgb,pose,intrinsics,mask}, and those of NeRF++, of the same layout.
+
+Source: the README and data reader of github.com/r00tman/NeRF-OSR (Rudnev et al. 2022), and nerfstudio's parser of the same data:
+text files of 16 numbers; pose leads from camera to world, with OpenCV axes; intrinsics hold px of the photo; masks are white
+where nothing moves.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from core.data.photo_file import list_photos
+from core.data.placing import View
+from core.data.posed import Posed, from_camera_to_world
+from core.data.split import name_them
+from core.errors import BadInput
+
+PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
+TRAINING, HELD_OUT = "train", ("test", "validation")  # the first of these that has photos
+LARGEST_SKEW = 1e-3  # of the focal length; no pinhole has any
+
+
+def find_nerf_osr(root: Path) -> Path | None:
+    """The folder of the splits in or below `root`, or None."""
+    folders = (root / place for place in PLACES)
+    return next((folder for folder in folders if (folder / TRAINING / "pose").is_dir()), None)
+
+
+def read_nerf_osr(root: Path) -> Posed:
+    """What the folders of `root` say: train/ is trained on, test/ held out, or validation/ where there is no test/.
+
+    Photos belong to the text files and masks of their stem. Raises BadInput where train/ has no photos.
+    """
+    source = find_nerf_osr(root)
+    if source is None:
+        raise BadInput(f"{root} has no folder {TRAINING}/pose any more.", "Put it back.")
+    fix = f"Put photos into {source / TRAINING / 'rgb'}, and their pose and intrinsics beside them."
+    photos = {split: _photos(source / split) for split in (TRAINING, *HELD_OUT)}
+    if not photos[TRAINING]:
+        raise BadInput(f"{source / TRAINING / 'rgb'} holds no photos.", fix)
+    held_out = next((split for split in HELD_OUT if photos[split]), None)
+    notes = [
+        f"{split}/ is not used: {held_out}/ is what is held out."
+        for split in HELD_OUT
+        if photos[split] and split != held_out
+    ]
+    used = [(split, path) for split in (TRAINING, held_out) if split for path in photos[split]]
+    names = [path.name for _, path in used]
+    views, faults = [], {}
+    masks = {split: _masks(source / split / "mask") for split in (TRAINING, *HELD_OUT)}
+    for split, path in used:
+        name = path.name if len(set(names)) == len(names) else f"{split}/{path.name}"
+        role = None if held_out is None else "train" if split == TRAINING else "test"
+        try:
+            lens = _lens(_matrix(source / split / "intrinsics", path.stem))
+            rotation, centre = _pose(_matrix(source / split / "pose", path.stem))
+        except ValueError as fault:
+            faults.setdefault(str(fault), []).append(name)
+            continue
+        views.append(View(name, path, lens, rotation, centre, role, masks[split](path.stem)))
+    notes += [note for why, names in faults.items() for note in name_them(f"{why}, not used", names)]
+    return Posed("nerf-osr", source, views, None, f"missing in {source}", fix, notes)
+
+
+def _photos(folder: Path) -> list[Path]:
+    return list_photos(folder / "rgb") if (folder / "rgb").is_dir() else []
+
+
+def _masks(folder: Path) -> Callable[[str], Path | None]:
+    """The mask of the photo of a stem, None in a scene without any; where only this one is missing, a path of no file."""
+    if not folder.is_dir():
+        return lambda stem: None
+    by_stem = {path.stem: path for path in list_photos(folder)}
+    return lambda stem: by_stem.get(stem, folder / stem)
+
+
+def _matrix(folder: Path, stem: str) -> np.ndarray:
+    """(4, 4), of a text file; ValueError says what is wrong."""
+    path = folder / f"{stem}.txt"
+    try:
+        numbers = np.array(path.read_text(encoding="utf-8").split(), dtype=np.float64)
+    except OSError:
+        raise ValueError(f"without a text file in {folder.name}/") from None
+    except ValueError:
+        numbers = np.zeros(0)
+    if numbers.size != 16:
+        raise ValueError(f"whose text file in {folder.name}/ does not hold 16 numbers")
+    return numbers.reshape(4, 4)
+
+
+def _pose(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        return from_camera_to_world(matrix)
+    except ValueError as problem:
+        raise ValueError(f"with a pose {problem}") from None
+
+
+def _lens(matrix: np.ndarray) -> Callable[[int, int], pycolmap.Camera]:
+    """The pinhole of an intrinsics matrix, for View.lens."""
+    fx, skew, cx = matrix[0, :3]
+    fy, cy = matrix[1, 1:3]
+    if not abs(skew) <= LARGEST_SKEW * abs(fx):
+        raise ValueError("with intrinsics of slanted pixels")
+    return lambda width, height: pycolmap.Camera(model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])

@@ -1,0 +1,124 @@
+"""A photo meets its camera: scaled to the file that is found, turned along with it, or left out with the reason."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from core.data import lens as lenses
+from core.data.photo_file import Header, named_with_fault, probe
+from core.data.split import counted, name_them
+from core.errors import BadInput
+from core.scene.camera import Camera
+
+ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
+LARGEST = 1e100  # a coordinate; the square of a larger one may be infinite
+USUAL_FOCAL_LENGTHS = (0.1, 10.0)  # in lengths of the longer side: COLMAP's own bounds
+
+
+@dataclass(frozen=True)
+class View:
+    """A photo as the files of a collection describe it, before it is looked at.
+
+    lens: the camera of a file of this width and height (px, as stored); only formats that state no size make use of them.
+    rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units. split: "train", "test", or None where nothing is
+    said. mask: a picture that is white where the photo is to be used.
+    """
+
+    name: str
+    path: Path
+    lens: Callable[[int, int], pycolmap.Camera]
+    rotation: np.ndarray
+    centre: np.ndarray
+    split: str | None = None
+    mask: Path | None = None
+
+
+@dataclass(frozen=True)
+class Placed:
+    """camera: a pinhole in world units, at the size the photo has as displayed. lens: as in Photo."""
+
+    camera: Camera
+    lens: dict | None
+
+
+@dataclass
+class Placing:
+    """Turns views into placed photos, and remembers which it could not, and why.
+
+    missing_words: what is said of photos that are not there, after "3 photos".
+    """
+
+    missing_words: str
+    missing: list[str] = field(default_factory=list)
+    unreadable: list[str] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+    misfits: list[str] = field(default_factory=list)
+    mirrored: list[str] = field(default_factory=list)
+    rotated: list[str] = field(default_factory=list)
+    extreme: list[str] = field(default_factory=list)
+    undistorted: int = 0
+
+    def place(self, view: View) -> Placed | None:
+        """The view's photo with its camera, or None, with the name put on the list that says why."""
+        if not view.path.is_file():
+            self.missing.append(view.name)
+            return None
+        try:
+            header = probe(view.path)
+        except BadInput as problem:
+            self.unreadable.append(named_with_fault(view.name, view.path, problem))
+            return None
+        lens = view.lens(header.width, header.height)
+        if not lenses.usable(lens) or not all((np.abs(part) < LARGEST).all() for part in (view.rotation, view.centre)):
+            self.broken.append(view.name)
+            return None
+        return self._fit(view, lens, header)
+
+    def _fit(self, view: View, lens: pycolmap.Camera, header: Header) -> Placed | None:
+        """The camera scaled to the photo. The programs that find cameras ignore EXIF rotation, so where the camera's size
+        fits the pixels as stored, it is that of the stored pixels, and is turned together with them."""
+        stored = _same_shape(lens, header.width, header.height)
+        if not stored and not _same_shape(lens, *header.displayed):
+            self.misfits.append(f"{view.name} ({header.width}x{header.height}, camera {lens.width}x{lens.height})")
+            return None
+        orientation = header.orientation if stored else 1
+        if orientation not in lenses.TURNS:
+            self.mirrored.append(view.name)
+            return None
+        width, height = (header.width, header.height) if stored else header.displayed
+        camera = Camera(view.rotation, view.centre, *lenses.pinhole(lens, width, height), width, height)
+        description = None
+        if not lenses.is_pinhole(lens):
+            self.undistorted += 1
+            description = lenses.describe(lens)
+        if orientation != 1:
+            self.rotated.append(view.name)
+            camera = lenses.turned(camera, orientation)
+            if description is not None:
+                description["orientation"] = orientation
+        low, high = USUAL_FOCAL_LENGTHS
+        if not low <= lens.mean_focal_length() / max(lens.width, lens.height) <= high:
+            self.extreme.append(f"{view.name} ({camera.fx:.3g} px at a width of {camera.width})")
+        return Placed(camera, description)
+
+    def notes(self) -> list[str]:
+        """One line for each reason that occurred."""
+        notes = name_them(self.missing_words, self.missing)
+        notes += name_them("unreadable, not used", self.unreadable)
+        notes += name_them("with a camera or pose that is broken or no perspective one, not used", self.broken)
+        notes += name_them("of another shape than their camera, not used", self.misfits)
+        notes += name_them("mirrored by their EXIF orientation, not used", self.mirrored)
+        notes += name_them("turned by their EXIF orientation; their cameras were turned along", self.rotated)
+        notes += name_them("with an unusual focal length, used all the same", self.extreme)
+        if self.undistorted:
+            notes.append(f"{counted(self.undistorted, 'photo')} will be undistorted.")
+        return notes
+
+
+def _same_shape(lens: pycolmap.Camera, width: int, height: int) -> bool:
+    """Whether a photo of this size can be the camera's picture, scaled."""
+    tolerance = ASPECT_TOLERANCE + 1.5 / min(width, height)
+    return abs(np.log(width * lens.height / (height * lens.width))) <= tolerance

@@ -1,0 +1,136 @@
+"""From what a collection's own files say, whichever kind they are, to the Collection: photos placed, split, framed."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from core.data.collection import FAR, Collection, Photo, astray
+from core.data.given_masks import masked
+from core.data.placing import LARGEST, Placing, View
+from core.data.split import counted, name_them, split_photos
+from core.errors import BadInput
+from core.scene.frame import SceneFrame
+
+STRAY = 1e6  # median distances from the middle; SfM puts points near infinity, and float32 ends there
+CROOKED = 0.01  # by which axes may differ in length: matrices are often written with three or four digits
+NO_POINTS = "No points are given with the cameras: `wegs train` triangulates them from the photos."
+UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos need cannot be judged by their colours."
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of a scene in world units: positions (P, 3) float64, colours (P, 3) float32 in [0, 1].
+
+    seen: for each photo that was looked at the indices of the points it sees; None where nobody knows.
+    """
+
+    positions: np.ndarray
+    colours: np.ndarray
+    seen: dict[str, np.ndarray] | None
+
+
+@dataclass(frozen=True)
+class Posed:
+    """What a collection's own files say. source: the file or folder that says it. notes: what was left out already.
+
+    missing_words, fix: what to say of photos that are not there, and to do where none can be used.
+    """
+
+    kind: str
+    source: Path
+    views: list[View]
+    points: Points | None
+    missing_words: str
+    fix: str
+    notes: list[str] = field(default_factory=list)
+
+
+def collect(root: Path, posed: Posed) -> Collection:
+    """The collection of the posed photos below `root`.
+
+    Photos that are missing, unreadable or of another shape than their camera are left out and noted. Without points the frame
+    is that of the cameras. Raises BadInput where no photo is left, or none to train on.
+    """
+    placing = Placing(posed.missing_words)
+    views = {view.name: view for view in sorted(posed.views, key=lambda view: view.name)}
+    placed = {name: found for name, view in views.items() if (found := placing.place(view))}
+    if not placed:
+        reasons = "; ".join(posed.notes + placing.notes())
+        raise BadInput(f"No photo of {posed.source} can be used: {reasons}.", posed.fix)
+    splits, split_notes = _split(root, posed, list(placed))
+    points, points_notes = posed.points, []
+    if points is None:
+        points, points_notes = Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [NO_POINTS]
+    elif points.seen is None:
+        points_notes = [UNSEEN_POINTS]
+    centres = np.array([found.camera.centre for found in placed.values()])
+    frame = SceneFrame.around(points.positions if len(points.positions) else centres)
+    seen = points.seen or {}
+    nothing = np.empty(0, np.int64)
+    photos = tuple(
+        Photo(
+            name,
+            views[name].path,
+            found.camera.in_scene(frame),
+            splits[name],
+            seen.get(name, nothing),
+            found.lens,
+        )
+        for name, found in placed.items()
+        if name in splits
+    )
+    notes = posed.notes + placing.notes() + split_notes + points_notes + frame.offset_notes()
+    notes += name_them("that see no SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
+    far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
+    notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far)
+    name = root.resolve().name
+    collection = Collection(
+        name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)
+    )
+    masks = {view.name: view.mask for view in views.values() if view.mask is not None}
+    return masked(collection, masks, posed.source) if masks else collection
+
+
+def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str]]:
+    """The split of each placed photo and notes: as the files say, or as for any collection where they say nothing."""
+    said = {view.name: view.split for view in posed.views if view.split}
+    if not said:
+        return split_photos(root, names, {view.name for view in posed.views})
+    splits = {name: said[name] for name in names if name in said}
+    notes = []
+    if "train" not in splits.values():
+        raise BadInput(f"{posed.source} leaves no photo to train on.", posed.fix)
+    if "test" not in splits.values():
+        notes.append(f"{posed.source.name} holds out no photo: quality on unseen photos cannot be measured.")
+    return splits, notes
+
+
+def usable(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """(P,) bool, which of the points (P, 3) lie at usable coordinates, and a note on those that do not."""
+    finite = (np.abs(positions) < LARGEST).all(axis=1)  # so that NaN fails it
+    if finite.any():
+        frame = SceneFrame.around(positions[finite], quantile=0.5)
+        finite[finite] = np.linalg.norm(frame.to_scene(positions[finite]), axis=1) < STRAY
+    dropped = int((~finite).sum())
+    return finite, (
+        [f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out."] if dropped else []
+    )
+
+
+def from_camera_to_world(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A camera-to-world matrix (4, 4) or (3, 4) as View.rotation and View.centre; camera axes stay those it has.
+
+    Axes of one common length other than 1 are those of a scaled camera, which sees the same. Rounded ones are made
+    orthonormal (the nearest rotation, by SVD). Raises ValueError, which says what it is, for any other that is no rotation.
+    """
+    axes, centre = matrix[:3, :3], matrix[:3, 3]
+    if not (np.abs(matrix[:3]) < LARGEST).all():
+        raise ValueError("with numbers that are not finite")
+    left, lengths, right = np.linalg.svd(axes)
+    if not lengths[2] > (1 - CROOKED) * lengths[0]:
+        raise ValueError("that is no rotation: its axes differ in length or are not at right angles")
+    rotation = left @ right
+    if np.linalg.det(rotation) < 0:
+        raise ValueError("that is mirrored")
+    return rotation.T, centre

@@ -1,0 +1,81 @@
+"""A folder of results that appears whole or not at all, says plainly where it cannot be written, and is found again."""
+
+import errno
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from core.errors import BadInput, WegsError, not_made
+
+PARTS = ("images", "sparse")  # of a scene; the last makes it one
+
+
+@contextmanager
+def replacing(output: Path) -> Iterator[Path]:
+    """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
+
+    It lies beside `output`, or inside where that is there, empty: it may be a disk of its own (a container's volume).
+    """
+    is_there = output.is_dir()
+    work = (output if is_there else output.parent) / f".{output.name}.{os.getpid()}"
+    try:
+        work.mkdir(parents=True)
+    except OSError as problem:
+        raise not_made(output, problem) from None
+    try:
+        yield work
+        for part in PARTS if is_there else ():
+            os.replace(work / "scene" / part, output / part)
+        if not is_there:
+            os.replace(work / "scene", output)
+    except WegsError:
+        raise
+    except OSError as problem:
+        if problem.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise _full(output) from None
+        if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise BadInput(
+                f"{output} was made by another program meanwhile.", "Use that one, or choose another -o."
+            ) from None
+        if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
+            raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
+        raise
+    except Exception:
+        # pycolmap and SQLite name a full disk in their own ways.
+        if work.exists() and shutil.disk_usage(work).free < 1 << 20:
+            raise _full(output) from None
+        raise
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _full(output: Path) -> WegsError:
+    return WegsError(f"The disk is full: {output} was not written.", "Free some space and run it again.")
+
+
+def kept(wanted: Path, is_it: Callable[[Path], bool]) -> tuple[Path, bool]:
+    """The folder `wanted`, or the first of wanted-2, wanted-3, ... that is free or that `is_it`; and whether it is."""
+    folder, number = wanted, 1
+    while folder.exists():
+        if is_it(folder):
+            return folder, True
+        number += 1
+        folder = wanted.with_name(f"{wanted.name}-{number}")
+    return folder, False
+
+
+def read_mark(path: Path) -> dict:
+    """The facts in a JSON file that says what a folder was made of; none where it is missing or garbled."""
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return facts if isinstance(facts, dict) else {}
+
+
+def stamp(path: Path) -> list[int]:
+    """Size (bytes) and time of change (ns) of a file: whether it is the one it was."""
+    return [path.stat().st_size, path.stat().st_mtime_ns]

@@ -1,0 +1,266 @@
+"""transforms.json of nerfstudio and Instant-NGP, and transforms_train.json with its siblings of NeRF's Blender scenes.
+
+Sources: nerfstudio's "Data conventions" page and the parser that it documents; Instant-NGP's docs/nerf_dataset_tips.md; the
+Blender scenes of NeRF (Mildenhall et al. 2020). Poses lead from camera to world, with OpenGL axes (x right, y up, z back).
+"""
+
+import json
+import math
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from core.data.photo_file import SUFFIXES
+from core.data.placing import View
+from core.data.point_file import read_points_file
+from core.data.posed import Points, Posed, from_camera_to_world, usable
+from core.data.split import list_names, name_them
+from core.errors import BadInput
+
+FILE = "transforms.json"
+BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
+PERSPECTIVE = (
+    "OPENCV",
+    "PINHOLE",
+    "SIMPLE_PINHOLE",
+    "SIMPLE_RADIAL",
+    "RADIAL",
+    "PERSPECTIVE",
+)  # all with k1.. where given
+FISHEYE = "OPENCV_FISHEYE"
+LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
+LARGEST_SIDE = 1 << 20  # px
+IN_VIEW = 0.5  # of the points; a file of which the cameras show less is likely to be in another frame
+POINTS_ASKED = 10_000  # for that, evenly spread
+
+
+def read_transforms(root: Path) -> Posed:
+    """What transforms.json in `root` says; a split by train_filenames, test_filenames and val_filenames is kept.
+
+    Raises BadInput for a file that is broken or without frames, and for lists that leave nothing to train on.
+    """
+    reading = _Reading(root)
+    source = root / FILE
+    facts = _read_json(source)
+    if others := [name for name in BLENDER_FILES.values() if (root / name).is_file()]:
+        reading.notes.append(f"{root} holds {list_names(others)} as well; {FILE} is used.")
+    views = reading.split_as_listed(source, facts, reading.views(source, facts))
+    return reading.posed("nerfstudio", source, views, reading.points(facts, views))
+
+
+def read_blender(root: Path) -> Posed:
+    """What transforms_train.json in `root` says, and of what transforms_test.json, or else transforms_val.json, holds out.
+
+    Raises BadInput for a file that is broken, and where there are no frames to train on.
+    """
+    reading = _Reading(root)
+    source = root / BLENDER_FILES["train"]
+    facts = _read_json(source)
+    training, held_out = reading.views(source, facts), []
+    there = [root / BLENDER_FILES[split] for split in ("test", "val") if (root / BLENDER_FILES[split]).is_file()]
+    if there:
+        held_out = reading.views(there[0], _read_json(there[0], may_be_empty=True))
+    reading.notes += [f"{path.name} is not used: {there[0].name} is what is held out." for path in there[1:]]
+    if held_out:
+        training = [replace(view, split="train") for view in training]
+    views = training + [replace(view, split="test") for view in held_out]
+    return reading.posed("blender", source, views, reading.points(facts, views))
+
+
+@dataclass
+class _Reading:
+    """Reads frames, and remembers which it could not use, and why. Views are named by their paths until all are known."""
+
+    root: Path
+    notes: list[str] = field(default_factory=list)
+    faults: dict[str, list[str]] = field(default_factory=dict)  # why -> photos
+
+    def views(self, source: Path, facts: dict) -> list[View]:
+        """The frames that can be used, each photo once."""
+        views: dict[Path, View] = {}
+        for number, frame in enumerate(facts["frames"]):
+            label = f"frame {number} of {source.name}"
+            try:
+                if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+                    raise _Fault("without a file_path")
+                path = self.find(frame["file_path"])
+                label = path.name
+                if path in views:
+                    raise _Fault("named more than once, used the first time")
+                rotation, centre = _pose(frame)
+                lens = _Lens.of(facts | frame)
+                mask = frame.get("mask_path")
+                mask = self.find(mask) if isinstance(mask, str) else None
+                views[path] = View(str(path), path, lens.camera, rotation, centre, mask=mask)
+            except _Fault as fault:
+                self.faults.setdefault(str(fault), []).append(label)
+        return list(views.values())
+
+    def find(self, name: str) -> Path:
+        """The file that a file_path means: relative to the root; Blender scenes leave the suffix out."""
+        path = Path(os.path.normpath(self.root / name))
+        if path.is_file():
+            return path
+        if "\\" in name:  # written on Windows
+            return self.find(name.replace("\\", "/"))
+        with_suffix = (path.with_name(path.name + suffix) for suffix in (".png", *SUFFIXES))
+        return next((candidate for candidate in with_suffix if candidate.is_file()), path)
+
+    def split_as_listed(self, source: Path, facts: dict, views: list[View]) -> list[View]:
+        """The views with the split that the file's lists give them, or as they are where there are no lists."""
+        lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
+        if not lists:
+            return views
+        if not all(
+            isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
+        ):
+            raise BadInput(f"{source} has a list of file names that is none.", "Correct or remove its ..._filenames.")
+        listed = {split: {self.find(name) for name in names} for split, names in lists.items()}
+        if listed.get("test"):
+            self.notes += ["val_filenames is not used: test_filenames is what is held out."] * ("val" in listed)
+        else:
+            listed["test"] = listed.get("val", set())
+        training = listed.get("train", set()) - listed["test"]
+        if not training:
+            raise BadInput(f"{source} leaves no photo to train on.", "Correct or remove its train_filenames.")
+        unknown = sorted(path.name for path in (training | listed["test"]) - {view.path for view in views})
+        self.notes += name_them(f"that {source.name} lists but has no usable frame of", unknown)
+        split = {path: "test" for path in listed["test"]} | {path: "train" for path in training}
+        neither = sorted(view.path.name for view in views if view.path not in split)
+        self.notes += name_them("listed neither for training nor as held out, not used", neither)
+        return [replace(view, split=split[view.path]) for view in views if view.path in split]
+
+    def points(self, facts: dict, views: list[View]) -> Points | None:
+        """The points of ply_file_path, or None. They lie in the frame of the poses: applied_transform has been applied to
+        both. (Older versions of nerfstudio left them where they were; so they are looked at through the cameras.)"""
+        name = facts.get("ply_file_path")
+        if not isinstance(name, str):
+            return None
+        path = Path(os.path.normpath(self.root / name))
+        if not path.is_file():
+            self.notes.append(f"The points file {path} is missing.")
+            return None
+        positions, colours = read_points_file(path)
+        good, notes = usable(positions)
+        self.notes += notes
+        if not good.any():
+            self.notes.append(f"The points file {path} has no usable points.")
+            return None
+        share = _share_in_view(positions[good], views)
+        if views and share < IN_VIEW:
+            what = f"Only {share:.0%} of the points of {path} lie before a camera"
+            self.notes.append(f"{what}: if they are in another frame than the poses, take out ply_file_path.")
+        return Points(positions[good], colours[good], None)
+
+    def posed(self, kind: str, source: Path, views: list[View], points: Points | None) -> Posed:
+        """All of it, photos named from the folder on that holds them all."""
+        folder = Path(os.path.commonpath([view.path.parent for view in views])) if views else self.root
+        views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
+        notes = [note for why, names in self.faults.items() for note in name_them(why, names)] + self.notes
+        missing_words = f"of {source.name} missing in {folder}"
+        fix = f"Put the photos where its file_path says, or correct {source.name}."
+        return Posed(kind, source, views, points, missing_words, fix, notes)
+
+
+class _Fault(Exception):
+    """Why a frame cannot be used, to be put after "3 photos"."""
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """A frame's intrinsics as the file has them; what it leaves out follows from the size of the photo."""
+
+    model: str
+    numbers: dict[str, float]
+
+    @staticmethod
+    def of(facts: dict) -> "_Lens":
+        """The lens of a frame, whose own values come before those at the top of the file."""
+        model = facts.get("camera_model", FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])
+        if model not in (*PERSPECTIVE, FISHEYE):
+            raise _Fault(
+                f"with a camera_model that is not read ({model}; {PERSPECTIVE[0]} and {FISHEYE} are), not used"
+            )
+        terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)
+        try:
+            numbers = {name: float(facts[name]) for name in terms if facts.get(name) is not None}
+        except (TypeError, ValueError):
+            raise _Fault("with intrinsics that are no numbers, not used") from None
+        if not {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} & numbers.keys():
+            raise _Fault("without fl_x or camera_angle_x, not used")
+        if not all(1 <= numbers.get(name, 1) <= LARGEST_SIDE for name in ("w", "h")):
+            raise _Fault("with a w or h that no photo has, not used")
+        if model != FISHEYE and numbers.get("k4"):
+            raise _Fault(f"with a k4, which only {FISHEYE} lenses have, not used")
+        return _Lens(model, numbers)
+
+    def camera(self, width: int, height: int) -> pycolmap.Camera:
+        """COLMAP's camera of the same lens. Pixels are counted as there: the corner of the picture is (0, 0)."""
+        numbers = self.numbers
+        width, height = round(numbers.get("w", width)), round(numbers.get("h", height))
+        x = numbers.get("fl_x", _focal_length(numbers.get("camera_angle_x"), width))
+        y = numbers.get("fl_y", _focal_length(numbers.get("camera_angle_y"), height))
+        focal = [y if x is None else x, x if y is None else y]  # one of them is for square pixels
+        centre = [numbers.get("cx", width / 2), numbers.get("cy", height / 2)]
+        k1, k2, k3, k4, p1, p2 = (numbers.get(name, 0.0) for name in LENS_TERMS)
+        if self.model == FISHEYE:  # has no p1 and p2, though files may list them
+            model, terms = FISHEYE, [k1, k2, k3, k4]
+        elif k3:
+            model, terms = "FULL_OPENCV", [k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+        else:
+            model, terms = ("OPENCV", [k1, k2, p1, p2]) if any((k1, k2, p1, p2)) else ("PINHOLE", [])
+        return pycolmap.Camera(model=model, width=width, height=height, params=focal + centre + terms)
+
+
+def _focal_length(angle: float | None, side: int) -> float | None:
+    """px, of a lens that sees `angle` radians over a side of that many px; NaN for an angle that no lens has."""
+    if angle is None:
+        return None
+    return side / 2 / math.tan(angle / 2) if 0 < angle < math.pi else math.nan
+
+
+def _pose(frame: dict) -> tuple[np.ndarray, np.ndarray]:
+    """View.rotation and View.centre."""
+    try:
+        matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.shape not in ((4, 4), (3, 4)):
+        raise _Fault("without a transform_matrix of 4 x 4 numbers, not used")
+    matrix = matrix[:3] * [*TO_OPENCV, 1.0]
+    try:
+        return from_camera_to_world(matrix)
+    except ValueError as problem:
+        raise _Fault(f"with a transform_matrix {problem}, not used") from None
+
+
+def _share_in_view(points: np.ndarray, views: list[View]) -> float:
+    """The share of the points (P, 3) that lie in front of a camera, within 45 degrees of where it looks."""
+    points = points[:: -(-len(points) // POINTS_ASKED)]
+    seen = np.zeros(len(points), bool)
+    for view in views:
+        local = (points - view.centre) @ view.rotation.T
+        seen |= local[:, 2] > np.linalg.norm(local[:, :2], axis=1)
+    return float(seen.mean())
+
+
+def _read_json(path: Path, may_be_empty: bool = False) -> dict:
+    """The file's facts, of which "frames" is a list with something in it."""
+    fix = f"Write {path.name} again with the program that made it."
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as problem:
+        raise BadInput(f"{path} cannot be read: {problem.strerror}.", fix) from None
+    except RecursionError:
+        raise BadInput(f"{path} is no JSON that can be read: it is nested too deeply.", fix) from None
+    except ValueError as problem:  # of the text or of its encoding
+        raise BadInput(f"{path} is no JSON that can be read: {problem}.", fix) from None
+    if not isinstance(facts, dict) or not isinstance(facts.get("frames"), list):
+        raise BadInput(f"{path} has no list of frames.", fix)
+    if not facts["frames"] and not may_be_empty:
+        raise BadInput(f"{path} has no frames.", fix)
+    return facts

@@ -1,0 +1,74 @@
+"""Points files in every form that programs write, and a line for each that cannot be read."""
+
+import numpy as np
+import pytest
+
+from core.data.point_file import read_points_file
+from core.errors import BadInput
+
+PLACES = np.array([[1.5, -2, 3], [4, 5, -6.25]])
+COLOURS = np.array([[0, 127, 255], [10, 20, 30]], np.uint8)
+
+
+def write(path, form, colours=True, place="float", extra=()):
+    """Two points, with a normal between place and colour, and a comment as programs put them."""
+    properties = [(place, name) for name in "xyz"] + [("double", "nx")]
+    properties += [("uchar", name) for name in ("red", "green", "blue")] if colours else []
+    header = ["ply", f"format {form} 1.0", "comment made here", "element vertex 2", *(f"property {kind} {name}" for kind, name in properties)]  # fmt: skip
+    header += [*extra, "end_header", ""]
+    if form == "ascii":
+        rows = [[*map(str, p), "0.5", *(map(str, c) if colours else ())] for p, c in zip(PLACES, COLOURS, strict=True)]
+        body = "".join(" ".join(row) + "\n" for row in rows).encode()
+    else:
+        order = "<" if "little" in form else ">"
+        kinds = {"float": "f4", "float32": "f4", "double": "f8", "uchar": "u1"}
+        rows = np.zeros(2, [(name, order + kinds[kind]) for kind, name in properties])
+        for number, name in enumerate("xyz"):
+            rows[name] = PLACES[:, number]
+        for number, name in enumerate(("red", "green", "blue") if colours else ()):
+            rows[name] = COLOURS[:, number]
+        body = rows.tobytes()
+    path.write_bytes("\n".join(header).encode() + body)
+    return path
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("place", ["float", "double", "float32"])
+def test_every_form(tmp_path, form, place):
+    positions, colours = read_points_file(write(tmp_path / "a.ply", form, place=place, extra=["element face 0", "property list uchar int vertex_indices"]))  # fmt: skip
+    assert (positions == PLACES).all() and np.allclose(colours, COLOURS / 255, atol=1e-7)
+    positions, colours = read_points_file(write(tmp_path / "b.ply", form, colours=False, place=place))
+    assert (positions == PLACES).all() and (colours == 0.5).all()
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_a_truncated_file(tmp_path, form):
+    path = write(tmp_path / "a.ply", form)
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(BadInput, match="a.ply ends before its 2 vertices do"):
+        read_points_file(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b"ply", b"plain", "is no .ply"),
+        (b"end_header", b"end", "is no .ply"),
+        (b"ascii", b"morse", "has a header without a known format"),
+        (b"element vertex", b"element face", "does not begin with its vertices"),
+        (b"vertex 2", b"vertex -2", "does not begin with its vertices"),
+        (b"property float x", b"property float q", "has vertices without x, y and z"),
+        (b"property float x", b"property list uchar int x", "has vertices with lists or unknown types"),
+        (b"1.5", b"one", "could not convert"),
+    ],
+)
+def test_what_is_no_points_file(tmp_path, old, new, words):
+    path = write(tmp_path / "a.ply", "ascii")
+    path.write_bytes(path.read_bytes().replace(old, new, 1))
+    with pytest.raises(BadInput, match=f"The points file .*{words}"):
+        read_points_file(path)
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(BadInput, match="cannot be opened"):
+        read_points_file(tmp_path / "a.ply")

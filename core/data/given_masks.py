@@ -14,7 +14,7 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
 
     A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's
     do; for photos in folders (`left/0001.jpg`) a mask in the same folder beats one in `folder` itself. A photo without a mask
-    is used whole. Held-out photos get none: masks never enter a figure. Notes say how many there are, and which are missing,
+    is used whole, even if the scene gives one. Held-out photos get none: masks never enter a figure. Notes say how many there are, and which are missing,
     are of another size than their photo (they are resized, nearest pixel) or belong to no photo. Raises BadInput for a folder
     without any match, and for two masks of one photo.
     """
@@ -31,6 +31,8 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     if not any(photo.mask for photo in found.photos):
         example = Path(collection.split("train")[0].name).with_suffix(".png")
         raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
+    if any(photo.mask for photo in collection.photos):
+        found = replace(found, notes=(*found.notes, "The masks that the scene itself gives are not used."))
     if unused:
         note = f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}."
         found = replace(found, notes=(*found.notes, note))

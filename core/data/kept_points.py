@@ -28,7 +28,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     for photo, camera in training:
         numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.world_to_camera.ravel(), *camera.centre]
         mask = [] if photo.mask is None else [str(photo.mask.resolve()), *stamp(photo.mask)]
-        made_of[str(photo.path.resolve())] = [*stamp(photo.path), *map(float, numbers), *mask]
+        made_of[str(photo.path.resolve())] = [*stamp(photo.path), *map(float, numbers), photo.lens, *mask]
     facts = {"scene": str(collection.root.resolve()), "kind": collection.kind, "made_of": made_of}
     folder, is_there = kept(wanted, lambda folder: read_mark(folder / MARK) == facts)
     if is_there:
@@ -53,7 +53,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
 def scene_of(folder: Path) -> tuple[Path, str] | None:
     """The scene, and its kind, whose points the folder holds; None for a folder of anything else."""
     facts = read_mark(folder / MARK)
-    return (Path(facts["scene"]), facts["kind"]) if {"scene", "kind"} <= facts.keys() else None
+    return (Path(str(facts["scene"])), str(facts["kind"])) if {"scene", "kind"} <= facts.keys() else None
 
 
 def read_kept(folder: Path) -> tuple[Points, list[str]]:

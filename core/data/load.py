@@ -52,7 +52,7 @@ def find_kind(path: Path) -> str:
         raise BadInput(f"There is no folder {path}.", "Give the folder that holds your photos.")
     if not path.is_dir():
         raise BadInput(f"{path} is a file, not a folder.", "Give the folder that holds your photos.")
-    if of := scene_of(path):
+    if (of := scene_of(path)) and of[1] in POSED:
         scene, kind = of
         if not scene.is_dir():
             raise BadInput(f"{path} holds the points of {scene}, which is gone.", "Move it back.")

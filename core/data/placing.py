@@ -1,5 +1,6 @@
 """A photo meets its camera: scaled to the file that is found, turned along with it, or left out with the reason."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,7 +64,7 @@ class Placing:
 
     def place(self, view: View) -> Placed | None:
         """The view's photo with its camera, or None, with the name put on the list that says why."""
-        if not view.path.is_file():
+        if not os.path.isfile(view.path):  # pathlib's raises for names that are too long
             self.missing.append(view.name)
             return None
         try:

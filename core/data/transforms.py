@@ -22,14 +22,8 @@ from core.errors import BadInput
 
 FILE = "transforms.json"
 BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
-PERSPECTIVE = (
-    "OPENCV",
-    "PINHOLE",
-    "SIMPLE_PINHOLE",
-    "SIMPLE_RADIAL",
-    "RADIAL",
-    "PERSPECTIVE",
-)  # all with k1.. where given
+# Read alike: all with the lens terms that are given.
+PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 FISHEYE = "OPENCV_FISHEYE"
 LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
@@ -85,7 +79,7 @@ class _Reading:
         for number, frame in enumerate(facts["frames"]):
             label = f"frame {number} of {source.name}"
             try:
-                if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+                if not (isinstance(frame, dict) and frame.get("file_path") and isinstance(frame["file_path"], str)):
                     raise _Fault("without a file_path")
                 path = self.find(frame["file_path"])
                 label = path.name
@@ -102,13 +96,12 @@ class _Reading:
 
     def find(self, name: str) -> Path:
         """The file that a file_path means: relative to the root; Blender scenes leave the suffix out."""
-        path = Path(os.path.normpath(self.root / name))
-        if path.is_file():
-            return path
+        path = os.path.abspath(self.root / name)
+        if os.path.isfile(path):  # pathlib's raises for names that are too long
+            return Path(path)
         if "\\" in name:  # written on Windows
             return self.find(name.replace("\\", "/"))
-        with_suffix = (path.with_name(path.name + suffix) for suffix in (".png", *SUFFIXES))
-        return next((candidate for candidate in with_suffix if candidate.is_file()), path)
+        return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if os.path.isfile(path + suffix)), path))
 
     def split_as_listed(self, source: Path, facts: dict, views: list[View]) -> list[View]:
         """The views with the split that the file's lists give them, or as they are where there are no lists."""
@@ -120,18 +113,18 @@ class _Reading:
         ):
             raise BadInput(f"{source} has a list of file names that is none.", "Correct or remove its ..._filenames.")
         listed = {split: {self.find(name) for name in names} for split, names in lists.items()}
-        if listed.get("test"):
-            self.notes += ["val_filenames is not used: test_filenames is what is held out."] * ("val" in listed)
-        else:
-            listed["test"] = listed.get("val", set())
-        training = listed.get("train", set()) - listed["test"]
+        given, held_out = listed.get("train", set()), listed.get("test") or listed.get("val", set())
+        training = given - held_out
         if not training:
             raise BadInput(f"{source} leaves no photo to train on.", "Correct or remove its train_filenames.")
-        unknown = sorted(path.name for path in (training | listed["test"]) - {view.path for view in views})
-        self.notes += name_them(f"that {source.name} lists but has no usable frame of", unknown)
-        split = {path: "test" for path in listed["test"]} | {path: "train" for path in training}
-        neither = sorted(view.path.name for view in views if view.path not in split)
-        self.notes += name_them("listed neither for training nor as held out, not used", neither)
+        split = {path: "test" for path in held_out} | {path: "train" for path in training}
+        paths = {view.path for view in views}
+        for words, odd in (
+            ("listed for training and as held out, held out", given & held_out),
+            (f"that {source.name} lists but has no usable frame of", split.keys() - paths),
+            ("listed neither for training nor for testing, not used", paths - split.keys()),
+        ):
+            self.notes += name_them(words, sorted(path.name for path in odd))
         return [replace(view, split=split[view.path]) for view in views if view.path in split]
 
     def points(self, facts: dict, views: list[View]) -> Points | None:
@@ -140,8 +133,8 @@ class _Reading:
         name = facts.get("ply_file_path")
         if not isinstance(name, str):
             return None
-        path = Path(os.path.normpath(self.root / name))
-        if not path.is_file():
+        path = self.find(name)
+        if not os.path.isfile(path):
             self.notes.append(f"The points file {path} is missing.")
             return None
         positions, colours = read_points_file(path)

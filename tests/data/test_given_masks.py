@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data.given_masks import with_masks, with_masks_of
+from core.data.given_masks import masked, with_masks, with_masks_of
 from core.data.photos import load, read
 from core.errors import BadInput
 from tests.data.small_scene import add_exif, exif_block
@@ -72,6 +72,16 @@ def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_pat
     masks = {photo.name: photo.mask for photo in found.photos}
     assert [masks[name] for name in names.values()] == wanted
     assert found.notes[-1] == "1 mask of no photo in use, such as left/b.tif."
+
+
+def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
+    own = {photo.name: save_mask(tmp_path / "own" / photo.name) for photo in collection.photos[:2]}
+    given = save_mask(tmp_path / "masks" / "photo_1.png")
+    scene = masked(collection, own, tmp_path / "transforms.json")
+    assert [photo.mask for photo in scene.photos[:3]] == [own["photo_0.png"], own["photo_1.png"], None]
+    found = with_masks(scene, tmp_path / "masks")
+    assert [photo.mask for photo in found.photos[:3]] == [None, given, None]
+    assert found.notes[-1] == "The masks that the scene itself gives are not used."
 
 
 def test_what_cannot_be_meant_is_refused(collection, tmp_path):

@@ -181,6 +181,8 @@ def turned(by):
     [
         (lambda frame: frame.pop("file_path"), "1 photo without a file_path: frame 1 of transforms.json"),
         (spoil("file_path", "images/gone.png"), "1 photo of transforms.json missing in .*images: gone.png"),
+        (spoil("file_path", "images/" + "a" * 300), "missing in .*: aaaaaaaaaa"),
+        (spoil("file_path", ""), "1 photo without a file_path"),
         (spoil("file_path", "images/photo_0.png"), "named more than once, used the first time: photo_0.png"),
         (lambda frame: frame.pop("transform_matrix"), "without a transform_matrix of 4 x 4 numbers, not used: photo_1.png"),
         (spoil("transform_matrix", [[1, 2], [3]]), "without a transform_matrix of 4 x 4 numbers"),
@@ -273,7 +275,8 @@ def splits(collection):
     [
         ({"train": named(0, 1), "test": named(2, 3)}, {0: "train", 1: "train", 2: "test", 3: "test"}, None),
         ({"train": named(0, 1), "val": named(2)}, {0: "train", 1: "train", 2: "test"}, "not used: photo_3.png"),
-        ({"train": named(0), "val": named(1), "test": named(2, 3)}, {0: "train", 2: "test", 3: "test"}, "val_filenames is not used"),
+        ({"train": named(0), "val": named(1), "test": named(2, 3)}, {0: "train", 2: "test", 3: "test"}, "for testing, not used: photo_1.png"),
+        ({"train": named(0, 1), "test": named(1, 2)}, {0: "train", 1: "test", 2: "test"}, "held out: photo_1.png"),
         ({"train": named(0, 1, 2)}, {0: "train", 1: "train", 2: "train"}, "holds out no photo"),
         ({"train": named(0, 9), "test": named(2)}, {0: "train", 2: "test"}, "lists but has no usable frame of: photo_9.png"),
     ],

@@ -73,13 +73,15 @@ def test_they_are_made_once_for_the_same_photos_and_cameras(corner, kept, tmp_pa
     assert first.changed_since(second) == [] and (first.points == second.points).all()
 
 
-def test_other_cameras_get_points_of_their_own(corner, kept, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(corner, other)
-    facts = json.loads((other / "transforms.json").read_text())
-    write_json(other / "transforms.json", facts | {"fl_x": FOCAL * 1.01})
-    folder = copy_of(kept, tmp_path)
-    assert prepared(other, find_kind(other), folder, Report()).name == "corner-scene-2"
+def test_other_cameras_and_lenses_get_points_of_their_own(corner, tmp_path):
+    scene = tmp_path / "scene"
+    shutil.copytree(corner, scene)
+    facts = json.loads((scene / "transforms.json").read_text())
+    made = []
+    for change in ({}, {"fl_x": FOCAL * 1.01}, {"k1": 0.01}, {}):
+        write_json(scene / "transforms.json", facts | change)
+        made.append(prepared(scene, find_kind(scene), tmp_path / "points", Report()).name)
+    assert made == ["points", "points-2", "points-3", "points"]
 
 
 def test_a_scene_that_is_gone_or_a_model_that_is_damaged(kept, tmp_path):

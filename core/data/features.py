@@ -8,6 +8,7 @@ from core.report import Report
 
 LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
 FEATURES = 8192  # at most, a photo
+USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 BATCHES = 24  # features and matches are computed in so many parts, to tell of progress and to notice Ctrl-C
 PHOTOS, DATABASE = "photos", "database.db"  # in the folder of work
 
@@ -39,14 +40,18 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
         report.progress("Features", start + len(batch), len(names))
 
 
-def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True) -> None:
+def match(
+    work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO
+) -> None:
     """Matches of the pairs of photos into the database.
 
     verify: keep those that one epipolar geometry explains, which is estimated; without it all that look alike stay.
+    ratio: of the differences to the most and the second most similar feature; matches have a smaller one (Lowe 2004, 7.1).
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
     options.skip_geometric_verification = not verify
+    options.sift.max_ratio = ratio
     lines = [f"{first} {second}" for first, second in pairs]
     size = max(8, -(-len(lines) // BATCHES))
     pairing = pycolmap.ImportedPairingOptions()

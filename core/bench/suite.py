@@ -48,9 +48,9 @@ class Size:
     cameras: int
 
 
-SMALL = Size(share=0.1, gaussians=4000, budget=0.5, width_px=160, seeds=1, views=8, photos=4, cameras=1)
+SMALL = Size(share=0.2, gaussians=4000, budget=0.5, width_px=160, seeds=1, views=8, photos=4, cameras=1)
 FULL = Size(
-    share=0.5, gaussians=LEAST["max_gaussians"], budget=3.0, width_px=-1, seeds=3, views=32, photos=100, cameras=3
+    share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, width_px=-1, seeds=3, views=32, photos=100, cameras=3
 )
 
 

@@ -16,7 +16,7 @@ from core.training.trained import bake, find_appearance, load_run
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH
 
-TINY = replace(suite.SMALL, share=0.005, gaussians=1200, budget=0.0, views=2, photos=1)
+TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, photos=1)
 
 
 @pytest.fixture(autouse=True)

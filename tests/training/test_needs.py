@@ -118,7 +118,9 @@ def test_steps_and_gaussians_follow_photos_and_pixels_unless_given():
         decided, _ = needs.decide(settings, None, pictures)
         return decided.steps, decided.max_gaussians
 
-    assert sizes(1, 100) == sizes(52, 768) == (6000, 40_000)
+    assert sizes(1, 100) == sizes(20, 768) == (3000, 40_000)
+    assert sizes(40, 100) == (40 * needs.FIRST_VISITS, 40_000)
+    assert sizes(52, 768) == sizes(171, 100) == (6000, 40_000)
     assert sizes(200, 100) == (200 * needs.VISITS, 40_000)
     assert sizes(50, 8000) == (6000, 50 * 8000 * 100 // needs.PIXELS_A_GAUSSIAN)
     assert sizes(200, 8000, steps=5, max_gaussians=7) == (5, 7)

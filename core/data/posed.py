@@ -56,7 +56,7 @@ def collect(root: Path, posed: Posed) -> Collection:
     views = {view.name: view for view in sorted(posed.views, key=lambda view: view.name)}
     placed = {name: found for name, view in views.items() if (found := placing.place(view))}
     if not placed:
-        reasons = "; ".join(posed.notes + placing.notes())
+        reasons = "; ".join(note.rstrip(".") for note in posed.notes + placing.notes())
         raise BadInput(f"No photo of {posed.source} can be used: {reasons}.", posed.fix)
     splits, split_notes = _split(root, posed, list(placed))
     points, points_notes = posed.points, []

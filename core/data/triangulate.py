@@ -10,6 +10,7 @@ from core.data import photos as files
 from core.data.collection import Photo
 from core.data.features import DATABASE, LONG_SIDE_PX, PHOTOS, extract, match
 from core.data.model_file import quiet
+from core.data.split import counted
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
@@ -17,6 +18,7 @@ from core.scene.camera import Camera
 MASKS = "masks"
 JPEG_QUALITY = 95
 SEED = 0
+LEAST_PHOTOS = 2
 NEAREST, SPREAD = 10, 10  # partners of a photo: the nearest ones, and others evenly spread over those that look its way
 MOST_DEGREES = 75.0  # between the directions in which partners look; SIFT matches little beyond 40
 # As the lines are known, more may be let through to them. Against the usual 0.8: points of plaza, Liberty and kermit + 98, 13, 15 %;
@@ -31,10 +33,14 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
     Features are looked for in the undistorted pictures, and not where these show nothing of use. As cameras are known, matches
     are tested against their epipolar lines, not against an estimate, and points of two photos count. work: an empty folder.
     Photos that cannot be decoded are left out; training names them. Two runs differ slightly, as COLMAP's threads do.
+    Raises BadInput for fewer than LEAST_PHOTOS.
     """
     with quiet():
         cameras = _write_pictures(posed, work, report)
         names = list(cameras)
+        if len(names) < LEAST_PHOTOS:
+            what = f"{counted(len(names), 'photo')} to train on can be read; at least {LEAST_PHOTOS} are needed to triangulate points"
+            raise BadInput(f"{what}.", "Add photos, or points to start from (ply_file_path in a transforms.json).")
         pycolmap.set_random_seed(SEED)
         extract(work, names, report, work / MASKS)
         pairs = [

@@ -108,6 +108,17 @@ def test_cameras_that_fit_no_photo(corner, tmp_path):
     assert not (tmp_path / "scene").exists()
 
 
+def test_one_photo_is_too_few(corner, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(corner, other)
+    facts = json.loads((other / "transforms.json").read_text())
+    facts["frames"] = facts["frames"][:1]
+    write_json(other / "transforms.json", facts)
+    with pytest.raises(BadInput, match="1 photo to train on can be read; at least 2"):
+        prepared(other, find_kind(other), tmp_path / "scene", Report())
+    assert not (tmp_path / "scene").exists()
+
+
 def test_a_damaged_and_an_empty_photo_do_no_harm(corner, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(corner, other)

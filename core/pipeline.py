@@ -10,7 +10,7 @@ import core.export
 import core.rasterizer
 from core import device
 from core.config import Settings
-from core.data import find_kind, load_collection, sfm
+from core.data import load_collection, sfm
 from core.data.collection import Collection, Photo
 from core.data.given_masks import with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
@@ -86,8 +86,9 @@ def train(
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:
-        scene = prepared(scene, find_kind(scene), folder.parent / f"{name}-scene", report)
-        collection = load_collection(scene) if masks is None else with_masks(load_collection(scene), masks)
+        collection = prepared(scene, folder.parent / f"{name}-scene", report)
+        if masks is not None:
+            collection = with_masks(collection, masks)
         _tell_collection(collection, report)
         trainer = Trainer(collection, settings, folder)
         run.create(folder, collection, trainer.settings, trainer.decisions)

@@ -30,7 +30,7 @@ def small_scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     collection = small_collection(folder)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "find_kind", lambda path: "test")
+        patch.setattr(pipeline, "prepared", lambda path, *_: replace(collection, root=path))
         patch.setattr(pipeline, "load_collection", lambda path: replace(collection, root=path))
         patch.setattr(protocols, "REFINE_STEPS", 2)
         patch.setattr(lpips, "load", lambda: None)

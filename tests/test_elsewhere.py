@@ -72,7 +72,7 @@ def scene(tmp_path, monkeypatch):
     folder = tmp_path / "scene"
     folder.mkdir()
     collection = small_collection(folder)
-    monkeypatch.setattr(pipeline, "find_kind", lambda path: "test")
+    monkeypatch.setattr(pipeline, "prepared", lambda *_: collection)
     monkeypatch.setattr(pipeline, "load_collection", lambda path: collection)
     return folder
 

@@ -29,7 +29,7 @@ def small_scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     collection = replace(small_collection(folder), notes=("photo_7.png was dropped: it is empty.",))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "find_kind", lambda path: "test")
+        patch.setattr(pipeline, "prepared", lambda *_: collection)
         patch.setattr(pipeline, "load_collection", lambda path: collection)
         yield folder
 
@@ -254,7 +254,7 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
 def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, monkeypatch):
     collection = pipeline.load_collection(small_scene)
     only = replace(collection, photos=collection.split("train"))
-    monkeypatch.setattr(pipeline, "load_collection", lambda path: only)
+    monkeypatch.setattr(pipeline, "prepared", lambda *_: only)
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run")
     with pytest.raises(BadInput, match="no held-out photos"):
         pipeline.evaluate(folder)
@@ -267,7 +267,7 @@ def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, mo
     collection = pipeline.load_collection(small_scene)
     photos = [damage(photo) if photo.name in ("photo_0.png", "photo_2.png") else photo for photo in collection.photos]
     spoilt = replace(collection, photos=tuple(photos))
-    monkeypatch.setattr(pipeline, "load_collection", lambda path: spoilt)
+    monkeypatch.setattr(pipeline, "prepared", lambda *_: spoilt)
     heard = Heard()
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "a run", heard)
     said = "\n".join(heard.lines)

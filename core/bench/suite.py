@@ -13,7 +13,6 @@ from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
 from core.bench.training import Course, training_figure
 from core.config import LEAST, PRESETS, Settings, preset
-from core.data import find_kind, load_collection
 from core.data.collection import Collection, spread_over
 from core.data.prepare import prepared
 from core.errors import BadInput
@@ -77,9 +76,9 @@ def bench(
     files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)
     size = FULL if full else SMALL
     trained = None if run_folder is None else load_run(run.find_run(run_folder))  # fails now, not after minutes
+    collection = None
     if scene is not None:
-        scene = prepared(scene, find_kind(scene), output.parent / f"{scene.resolve().name}-scene", report)
-    collection = None if scene is None else load_collection(scene)
+        collection = prepared(scene, output.parent / f"{scene.resolve().name}-scene", report)
     figures = []
 
     def finish(figure: Figure) -> None:

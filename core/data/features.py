@@ -8,6 +8,9 @@ from core.report import Report
 
 LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
 FEATURES = 8192  # at most, a photo
+LEAST_PHOTOS = 2
+JPEG_QUALITY = 95  # of the copies that features are looked for in, and of undistorted photos
+SEED = 0
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 BATCHES = 24  # features and matches are computed in so many parts, to tell of progress and to notice Ctrl-C
 PHOTOS, DATABASE = "photos", "database.db"  # in the folder of work

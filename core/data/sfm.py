@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from core.data.features import DATABASE, PHOTOS, extract, match
+from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
 from core.data.model_file import quiet
 from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
 from core.data.photos import read
@@ -17,10 +17,6 @@ from core.data.scene_folder import replacing
 from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.report import Report
-
-LEAST_PHOTOS = 2
-JPEG_QUALITY = 95
-SEED = 0
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:

@@ -8,7 +8,7 @@ import pycolmap
 
 from core.data import photos as files
 from core.data.collection import Photo
-from core.data.features import DATABASE, LONG_SIDE_PX, PHOTOS, extract, match
+from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, LONG_SIDE_PX, PHOTOS, SEED, extract, match
 from core.data.model_file import quiet
 from core.data.split import counted
 from core.errors import BadInput
@@ -16,9 +16,6 @@ from core.report import Report
 from core.scene.camera import Camera
 
 MASKS = "masks"
-JPEG_QUALITY = 95
-SEED = 0
-LEAST_PHOTOS = 2
 NEAREST, SPREAD = 10, 10  # partners of a photo: the nearest ones, and others evenly spread over those that look its way
 MOST_DEGREES = 75.0  # between the directions in which partners look; SIFT matches little beyond 40
 # As the lines are known, more may be let through to them. Against the usual 0.8: points of plaza, Liberty and kermit + 98, 13, 15 %;

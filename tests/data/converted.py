@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -115,3 +116,12 @@ def write_ply(path: Path, model: pycolmap.Reconstruction) -> None:
 
 def write_json(path: Path, facts: dict) -> None:
     path.write_text(json.dumps(facts))
+
+
+def changed(root: Path, change: Callable[[dict], object]) -> Path:
+    """The scene whose transforms.json went through `change`."""
+    path = root / "transforms.json"
+    facts = json.loads(path.read_text())
+    change(facts)
+    write_json(path, facts)
+    return root

@@ -1,6 +1,5 @@
 """transforms.json and Blender's siblings: the same cameras as of a COLMAP model, and a line for everything that is wrong."""
 
-import json
 import re
 import shutil
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 from core.data import load_collection
 from core.data.photos import load
 from core.errors import BadInput
-from tests.data.converted import LENS_TERMS, images_of, write_json, write_nerf_osr, write_nerfstudio
+from tests.data.converted import LENS_TERMS, changed, images_of, write_json, write_nerf_osr, write_nerfstudio
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 from tests.data.test_colmap import notes_with
 
@@ -25,15 +24,6 @@ EXACT_PX = 1e-6  # through text and back float64 loses far less
 def scene(tmp_path):
     """A transforms.json of four photos with points, and what it says; `load_collection(root)` reads it."""
     return write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
-
-
-def changed(root: Path, change) -> Path:
-    """The scene whose transforms.json went through `change`."""
-    path = root / "transforms.json"
-    facts = json.loads(path.read_text())
-    change(facts)
-    write_json(path, facts)
-    return root
 
 
 def lens_of(photo):

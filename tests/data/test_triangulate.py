@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data import find_kind, load_collection
+from core.data import load_collection
 from core.data.found_cameras import scene_of_photos
 from core.data.photos import load
 from core.data.prepare import prepared
@@ -16,7 +16,7 @@ from core.data.triangulate import NEAREST, SPREAD, off_line_px, partners
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
-from tests.data.converted import write_json
+from tests.data.converted import changed, write_json
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
 
@@ -31,7 +31,7 @@ def corner(tmp_path_factory):
 def kept(corner, tmp_path_factory):
     """The folder of its points, and what was said."""
     heard, before = Heard(), sorted(corner.iterdir())
-    folder = prepared(corner, find_kind(corner), tmp_path_factory.mktemp("runs") / "corner-scene", heard)
+    folder = prepared(corner, tmp_path_factory.mktemp("runs") / "corner-scene", heard).root
     assert sorted(corner.iterdir()) == before  # which may be read-only
     return folder, heard
 
@@ -66,9 +66,9 @@ def test_they_are_made_once_for_the_same_photos_and_cameras(corner, kept, tmp_pa
     assert any("has cameras but no points: they are triangulated from 5 photos" in line for line in heard.lines)
     assert any(line.startswith(f"{folder}: ") and line.endswith(" points") for line in heard.lines)
     again = Heard()
-    assert prepared(corner, find_kind(corner), folder, again) == folder
+    assert prepared(corner, folder, again).root == folder
     assert again.lines == [f"Points as triangulated before in {folder}; remove it to have them found again."]
-    assert prepared(folder, find_kind(folder), tmp_path / "other", again) == folder  # lacks nothing
+    assert prepared(folder, tmp_path / "other", again).root == folder  # lacks nothing
     first, second = load_collection(folder), load_collection(folder)
     assert first.changed_since(second) == [] and (first.points == second.points).all()
 
@@ -80,7 +80,7 @@ def test_other_cameras_and_lenses_get_points_of_their_own(corner, tmp_path):
     made = []
     for change in ({}, {"fl_x": FOCAL * 1.01}, {"k1": 0.01}, {}):
         write_json(scene / "transforms.json", facts | change)
-        made.append(prepared(scene, find_kind(scene), tmp_path / "points", Report()).name)
+        made.append(prepared(scene, tmp_path / "points", Report()).root.name)
     assert made == ["points", "points-2", "points-3", "points"]
 
 
@@ -96,26 +96,24 @@ def test_a_scene_that_is_gone_or_a_model_that_is_damaged(kept, tmp_path):
 
 
 def test_cameras_that_fit_no_photo(corner, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(corner, other)
-    facts = json.loads((other / "transforms.json").read_text())
-    for number, frame in enumerate(facts["frames"]):  # each a unit above the last
-        frame["transform_matrix"] = [[1, 0, 0, 0], [0, 1, 0, number], [0, 0, 1, 0], [0, 0, 0, 1]]
-    facts["frames"] = facts["frames"][:3]
-    write_json(other / "transforms.json", facts)
-    with pytest.raises(BadInput, match="No point could be triangulated.*poses are in the axes of its format"):
-        prepared(other, find_kind(other), tmp_path / "scene", Report())
-    assert not (tmp_path / "scene").exists()
+    def stack(facts):
+        facts["frames"] = facts["frames"][:3]
+        for number, frame in enumerate(facts["frames"]):  # each a unit above the last
+            frame["transform_matrix"] = [[1, 0, 0, 0], [0, 1, 0, number], [0, 0, 1, 0], [0, 0, 0, 1]]
+
+    no_points(corner, tmp_path, stack, "No point could be triangulated.*poses are in the axes of its format")
 
 
 def test_one_photo_is_too_few(corner, tmp_path):
-    other = tmp_path / "other"
-    shutil.copytree(corner, other)
-    facts = json.loads((other / "transforms.json").read_text())
-    facts["frames"] = facts["frames"][:1]
-    write_json(other / "transforms.json", facts)
-    with pytest.raises(BadInput, match="1 photo to train on can be read; at least 2"):
-        prepared(other, find_kind(other), tmp_path / "scene", Report())
+    words = "1 photo to train on can be read; at least 2"
+    no_points(corner, tmp_path, lambda facts: facts.update(frames=facts["frames"][:1]), words)
+
+
+def no_points(corner, tmp_path, change, words):
+    """Of the scene whose transforms.json went through `change` no points are made, and `words` say why."""
+    other = shutil.copytree(corner, tmp_path / "other")
+    with pytest.raises(BadInput, match=words):
+        prepared(changed(other, change), tmp_path / "scene", Report())
     assert not (tmp_path / "scene").exists()
 
 
@@ -126,7 +124,7 @@ def test_a_damaged_and_an_empty_photo_do_no_harm(corner, tmp_path):
     data = cv2.imencode(".jpg", noise)[1].tobytes()
     (other / "4.png").write_bytes(data[: len(data) // 2] + b"\xff\xd9")  # seen only once it is decoded
     assert cv2.imwrite(str(other / "3.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
-    collection = load_collection(prepared(other, find_kind(other), tmp_path / "scene", Report()))
+    collection = prepared(other, tmp_path / "scene", Report())
     assert [len(photo.points) > 0 for photo in collection.photos] == [False, True, True, False, False, True]
 
 

@@ -70,7 +70,7 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
 def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatch):
     scene = tmp_path / "scene"
     collection = crowded(scene, (20, 120, 240))
-    monkeypatch.setattr(pipeline, "find_kind", lambda path: "test")
+    monkeypatch.setattr(pipeline, "prepared", lambda *_: replace(collection, root=scene))
     monkeypatch.setattr(pipeline, "load_collection", lambda path: replace(collection, root=scene))
     heard = Heard()
     settings = small_settings(steps=STEPS, checkpoints=2)

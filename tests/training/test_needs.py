@@ -198,8 +198,7 @@ def test_the_exposure_mode_is_no_worse_than_the_full_transfer_where_only_exposur
 
 def test_decisions_are_printed_kept_and_never_taken_again(calm, tmp_path, monkeypatch):
     heard = Heard()
-    monkeypatch.setattr(pipeline, "find_kind", lambda path: "test")
-    monkeypatch.setattr(pipeline, "load_collection", lambda path: calm)
+    monkeypatch.setattr(pipeline, "prepared", lambda *_: calm)
     folder = pipeline.train(calm.root, Settings(steps=4, **SMALL), tmp_path / "run", heard)
     assert any(line.startswith("appearance=off: a point's colour differs by") for line in heard.lines)
     kept = json.loads((folder / "config.json").read_text())

@@ -4,7 +4,9 @@ A Gaussian outside the view has no gradient; updating it all the same would move
 traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction.
 """
 
+from collections.abc import Sequence
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from torch import Tensor
@@ -14,13 +16,13 @@ from core.threads import in_parallel
 
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # 3DGS: gradients of means over pixels are tiny
-ROWS_A_BLOCK = 4096
+ROWS_A_BLOCK = 2048
 # Gradients are cut there: the square of a larger one is infinite in float32, and its row would never move again.
 LARGEST_GRADIENT = 1e18
 
 
 @exact_kernel
-def _update(values, first, second, counts, corrections, rows, gradient, rates, begin, end):
+def _update(values, first, second, gradient, rates, counts, corrections, rows, begin, end):
     columns = values.shape[1]
     for i in range(begin, end):
         row = rows[i]
@@ -41,38 +43,44 @@ def corrections(count: int) -> np.ndarray:
     return np.concatenate([np.ones((1, 2)), 1 / (1 - powers)]).astype(np.float32)
 
 
-def adam_rows(
-    values: Tensor, first: Tensor, second: Tensor, counts: Tensor, rows: Tensor, gradient: Tensor, rates: Tensor
-) -> None:
-    """One Adam step (Kingma & Ba 2015) on some rows, in place.
+class Moved(NamedTuple):
+    """One tensor to be moved. values, first, second: (N, ...) float32 parameters and moments. gradient: (V, ...), finite.
+    rates: one learning rate for each element of a row.
+    """
 
-    values, first, second: (N, ...) float32 parameters and moments. counts: (N,) int32 updates of each row, this one included.
-    rows: (V,) int64. gradient: (V, ...), finite. rates: one learning rate for each element of a row.
+    values: Tensor
+    first: Tensor
+    second: Tensor
+    gradient: Tensor
+    rates: Tensor
+
+
+def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
+    """One Adam step (Kingma & Ba 2015) on some rows of all these, in place, on the CPU.
+
+    counts: (N,) int32 updates of each row, this one included. rows: (V,) int64.
     """
     if not len(rows):
         return  # a view of nothing
-    if values.device.type != "cpu":
-        _adam_rows_torch(values, first, second, counts, rows, gradient, rates)
-        return
-    arrays = [tensor.reshape(len(tensor), -1).numpy() for tensor in (values, first, second)]
-    flat = gradient.reshape(len(gradient), -1).numpy()
+    flat = [[tensor.reshape(len(tensor), -1).numpy() for tensor in one[:-1]] + [one.rates.numpy()] for one in tensors]
     table = corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
-    fixed = counts.numpy(), table, rows.numpy(), flat, rates.numpy()
-    in_parallel(
-        lambda begin, end: _update(*arrays, *fixed, begin, end),
-        len(rows),
-        ROWS_A_BLOCK,
-    )
+    fixed = counts.numpy(), table, rows.numpy()
+
+    def update(begin: int, end: int) -> None:
+        for arrays in flat:
+            _update(*arrays, *fixed, begin, end)
+
+    in_parallel(update, len(rows), ROWS_A_BLOCK)
 
 
-def _adam_rows_torch(values, first, second, counts, rows, gradient, rates):
-    """The definition, on any device."""
-    rates = rates.to(values.device)
-    gradient = gradient.clamp(-LARGEST_GRADIENT, LARGEST_GRADIENT)
-    m = BETA_1 * first[rows] + (1 - BETA_1) * gradient
-    v = BETA_2 * second[rows] + (1 - BETA_2) * gradient**2
-    first[rows], second[rows] = m, v
-    steps = counts[rows].double().reshape(-1, *[1] * (values.dim() - 1))
-    m = m / (1 - BETA_1**steps)
-    v = v / (1 - BETA_2**steps)
-    values[rows] -= (rates.reshape(values.shape[1:]) * m / (v.sqrt() + EPSILON)).to(values)
+def plain_adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
+    """The definition of `adam_rows`, in plain torch."""
+    for values, first, second, gradient, rates in tensors:
+        gradient = gradient.clamp(-LARGEST_GRADIENT, LARGEST_GRADIENT)
+        m = BETA_1 * first[rows] + (1 - BETA_1) * gradient
+        v = BETA_2 * second[rows] + (1 - BETA_2) * gradient**2
+        first[rows], second[rows] = m, v
+        steps = counts[rows].double().reshape(-1, *[1] * (values.dim() - 1))
+        m = m / (1 - BETA_1**steps)
+        v = v / (1 - BETA_2**steps)
+        values[rows] -= (rates.reshape(values.shape[1:]) * m / (v.sqrt() + EPSILON)).to(values)

@@ -11,7 +11,7 @@ from core.config import Settings
 from core.data.collection import Collection, astray
 from core.scene.harmonics import coefficient_count, dc_of_colour
 from core.scene.splats import Splats
-from core.training.adam import adam_rows
+from core.training.adam import Moved, adam_rows
 
 INITIAL_OPACITY = 0.1  # 3DGS
 REST_BAND_SHARE = 1 / 20  # 3DGS: bands above DC learn twenty times slower
@@ -89,15 +89,14 @@ class Gaussians:
             return
         sky = int(torch.searchsorted(rows, self.solid))  # where the dome's begin
         self.counts[rows] += 1
+        moved = []
         for name, leaf in leaves.items():
-            gradient = leaf.grad
-            if gradient is None or name not in rates:
+            if leaf.grad is None or name not in rates:
                 continue
             columns = len(rates[name])
-            gradient.view(len(rows), columns)[sky:, free_columns(name, columns) :] = 0
-            adam_rows(
-                self.parameters[name], self.first[name], self.second[name], self.counts, rows, gradient, rates[name]
-            )
+            leaf.grad.view(len(rows), columns)[sky:, free_columns(name, columns) :] = 0
+            moved.append(Moved(self.parameters[name], self.first[name], self.second[name], leaf.grad, rates[name]))
+        adam_rows(moved, self.counts, rows)
 
     def keep(self, mask: Tensor) -> None:
         """Keep the rows where `mask` (N,) is true, and the sky."""

@@ -168,8 +168,8 @@ class Trainer:
             updating = beside(lambda: networks.update(self.model, self.optimizer, progress, teaching(), taken))
             if not guards.refused(taken):
                 # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
-                self._update_gaussians(rows, leaves, progress, taken)
                 densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height, taken)
+                self._update_gaussians(rows, leaves, progress, taken)
             learnt = updating()
         mask_mean = self.nothing if look.mask is None else look.mask.detach().mean()
         facts = total, gauge_loss, picture_loss.detach(), residual_size, mask_mean, sound, taken, learnt

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.training import densify, guards, losses, strangers
-from core.training.adam import _adam_rows_torch, adam_rows
+from core.training.adam import Moved, adam_rows, plain_adam_rows
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric, photometric_definition, photometric_paper
 from tests.small import ring_camera, small_settings
@@ -69,7 +69,7 @@ def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
 @few
 @given(
     gradients=st.lists(st.sampled_from([value for f in FINITE for value in (f, -f)]), min_size=1, max_size=30),
-    update=st.sampled_from([adam_rows, _adam_rows_torch]),
+    update=st.sampled_from([adam_rows, plain_adam_rows]),
 )
 def test_adam_stays_finite_and_its_steps_small(gradients, update):
     values, first, second = torch.zeros(1, 1), torch.zeros(1, 1), torch.zeros(1, 1)
@@ -77,7 +77,7 @@ def test_adam_stays_finite_and_its_steps_small(gradients, update):
     for gradient in gradients:
         counts += 1
         before = values.clone()
-        update(values, first, second, counts, torch.tensor([0]), torch.tensor([[gradient]]), torch.tensor([rate]))
+        update([Moved(values, first, second, torch.tensor([[gradient]]), torch.tensor([rate]))], counts, torch.tensor([0]))
         assert all(torch.isfinite(tensor).all() for tensor in (values, first, second))
         # Kingma & Ba, section 2.1: at most (1 - beta_1) / sqrt(1 - beta_2) rates; float32 squares of denormals are 0.
         assert float((values - before).abs()) <= 3.2 * rate
@@ -89,9 +89,9 @@ def test_a_row_that_met_a_huge_gradient_learns_on():
     counts, rows, rate = torch.zeros(1, dtype=torch.int32), torch.tensor([0]), torch.tensor([0.1])
     for gradient in (3e38, *[1e17] * 50):
         counts += 1
-        adam_rows(values, first, second, counts, rows, torch.tensor([[gradient]]), rate)
+        adam_rows([Moved(values, first, second, torch.tensor([[gradient]]), rate)], counts, rows)
     before = values.clone()
-    adam_rows(values, first, second, counts + 1, rows, torch.tensor([[1e17]]), rate)
+    adam_rows([Moved(values, first, second, torch.tensor([[1e17]]), rate)], counts + 1, rows)
     assert float((before - values).abs()) > 1e-3
 
 

@@ -6,7 +6,7 @@ import torch
 
 from core.errors import BadInput
 from core.training import checkpoint, densify, guards, losses, schedule
-from core.training.adam import _adam_rows_torch, adam_rows
+from core.training.adam import Moved, adam_rows, plain_adam_rows
 from core.training.gaussians import Gaussians, initial_gaussians
 from tests.small import ring_camera, small_collection, small_settings, whole_settings
 
@@ -31,23 +31,25 @@ def test_adam_equals_torch_where_every_row_is_seen():
         theirs.grad = gradient.clone()
         optimizer.step()
         counts += 1
-        adam_rows(ours, first, second, counts, torch.arange(50), gradient, torch.full((3,), 0.01))
+        adam_rows([Moved(ours, first, second, gradient, torch.full((3,), 0.01))], counts, torch.arange(50))
     torch.testing.assert_close(ours, theirs.detach(), rtol=1e-5, atol=1e-6)  # float32, 20 steps
 
 
 def test_adam_leaves_unseen_rows_alone_and_both_paths_agree():
     torch.manual_seed(0)
-    values = torch.randn(9000, 4, 3)
     rows = torch.arange(0, 9000, 2)
-    gradient, rates = torch.randn(len(rows), 4, 3), torch.rand(12)
+    before = [torch.randn(9000, *shape) for shape in ((4, 3), (3,), ())]
+    gradients = [torch.randn(len(rows), *values.shape[1:]) for values in before]
+    rates = [torch.rand(values[0].numel()) for values in before]
     results = []
-    for update in (adam_rows, _adam_rows_torch):
-        state = [values.clone(), torch.zeros_like(values), torch.zeros_like(values)]
+    for update in (adam_rows, plain_adam_rows):
+        after = [values.clone() for values in before]
+        moments = [(torch.zeros_like(values), torch.zeros_like(values)) for values in before]
         counts = torch.zeros(9000, dtype=torch.int32)
         counts[rows] += 1
-        update(*state, counts, rows, gradient, rates)
-        assert torch.equal(state[0][1::2], values[1::2])
-        results.append(state[0])
+        update([Moved(a, *m, g, r) for a, m, g, r in zip(after, moments, gradients, rates)], counts, rows)
+        assert all(torch.equal(a[1::2], b[1::2]) for a, b in zip(after, before))
+        results.append(after)
     torch.testing.assert_close(*results, rtol=1e-5, atol=1e-6)
 
 

@@ -29,6 +29,7 @@ from core.rasterizer.contract import (
 )
 from core.scene.camera import Camera
 from core.scene.harmonics import colour
+from core.scene.quaternions import rotations
 from core.scene.splats import Splats
 
 CHUNK = 1 << 20  # pairs of a pixel and a splat that are blended at once; bounds the memory (some 20 numbers a pair)
@@ -195,18 +196,6 @@ def jacobians(
     row_x = torch.stack([camera.fx / depths, zero, -camera.fx * x_slopes / depths], dim=1)
     row_y = torch.stack([zero, camera.fy / depths, -camera.fy * y_slopes / depths], dim=1)
     return torch.stack([row_x, row_y], dim=1)
-
-
-def rotations(quaternions: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3 3"]:
-    """Rotation matrices of quaternions w x y z, which are normalised first."""
-    norms = quaternions.square().sum(dim=1, keepdim=True).sqrt()
-    w, x, y, z = (quaternions / norms).unbind(dim=1)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
 
 
 # ---------------------------------------------------------------------------------------------------------------- sort

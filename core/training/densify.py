@@ -7,6 +7,7 @@ from torch import Tensor
 
 from core.config import Settings
 from core.device import sent
+from core.scene.quaternions import rotations
 from core.training.gaussians import Gaussians
 
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
@@ -89,7 +90,7 @@ def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch
     large = born["log_scales"].amax(dim=1) > torch.tensor(SPLIT_SCALE).log()
     born["log_scales"][large] -= torch.tensor(SPLIT_SHRINK).log()
     spread = torch.exp(gaussians.parameters["log_scales"][chosen[large]])
-    turn = _rotations(born["quaternions"][large])
+    turn = rotations(born["quaternions"][large])
     for target in (gaussians.parameters["means"], born["means"]):
         offset = torch.randn(spread.shape, generator=generator).to(spread) * spread
         rows = chosen[large] if target is gaussians.parameters["means"] else torch.nonzero(large).squeeze(1)
@@ -97,14 +98,3 @@ def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch
     gaussians.parameters["log_scales"][chosen[large]] = born["log_scales"][large]
     gaussians.insert(born)
     return count
-
-
-def _rotations(quaternions: Tensor) -> Tensor:
-    """(K, 4) quaternions w x y z -> (K, 3, 3) rotation matrices."""
-    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(1)
-    rows = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    ]  # fmt: skip
-    return torch.stack(rows, dim=1).reshape(-1, 3, 3)

@@ -2,12 +2,10 @@
 
 import csv
 import dataclasses
-import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import fmean
 
 import torch
 from torch import Tensor
@@ -24,7 +22,7 @@ from core.rasterizer.views import largest_contributions
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
-from core.training import checkpoint, densify, guards, losses, needs, networks, schedule, strangers
+from core.training import checkpoint, densify, guards, held_out, losses, needs, networks, schedule, strangers
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.jitter import draw_gain, jittered
@@ -303,19 +301,9 @@ class Trainer:
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_faint(self.gaussians, largest, self.settings.prune_contribution)
 
-    def held_out_quality(self) -> tuple[float | None, float | None]:
-        """Mean PSNR (dB) and SSIM (the loss's) of a few test photos, each in its whole photo's look, without masks."""
-        decibels, similarities = [], []
-        with torch.no_grad():
-            for index in range(len(self.held_out)):
-                picture = self.held_out[index]
-                look = self.model.look(picture.encoder_input)
-                splats = self.model.bake(self.gaussians.splats, look.embedding, self.gaussians.latents)
-                image = self.rasterizer.render(splats, picture.camera).image.clamp(0, 1)
-                photo = torch.from_numpy(picture.pixels).to(self.device).float() / 255
-                decibels.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
-                similarities.append(1 - float(photometric(image, Target(photo), None, 1.0)[0]))
-        return (fmean(decibels), fmean(similarities)) if decibels else (None, None)
+    def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
+        """Mean PSNR (dB) and SSIM of a few test photos."""
+        return held_out.quality(self.held_out, self.gaussians, self.model, self.rasterizer)
 
     def save(self) -> Path:
         """Write a checkpoint that `resume` continues from bit for bit."""

@@ -1,0 +1,27 @@
+"""How good a run is while it goes: its held-out photos beside renders in their looks."""
+
+import math
+from statistics import fmean
+
+import torch
+
+from core.appearance.model import AppearanceModel
+from core.rasterizer import Rasterizer
+from core.training.gaussians import Gaussians
+from core.training.photometric import Target, photometric
+from core.training.pictures import Pictures
+
+
+@torch.no_grad()
+def quality(pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer) -> tuple[float, float] | tuple[None, None]:
+    """Mean PSNR (dB) and SSIM (the loss's) of the pictures, each in its whole photo's look, without masks; None of none."""
+    decibels, similarities = [], []
+    for index in range(len(pictures)):
+        picture = pictures[index]
+        look = model.look(picture.encoder_input)
+        splats = model.bake(gaussians.splats, look.embedding, gaussians.latents)
+        image = rasterizer.render(splats, picture.camera).image.clamp(0, 1)
+        photo = torch.from_numpy(picture.pixels).to(image.device).float() / 255
+        decibels.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
+        similarities.append(1 - float(photometric(image, Target(photo), None, 1.0)[0]))
+    return (fmean(decibels), fmean(similarities)) if decibels else (None, None)

@@ -3,6 +3,9 @@
 On its own Numba makes every function ready to be called from Python, from C and from compiled code. These wrappers are a quarter
 of the time that a new user waits for the kernels, so kernels get none for C and parts none at all: calling a part from Python crashes.
 
+Parts become a piece of each kernel that calls them. A part with code of its own would be called by a kernel that was just
+compiled, but not by one from the cache, which brings its own copy; and two copies need not round alike.
+
 `exact_` ones round after every operation, as written. In the others a product and a sum may become one instruction, which
 rounds once; anything more would let LLVM assume that no NaN comes by.
 """
@@ -14,7 +17,7 @@ from numba.core import event
 
 _CONTRACTING = {"fastmath": {"contract"}}
 _KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-_PART = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+_PART = {"forceinline": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 
 exact_kernel, kernel = njit(**_KERNEL), njit(**_KERNEL, **_CONTRACTING)
 exact_part, part = njit(**_PART), njit(**_PART, **_CONTRACTING)

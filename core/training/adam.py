@@ -56,12 +56,15 @@ class Moved(NamedTuple):
 
 
 def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
-    """One Adam step (Kingma & Ba 2015) on some rows of all these, in place, on the CPU.
+    """One Adam step (Kingma & Ba 2015) on some rows of all these, in place.
 
     counts: (N,) int32 updates of each row, this one included. rows: (V,) int64.
     """
     if not len(rows):
         return  # a view of nothing
+    if rows.device.type != "cpu":
+        plain_adam_rows(tensors, counts, rows)
+        return
     flat = [[tensor.reshape(len(tensor), -1).numpy() for tensor in one[:-1]] + [one.rates.numpy()] for one in tensors]
     table = corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
     fixed = counts.numpy(), table, rows.numpy()
@@ -74,8 +77,9 @@ def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
 
 
 def plain_adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
-    """The definition of `adam_rows`, in plain torch."""
+    """The definition of `adam_rows`, on any device."""
     for values, first, second, gradient, rates in tensors:
+        rates = rates.to(values.device)
         gradient = gradient.clamp(-LARGEST_GRADIENT, LARGEST_GRADIENT)
         m = BETA_1 * first[rows] + (1 - BETA_1) * gradient
         v = BETA_2 * second[rows] + (1 - BETA_2) * gradient**2

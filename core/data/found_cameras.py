@@ -1,14 +1,14 @@
 """Cameras of plain photos, found once: structure from motion takes minutes, and its result is kept beside the runs."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 from core.data import sfm
-from core.data.colmap import MODEL_FOLDERS
-from core.data.load import posed_kind
-from core.data.model_file import holds_model
+from core.data.load import find_kind
 from core.data.photo_file import list_photos
 from core.data.scene_folder import kept, read_mark, stamp
+from core.errors import BadInput
 from core.report import Report
 
 MARK = "photos.json"  # in a scene: the photos it was made of
@@ -26,10 +26,9 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
         report.say(f"Cameras as found before in {scene}; remove it to have them found again.")
         return scene
     above = photos.resolve().parent
-    if any(holds_model(above / name) for name in MODEL_FOLDERS):
-        report.warn(f"{above} holds a COLMAP model: give that folder to use its cameras. Now they are found anew.")
-    if kind := posed_kind(above):
-        report.warn(f"{above} is a {kind} scene: give that folder to use its cameras. Now they are found anew.")
+    with suppress(BadInput):  # a folder that is of no kind
+        if (kind := find_kind(above)) != "photos":
+            report.warn(f"{above} is a {kind} scene: give that folder to use its cameras. Now they are found anew.")
     sfm.reconstruct(photos, scene, report)
     (scene / MARK).write_text(json.dumps(made_of, indent=1), encoding="utf-8")
     return scene

@@ -48,4 +48,4 @@ def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_pat
     for part in ("cameras", "images", "points3D"):
         (scene / "sparse" / f"{part}.bin").touch()
     scene_of_photos(photos, tmp_path / "b", heard)
-    assert heard.lines == [f"! {scene} holds a COLMAP model: give that folder to use its cameras. Now they are found anew."]
+    assert heard.lines == [f"! {scene} is a colmap scene: give that folder to use its cameras. Now they are found anew."]

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from core.data import sfm
-from core.data.load import find_kind
+from core.data.load import kind_with_cameras
 from core.data.photo_file import list_photos
 from core.data.scene_folder import kept, read_mark, stamp
 from core.errors import BadInput
@@ -26,8 +26,8 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
         report.say(f"Cameras as found before in {scene}; remove it to have them found again.")
         return scene
     above = photos.resolve().parent
-    with suppress(BadInput):  # a folder that is of no kind
-        if (kind := find_kind(above)) != "photos":
+    with suppress(BadInput):  # parts of a model are no cameras
+        if kind := kind_with_cameras(above):
             report.warn(f"{above} is a {kind} scene: give that folder to use its cameras. Now they are found anew.")
     sfm.reconstruct(photos, scene, report)
     (scene / MARK).write_text(json.dumps(made_of, indent=1), encoding="utf-8")

@@ -57,12 +57,17 @@ def find_kind(path: Path) -> str:
         if not scene.is_dir():
             raise BadInput(f"{path} holds the points of {scene}, which is gone.", "Move it back.")
         return kind
-    if find_model(path):
-        return "phototourism" if find_split_tables(path) else "colmap"
-    if kind := posed_kind(path):
+    if kind := kind_with_cameras(path):
         return kind
     find_photos(path)
     return "photos"
+
+
+def kind_with_cameras(path: Path) -> str | None:
+    """Which kind of scene with cameras the folder holds, None for none; BadInput where files of a model are missing."""
+    if find_model(path):
+        return "phototourism" if find_split_tables(path) else "colmap"
+    return posed_kind(path)
 
 
 def posed_kind(path: Path) -> str | None:

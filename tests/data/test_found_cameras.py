@@ -49,3 +49,11 @@ def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_pat
         (scene / "sparse" / f"{part}.bin").touch()
     scene_of_photos(photos, tmp_path / "b", heard)
     assert heard.lines == [f"! {scene} is a colmap scene: give that folder to use its cameras. Now they are found anew."]
+
+
+def test_parts_of_a_model_beside_photos_do_not_stop_them(photos, calls, tmp_path):
+    heard = Heard()
+    (photos.parent / "sparse").mkdir()
+    (photos.parent / "sparse" / "cameras.bin").touch()
+    scene_of_photos(photos, tmp_path / "scene", heard)
+    assert heard.lines == []

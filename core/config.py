@@ -81,6 +81,9 @@ class Settings:
         "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).",
         choices=("attention", "cnn", "mlp"),
     )
+    colour_bands: int = setting(
+        4, "Horizontal bands of a photo whose mean colours give its embedding beside its features; 0: none (paper).", low=0, high=64
+    )
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
@@ -238,6 +241,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "mask_loss": "paper",
         "sh_regularisation": 0.1,
         "exposure_jitter": 0.0,
+        "colour_bands": 0,
         "reach": 0.0,
         "largest_scale": 1.0,
         "prune_contribution": 0.0,

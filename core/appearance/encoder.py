@@ -13,7 +13,8 @@ from core.errors import BadInput
 from core.threads import one_torch_thread
 
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms a photo on one core
-WEAK_COMPONENT = 0.1  # of the strongest: what varies less between photos is amplified less
+WEAK_COMPONENT = 0.4  # of the strongest: what varies less between photos is amplified less
+UNSEEN = 1e-6  # weight of a cell that the mask hides altogether: a band of such cells has a colour, too
 ALIKE = 0.01  # of the mean feature: what varies less is no light; photos of real collections vary by 0.1 and more
 
 
@@ -51,38 +52,52 @@ class Enc1(nn.Sequential):
         return super().forward(photo[None] * 2 - 1)
 
 
-class Enc2(nn.Module):
-    """l = Enc2(F'' + F): three convolutions, the average over space, one linear layer to the embedding."""
+def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4"], bands: int) -> Float[Tensor, " b"]:
+    """The mean colours of as many horizontal bands of the photo, red of all bands first, each cell counting by its weight."""
+    if not bands:
+        return photo.new_zeros(0)
+    weight = weight.detach() + UNSEEN  # nothing is learnt by it: a mask is not to hide what would make a better embedding
+    cells = F.adaptive_avg_pool2d(photo[None], weight.shape[2:])
+    sums, weights = (F.adaptive_avg_pool2d(values, (bands, 1)) for values in (cells * weight, weight))
+    return (sums / weights).flatten()
 
-    def __init__(self, embedding_size: int):
+
+class Enc2(nn.Module):
+    """l = Enc2(F'' + F): three convolutions, the average over space, one linear layer to the embedding.
+
+    Beside those averages the linear layer sees the photo's colours from top to bottom (`band_colours`). Features that are
+    learnt know a collection's few photos by heart; where the sky is how bright, and the ground beneath it, is no such thing.
+    """
+
+    def __init__(self, embedding_size: int, bands: int):
         super().__init__()
         channels = CHANNELS[-1]
         self.convolutions = nn.ModuleList(
             rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3)
         )
-        self.embedding = nn.Linear(channels, embedding_size)
+        self.embedding = nn.Linear(channels + 3 * bands, embedding_size)
 
-    def pooled(self, features: Float[Tensor, "1 c h w"]) -> Float[Tensor, " c"]:
-        """The features whose linear map is the embedding."""
+    def described(self, features: Float[Tensor, "1 c h w"], colours: Float[Tensor, " b"]) -> Float[Tensor, " d"]:
+        """What the embedding is a linear map of."""
         for convolution in self.convolutions:
             features = F.relu(convolution(features))
-        return features.mean((2, 3))[0]
+        return torch.cat([features.mean((2, 3))[0], colours])
 
-    def forward(self, features: Float[Tensor, "1 c h w"]) -> Float[Tensor, " e"]:
-        return self.embedding(self.pooled(features))
+    def forward(self, features: Float[Tensor, "1 c h w"], colours: Float[Tensor, " b"]) -> Float[Tensor, " e"]:
+        return self.embedding(self.described(features, colours))
 
     @torch.no_grad()
-    def spread(self, pooled: Float[Tensor, "photos c"]) -> None:
+    def spread(self, described: Float[Tensor, "photos d"]) -> None:
         """Start the last layer so that the embeddings of these photos have mean zero, about unit variance, no correlation.
 
         Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run. Data-dependent
         initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and those of
         a single photo or of equal ones not by the inverse of nothing.
         """
-        centre = pooled.mean(dim=0)
-        _, strengths, directions = torch.linalg.svd(pooled - centre, full_matrices=False)
+        centre = described.mean(dim=0)
+        _, strengths, directions = torch.linalg.svd(described - centre, full_matrices=False)
         kept = min(len(strengths), len(self.embedding.bias))
-        deviations = strengths[:kept] / len(pooled) ** 0.5
+        deviations = strengths[:kept] / len(described) ** 0.5
         weight = torch.zeros_like(self.embedding.weight)
         least = torch.maximum(WEAK_COMPONENT * deviations[0], ALIKE * centre.norm())
         weight[:kept] = directions[:kept] / (deviations + least + 1e-6)[:, None]
@@ -91,7 +106,7 @@ class Enc2(nn.Module):
 
 
 class PhotoEncoder(nn.Module):
-    """F = Enc1(I), F' = CAM(F), M = UNet(F'), l = Enc2(M * F' + F); only the parts that the settings need are built.
+    """F = Enc1(I), F' = CAM(F), M = UNet(F'), l = Enc2(M * F' + F, colours); only the parts that the settings need are built.
 
     No Enc2 without appearance or with a GLO table; no UNet unless the mask is the attention (then M := 1); without
     transients neither UNet nor CAM, and l = Enc2(F).
@@ -100,6 +115,7 @@ class PhotoEncoder(nn.Module):
     def __init__(self, settings: Settings):
         super().__init__()
         self.attends = settings.transients == "on"
+        self.bands = settings.colour_bands
         self.enc1 = Enc1()
         self.channel_attention = None
         self.unet = None
@@ -109,7 +125,7 @@ class PhotoEncoder(nn.Module):
         if self.attends and settings.mask == "attention":
             self.unet = MaskUNet(CHANNELS[-1])
         if settings.appearance != "off" and settings.embedding == "encoder":
-            self.enc2 = Enc2(settings.embedding_size)
+            self.enc2 = Enc2(settings.embedding_size, self.bands)
 
     def forward(
         self, photo: Float[Tensor, "3 h w"], masked: bool
@@ -118,27 +134,30 @@ class PhotoEncoder(nn.Module):
 
         photo: shrunk, [0, 1]. masked: whether the mask steers the embedding; if not, it is encoded with M := 1.
         """
-        attended, mask = self.attend(photo, masked)
-        embedding = self.enc2(attended) if self.enc2 else None
+        attended, colours, mask = self.attend(photo, masked)
+        embedding = self.enc2(attended, colours) if self.enc2 else None
         return embedding, None if mask is None else mask[0]
 
     def attend(
         self, photo: Float[Tensor, "3 h w"], masked: bool
-    ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, "1 1 h4 w4"] | None]:
-        """What Enc2 sees, F'' + F, and the mask."""
-        features = self.enc1(photo)
-        if not self.attends:
-            return features, None
-        refined = self.channel_attention(features) if self.channel_attention else features
-        mask = self.unet(refined) if self.unet else None
-        return features + (mask * refined if masked and mask is not None else refined), mask
+    ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, " b"], Float[Tensor, "1 1 h4 w4"] | None]:
+        """What Enc2 sees, F'' + F and the photo's colours, and the mask."""
+        attended, mask = self.enc1(photo), None
+        static = torch.ones_like(attended[:, :1])
+        if self.attends:
+            refined = self.channel_attention(attended) if self.channel_attention else attended
+            mask = self.unet(refined) if self.unet else None
+            if masked and mask is not None:
+                static, refined = mask, mask * refined
+            attended = attended + refined
+        return attended, band_colours(photo, static, self.bands), mask
 
     @torch.no_grad()
     def spread(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
         """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.spread."""
         if self.enc2 is not None:
             with one_torch_thread():  # more would round the principal components differently
-                self.enc2.spread(torch.stack([self.enc2.pooled(self.attend(photo, True)[0]) for photo in photos]))
+                self.enc2.spread(torch.stack([self.enc2.described(*self.attend(photo, True)[:2]) for photo in photos]))
 
 
 class PlainMask(nn.Module):

@@ -5,6 +5,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from core.compiled import exact_kernel
 from core.config import Settings
 from core.device import sent
 from core.scene.quaternions import rotations
@@ -21,6 +22,23 @@ def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: in
 
     probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter.
     """
+    if rows.device.type != "cpu":
+        plain_gather(gaussians, rows, probe_gradient, width, height, taken)
+    elif taken:
+        tensors = probe_gradient, rows, gaussians.gradient_sum, gaussians.seen
+        _gather(*(tensor.numpy() for tensor in tensors), np.float32(width / 2), np.float32(height / 2))
+
+
+@exact_kernel
+def _gather(gradients, rows, gradient_sum, seen, half_width, half_height):
+    for i in range(len(rows)):
+        x, y = gradients[i, 0] * half_width, gradients[i, 1] * half_height
+        gradient_sum[rows[i]] += np.sqrt(x * x + y * y)
+        seen[rows[i]] += np.float32(1)
+
+
+def plain_gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int, taken: Tensor) -> None:
+    """The definition of `gather`, on any device."""
     scale = sent(torch.tensor([width / 2, height / 2]), rows.device)
     # norm(dim=1) of so few columns takes three times as long
     pull = (probe_gradient * scale).square().sum(dim=1).sqrt()

@@ -44,6 +44,7 @@ VARIANTS = {
         {"embedding_enters": "input", "transfer_layers": 4, "transfer_width": 128}
     ),
     "geometry moves from step 0 (paper)": Variant({"geometry_from": 0.0}),
+    "no colours of bands (paper)": Variant({"colour_bands": 0}),
     "no exposure jitter (paper)": Variant({"exposure_jitter": 0.0}),
     "no sky (paper)": Variant({"sky": "none"}),
     "no pruning by contribution (paper)": Variant({"prune_contribution": 0.0}),

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from core.appearance.attention import ChannelAttention, MaskUNet
-from core.appearance.encoder import CHANNELS, PhotoEncoder, PlainMask, shrink
+from core.appearance.encoder import CHANNELS, PhotoEncoder, PlainMask, band_colours, shrink
 from core.appearance.mask_table import MaskTable
 from core.errors import BadInput
 from tests.small import whole_settings
@@ -57,14 +57,33 @@ def test_outside_photos_are_encoded_with_a_mask_of_one():
 
 
 def test_mask_hides_a_region_from_the_embedding():
-    encoder = PhotoEncoder(whole_settings())
+    encoder = PhotoEncoder(whole_settings(colour_bands=0))
     features = torch.rand(1, CHANNELS[-1], 8, 8)
     encoder.unet.forward = lambda refined: (torch.arange(8) < 4).float()[None, None, None].expand(1, 1, 8, 8)
     encoder.enc1.forward = lambda photo: features
     refined = encoder.channel_attention(features)
     expected = features.clone()
     expected[..., :4] += refined[..., :4]
-    assert torch.allclose(encoder(torch.rand(3, 32, 32), True)[0], encoder.enc2(expected))
+    assert torch.allclose(encoder(torch.rand(3, 32, 32), True)[0], encoder.enc2(expected, torch.empty(0)))
+
+
+def test_colours_of_bands_are_means_of_what_is_static():
+    photo = torch.rand(3, 32, 48)
+    everything, upper = torch.ones(1, 1, 8, 12), torch.ones(1, 1, 8, 12)
+    upper[..., 4:8, :6] = 0.0
+    means = [part.mean((1, 2)) for part in photo.chunk(4, dim=1)]
+    assert torch.allclose(band_colours(photo, everything, 4), torch.stack(means, dim=1).flatten(), atol=1e-6)  # float32 sums
+    means[2], means[3] = (part[:, :, 24:].mean((1, 2)) for part in photo.chunk(4, dim=1)[2:])
+    # What is hidden counts a millionth.
+    assert torch.allclose(band_colours(photo, upper, 4), torch.stack(means, dim=1).flatten(), atol=1e-5)
+
+
+def test_a_band_that_is_hidden_altogether_still_has_a_colour():
+    assert torch.allclose(band_colours(torch.full((3, 32, 48), 0.25), torch.zeros(1, 1, 8, 12), 4), torch.tensor(0.25))
+
+
+def test_a_photo_lower_than_its_bands_has_colours():
+    assert band_colours(torch.rand(3, 1, 7), torch.ones(1, 1, 1, 2), 4).shape == (12,)
 
 
 def test_channel_attention_is_the_papers_formula():

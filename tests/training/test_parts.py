@@ -73,6 +73,16 @@ def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gauss
     assert densify.prune(gaussians, small_settings(), densify.Surroundings(points, reach=4.0)) == 2
 
 
+@pytest.mark.parametrize("gather", [densify.gather, densify.plain_gather])
+def test_what_pulls_at_the_seen_is_gathered_in_half_pictures_unless_the_step_is_dropped(gaussians, gather):
+    rows, pulls = torch.tensor([1, 4, 5]), torch.tensor([[3.0, 0.0], [0.0, -2.0], [0.6, 0.4]])
+    for taken in (True, True, False):
+        gather(gaussians, rows, pulls if taken else pulls * float("nan"), 20, 30, torch.tensor(taken))
+    assert gaussians.seen[:6].tolist() == [0, 2, 0, 0, 2, 2]
+    expected = torch.tensor([0, 60, 0, 0, 60, 2 * 72**0.5])  # hypot(0.6 * 10, 0.4 * 15) = sqrt(72)
+    torch.testing.assert_close(gaussians.gradient_sum[:6], expected)
+
+
 def test_growth_clones_the_small_and_splits_the_large(gaussians):
     solid = gaussians.solid
     gaussians.seen.fill_(1)

@@ -17,8 +17,7 @@ from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
 
 ORANGE, BLUE = (20, 120, 240), (230, 60, 20)  # as OpenCV writes them
 # With the crowd masked, what is left to move the look is that a third of the photo is missing, not what stood there. Measured
-# here: 1.1 to 2.7 of 255 for three photos, against 8 to 17 with the crowd seen (plaza: 2.6 against 15.8, Liberty 3.7 against
-# 16.5, where two looks differ by 36). The bounds leave half as much again for other machines' rounding of 150 steps.
+# here: 0.5 to 1.3 of 255 for three photos, against 16 to 24 with the crowd seen. The bounds leave half as much again for other machines' rounding of 150 steps.
 MOVES_BY = 4.0  # of 255, mean over the picture
 SHARE = 0.4  # of what the crowd does where it is seen, on average
 

@@ -1,0 +1,104 @@
+"""What a scene at the edge of what numbers hold costs in quality: samples/plaza, spoilt, beside plaza as it is.
+
+    python samples/stiff.py --seeds 3
+
+Each case is a copy of the scene with its model or its photos changed, trained like any other, from files to files. PSNR is
+that of the held-out photos, zero-shot, protocol full, in dB: means over the seeds with their standard deviation.
+"""
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from statistics import fmean, stdev
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import click
+import cv2
+import numpy as np
+import pycolmap
+
+from core.config import preset
+from samples.measurements.finished import measured
+from wegs_cli.terminal import Terminal
+
+SCENE = Path(__file__).parent / "plaza"
+
+
+def moved(scale: float, offset: float):
+    """The whole model in another unit, and elsewhere."""
+
+    def change(model: pycolmap.Reconstruction, _) -> None:
+        model.transform(pycolmap.Sim3d(scale, pycolmap.Rotation3d(), np.array([offset, -offset, offset])))
+
+    return change
+
+
+def wrong_cameras(model: pycolmap.Reconstruction, photos: list[Path]) -> None:
+    """One training photo with a focal length of 3e6 px, another a million units off."""
+    first, second = (model.find_image_with_name(path.name) for path in photos[:2])
+    camera = model.cameras[first.camera_id]
+    camera.params = np.array([3e6, 3e6, *camera.params[2:]])
+    pose = second.frame.rig_from_world
+    second.frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + 1e6)
+
+
+def black_and_white(_, photos: list[Path]) -> None:
+    """One training photo all black, another all white."""
+    for path, level in zip(photos, (0, 255)):
+        cv2.imwrite(str(path), np.full_like(cv2.imread(str(path)), level))
+
+
+CASES = {
+    "as it is": lambda *_: None,
+    "coordinates at 5e5": moved(1.0, 5e5),
+    "coordinates at 5e6": moved(1.0, 5e6),
+    "scene x 1e-4": moved(1e-4, 0.0),
+    "scene x 1e4": moved(1e4, 0.0),
+    "two wrong cameras": wrong_cameras,
+    "a black and a white photo": black_and_white,
+}
+
+
+@click.command()
+@click.option("--steps", default=500, show_default=True)
+@click.option("-r", "--resolution", default=4, show_default=True)
+@click.option("--seeds", default=3, show_default=True, type=click.IntRange(min=1), help="Runs of each case.")
+@click.option("-o", "--output", default=Path("runs/stiff"), show_default=True, type=click.Path(path_type=Path))
+def main(steps: int, resolution: int, seeds: int, output: Path) -> None:
+    """Train and measure every case; prints a Markdown table."""
+    lines = ["| case | PSNR |", "|---|---|"]
+    with Terminal() as terminal:
+        for name, change in CASES.items():
+            folder = output / "".join(letter if letter.isalnum() else "-" for letter in name)
+            scene = spoilt(folder / "scene", change)
+            figures = []
+            for seed in range(seeds):
+                settings = preset("quick").changed(steps=steps, resolution=resolution, seed=seed, held_out_checks=0)
+                found = measured(scene, settings, folder / f"seed{seed}", ["full"], terminal)
+                figures.append(found["results"]["full"]["means"]["photo"]["zero_shot"]["psnr"])
+            spread = f" ± {stdev(figures):.2f}" if seeds > 1 else ""
+            lines.append(f"| {name} | {fmean(figures):.2f}{spread} |")
+    click.echo("\n".join(lines))
+
+
+def spoilt(folder: Path, change) -> Path:
+    """A copy of plaza with its model and training photos changed, made once."""
+    if not folder.is_dir():
+        making = folder.with_name("making")
+        shutil.rmtree(making, ignore_errors=True)
+        shutil.copytree(SCENE / "dense", making / "dense")
+        table = shutil.copy(SCENE / "plaza.tsv", making)
+        rows = [line.split("\t") for line in Path(table).read_text().splitlines()[1:]]
+        photos = [making / "dense" / "images" / name for name, _, split, _ in rows if split == "train"]
+        model = pycolmap.Reconstruction(making / "dense" / "sparse")
+        change(model, photos)
+        model.write(making / "dense" / "sparse")
+        making.rename(folder)
+    return folder
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""Plaza is spoilt as `samples/stiff.py` says."""
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from samples import stiff
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return pycolmap.Reconstruction(stiff.SCENE / "dense" / "sparse")
+
+
+def centres(model):
+    return np.stack([image.projection_center() for image in sorted(model.images.values(), key=lambda image: image.name)])
+
+
+def test_worlds_are_scaled_and_moved(plain, tmp_path):
+    for name, scale, offset in (("coordinates at 5e6", 1.0, 5e6), ("scene x 1e-4", 1e-4, 0.0)):
+        folder = stiff.spoilt(tmp_path / name, stiff.CASES[name])
+        model = pycolmap.Reconstruction(folder / "dense" / "sparse")
+        expected = scale * centres(plain) + offset * np.array([1, -1, 1])
+        np.testing.assert_allclose(centres(model), expected, rtol=0, atol=1e-6)
+        assert {path.name for path in folder.iterdir()} == {"dense", "plaza.tsv"}
+
+
+def test_two_training_photos_have_wrong_cameras_or_no_picture(plain, tmp_path):
+    cameras = stiff.spoilt(tmp_path / "cameras", stiff.CASES["two wrong cameras"])
+    model = pycolmap.Reconstruction(cameras / "dense" / "sparse")
+    wide = [camera.focal_length_x > 1e6 for camera in model.cameras.values()]
+    far = np.linalg.norm(centres(model) - centres(plain), axis=1) > 1e5
+    assert sum(wide) == 1 and far.sum() == 1
+    photos = stiff.spoilt(tmp_path / "photos", stiff.CASES["a black and a white photo"]) / "dense" / "images"
+    means = [cv2.imread(str(path)).mean() for path in photos.iterdir()]
+    assert sum(mean < 1 for mean in means) == sum(mean > 254 for mean in means) == 1
+
+
+def test_a_scene_is_made_once(tmp_path):
+    folder = stiff.spoilt(tmp_path / "scene", stiff.CASES["as it is"])
+    (folder / "mine").touch()
+    assert stiff.spoilt(folder, stiff.black_and_white) == folder and (folder / "mine").exists()

@@ -14,7 +14,6 @@ import io
 import os
 import sys
 from pathlib import Path
-from statistics import fmean, stdev
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -25,6 +24,7 @@ from core.config import PRESETS, preset
 from core.evaluation.protocols import PROTOCOLS
 from core.export.atomic import write_text
 from samples.measurements.finished import measured, with_split
+from samples.measurements.seeds import cell, folder_name
 from samples.measurements.variants import FULL, VARIANTS
 from wegs_cli.terminal import Terminal
 
@@ -69,8 +69,7 @@ def ablate(scene, base, variants, seeds, protocols, folder, report) -> dict[str,
             settings = full.changed(**changes)
             title = FULL if settings == full else name
             report.say(f"--- {scene.name}, seed {seed}: {name} ({number} of {len(variants)})")
-            words = "".join(letter if letter.isalnum() else "-" for letter in title)
-            runs[name].append(measured(scene, settings, folder / f"{words}-seed{seed}", protocols, report))
+            runs[name].append(measured(scene, settings, folder / f"{folder_name(title)}-seed{seed}", protocols, report))
     return runs
 
 
@@ -96,12 +95,12 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
         for whose in ("zero_shot", "refined"):
             scores, own = ([_score(r, against, whose, "psnr") for r in rs] for rs in (_of(runs[FULL], protocol), results))
             differences = [b - a for a, b in zip(scores, own, strict=True) if a is not None and b is not None]
-            cells += [_cell(own, "{:.2f}"), "" if name == FULL else _cell(differences, "{:+.2f}")]
+            cells += [cell(own, "{:.2f}"), "" if name == FULL else cell(differences, "{:+.2f}")]
         best = "refined" if _score(results[0], against, "refined", "psnr") is not None else "zero_shot"
-        cells.append(" / ".join(_cell([_score(r, against, best, m) for r in results], "{:.3f}", False) for m in METRICS[1:]))
-        cells.append(_cell([r["mask_iou"] for r in results], "{:.2f}"))
-        cells.append(_cell([one["bytes"] / 1e6 for one in group], "{:.1f}"))
-        cells.append(_cell([r["training_seconds"] for r in results], "{:.0f}"))
+        cells.append(" / ".join(cell([_score(r, against, best, m) for r in results], "{:.3f}", False) for m in METRICS[1:]))
+        cells.append(cell([r["mask_iou"] for r in results], "{:.2f}"))
+        cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}"))
+        cells.append(cell([r["training_seconds"] for r in results], "{:.0f}"))
         paper = VARIANTS[name]
         cells.append("" if paper.psnr is None or name == FULL else f"{paper.psnr - VARIANTS[FULL].psnr:+.2f}")
         cells.append("" if paper.megabytes is None else f"{paper.megabytes}")
@@ -131,14 +130,6 @@ def _of(group: list[dict], protocol: str) -> list[dict]:
 
 def _score(result: dict, against: str, whose: str, metric: str) -> float | None:
     return result["means"][against].get(whose, {}).get(metric)
-
-
-def _cell(values: list[float | None], form: str, spread: bool = True) -> str:
-    known = [value for value in values if value is not None]
-    if not known:
-        return "-"
-    mean = form.format(fmean(known))
-    return f"{mean} ± {form.replace('+', '').format(stdev(known))}" if spread and len(known) > 1 else mean
 
 
 if __name__ == "__main__":

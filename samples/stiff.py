@@ -10,7 +10,6 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from statistics import fmean, stdev
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -21,7 +20,9 @@ import numpy as np
 import pycolmap
 
 from core.config import preset
+from core.data.phototourism import read_split_table
 from samples.measurements.finished import measured
+from samples.measurements.seeds import cell, folder_name
 from wegs_cli.terminal import Terminal
 
 SCENE = Path(__file__).parent / "plaza"
@@ -72,15 +73,14 @@ def main(steps: int, resolution: int, seeds: int, output: Path) -> None:
     lines = ["| case | PSNR |", "|---|---|"]
     with Terminal() as terminal:
         for name, change in CASES.items():
-            folder = output / "".join(letter if letter.isalnum() else "-" for letter in name)
+            folder = output / folder_name(name)
             scene = spoilt(folder / "scene", change)
             figures = []
             for seed in range(seeds):
                 settings = preset("quick").changed(steps=steps, resolution=resolution, seed=seed, held_out_checks=0)
                 found = measured(scene, settings, folder / f"seed{seed}", ["full"], terminal)
                 figures.append(found["results"]["full"]["means"]["photo"]["zero_shot"]["psnr"])
-            spread = f" ± {stdev(figures):.2f}" if seeds > 1 else ""
-            lines.append(f"| {name} | {fmean(figures):.2f}{spread} |")
+            lines.append(f"| {name} | {cell(figures, '{:.2f}')} |")
     click.echo("\n".join(lines))
 
 
@@ -90,9 +90,9 @@ def spoilt(folder: Path, change) -> Path:
         making = folder.with_name("making")
         shutil.rmtree(making, ignore_errors=True)
         shutil.copytree(SCENE / "dense", making / "dense")
-        table = shutil.copy(SCENE / "plaza.tsv", making)
-        rows = [line.split("\t") for line in Path(table).read_text().splitlines()[1:]]
-        photos = [making / "dense" / "images" / name for name, _, split, _ in rows if split == "train"]
+        shutil.copy(SCENE / "plaza.tsv", making)
+        splits = read_split_table(SCENE / "plaza.tsv").splits
+        photos = [making / "dense" / "images" / name for name, split in splits.items() if split == "train"]
         model = pycolmap.Reconstruction(making / "dense" / "sparse")
         change(model, photos)
         model.write(making / "dense" / "sparse")

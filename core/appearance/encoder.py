@@ -71,20 +71,26 @@ class Enc2(nn.Module):
 
     def __init__(self, embedding_size: int, bands: int):
         super().__init__()
+        self.bands = bands
         channels = CHANNELS[-1]
         self.convolutions = nn.ModuleList(
             rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3)
         )
         self.embedding = nn.Linear(channels + 3 * bands, embedding_size)
 
-    def described(self, features: Float[Tensor, "1 c h w"], colours: Float[Tensor, " b"]) -> Float[Tensor, " d"]:
-        """What the embedding is a linear map of."""
+    def described(
+        self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
+    ) -> Float[Tensor, " d"]:
+        """What the embedding is a linear map of. static: the mask that weighs the photo's colours."""
+        colours = band_colours(photo, static, self.bands)
         for convolution in self.convolutions:
             features = F.relu(convolution(features))
         return torch.cat([features.mean((2, 3))[0], colours])
 
-    def forward(self, features: Float[Tensor, "1 c h w"], colours: Float[Tensor, " b"]) -> Float[Tensor, " e"]:
-        return self.embedding(self.described(features, colours))
+    def forward(
+        self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
+    ) -> Float[Tensor, " e"]:
+        return self.embedding(self.described(features, photo, static))
 
     @torch.no_grad()
     def spread(self, described: Float[Tensor, "photos d"]) -> None:
@@ -106,16 +112,15 @@ class Enc2(nn.Module):
 
 
 class PhotoEncoder(nn.Module):
-    """F = Enc1(I), F' = CAM(F), M = UNet(F'), l = Enc2(M * F' + F, colours); only the parts that the settings need are built.
+    """F = Enc1(I), F' = CAM(F), M = UNet(F'), l = Enc2(M * F' + F, I, M); only the parts that the settings need are built.
 
     No Enc2 without appearance or with a GLO table; no UNet unless the mask is the attention (then M := 1); without
-    transients neither UNet nor CAM, and l = Enc2(F).
+    transients neither UNet nor CAM, and l = Enc2(F, I, 1).
     """
 
     def __init__(self, settings: Settings):
         super().__init__()
         self.attends = settings.transients == "on"
-        self.bands = settings.colour_bands
         self.enc1 = Enc1()
         self.channel_attention = None
         self.unet = None
@@ -125,7 +130,7 @@ class PhotoEncoder(nn.Module):
         if self.attends and settings.mask == "attention":
             self.unet = MaskUNet(CHANNELS[-1])
         if settings.appearance != "off" and settings.embedding == "encoder":
-            self.enc2 = Enc2(settings.embedding_size, self.bands)
+            self.enc2 = Enc2(settings.embedding_size, settings.colour_bands)
 
     def forward(
         self, photo: Float[Tensor, "3 h w"], masked: bool
@@ -134,30 +139,33 @@ class PhotoEncoder(nn.Module):
 
         photo: shrunk, [0, 1]. masked: whether the mask steers the embedding; if not, it is encoded with M := 1.
         """
-        attended, colours, mask = self.attend(photo, masked)
-        embedding = self.enc2(attended, colours) if self.enc2 else None
+        attended, static, mask = self.attend(photo, masked)
+        embedding = self.enc2(attended, photo, static) if self.enc2 else None
         return embedding, None if mask is None else mask[0]
 
     def attend(
         self, photo: Float[Tensor, "3 h w"], masked: bool
-    ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, " b"], Float[Tensor, "1 1 h4 w4"] | None]:
-        """What Enc2 sees, F'' + F and the photo's colours, and the mask."""
-        attended, mask = self.enc1(photo), None
-        static = torch.ones_like(attended[:, :1])
-        if self.attends:
-            refined = self.channel_attention(attended) if self.channel_attention else attended
-            mask = self.unet(refined) if self.unet else None
-            if masked and mask is not None:
-                static, refined = mask, mask * refined
-            attended = attended + refined
-        return attended, band_colours(photo, static, self.bands), mask
+    ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, "1 1 h4 w4"], Float[Tensor, "1 1 h4 w4"] | None]:
+        """F'' + F, the M that it was made with, and the mask."""
+        features = self.enc1(photo)
+        if not self.attends:
+            return features, torch.ones_like(features[:, :1]), None
+        refined = self.channel_attention(features) if self.channel_attention else features
+        mask = self.unet(refined) if self.unet else None
+        if masked and mask is not None:
+            return features + mask * refined, mask, mask
+        return features + refined, torch.ones_like(features[:, :1]), mask
 
     @torch.no_grad()
     def spread(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
         """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.spread."""
         if self.enc2 is not None:
             with one_torch_thread():  # more would round the principal components differently
-                self.enc2.spread(torch.stack([self.enc2.described(*self.attend(photo, True)[:2]) for photo in photos]))
+                self.enc2.spread(torch.stack([self._described(photo) for photo in photos]))
+
+    def _described(self, photo: Float[Tensor, "3 h w"]) -> Float[Tensor, " d"]:
+        attended, static, _ = self.attend(photo, True)
+        return self.enc2.described(attended, photo, static)
 
 
 class PlainMask(nn.Module):

@@ -64,7 +64,8 @@ def test_mask_hides_a_region_from_the_embedding():
     refined = encoder.channel_attention(features)
     expected = features.clone()
     expected[..., :4] += refined[..., :4]
-    assert torch.allclose(encoder(torch.rand(3, 32, 32), True)[0], encoder.enc2(expected, torch.empty(0)))
+    photo, ones = torch.rand(3, 32, 32), torch.ones(1, 1, 8, 8)
+    assert torch.allclose(encoder(photo, True)[0], encoder.enc2(expected, photo, ones))
 
 
 def test_colours_of_bands_are_means_of_what_is_static():

@@ -2,20 +2,18 @@
 
 binary_little_endian, one element `vertex`, 62 float32 properties, 248 bytes a Gaussian. f_rest is channel-major (all of
 R, then G, then B), opacity a logit, scale a natural log, rot w x y z: the original project's save_ply, byte for byte.
-
-The only module that imports plyfile, whose licence is GPL-3.
 """
 
 from pathlib import Path
 
 import numpy as np
-import plyfile
 import torch
 from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
 from core.errors import BadInput
 from core.export.atomic import replacing
+from core.ply_file import read_rows, write_rows
 from core.scene.harmonics import MAX_DEGREE, coefficient_count
 from core.scene.splats import Splats
 
@@ -76,11 +74,8 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
         raise BadInput(f"{path} was not written: none of {count} Gaussians can be drawn.", "Train again.")
     rows = table.view([(name, "<f4") for name in PROPERTIES])[:, 0]
     line = " ".join(comment.encode("ascii", "backslashreplace").decode().split())
-    # The original viewer counts lines: the comment must follow the `element` line, which is where plyfile puts those
-    # of an element, not those of a file.
-    vertices = plyfile.PlyElement.describe(rows, "vertex", comments=[line] if line else [])
     with replacing(path) as temporary:
-        plyfile.PlyData([vertices], byte_order="<").write(str(temporary))
+        write_rows(temporary, rows, line)
     return int(dropped.sum())
 
 
@@ -113,7 +108,9 @@ def _read_columns(degree: int) -> list[str]:
 
 def _table(path: Path) -> tuple[Float32[np.ndarray, "n p"], int]:
     """The rows of a .ply in the columns of `_read_columns`, and the SH degree."""
-    vertices = _vertices(path)
+    vertices = read_rows(path, "3DGS .ply")
+    if not len(vertices):
+        raise BadInput(f"{path} holds no Gaussians.", "Export it again.")
     names = vertices.dtype.names
     rest = sum(name.startswith("f_rest_") for name in names)
     degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
@@ -140,30 +137,6 @@ def _splats(table: Float[Tensor, "n p"], coefficients: int) -> Splats:
     return Splats(means, quaternions, scales, opacities[:, 0], sh)
 
 
-def _vertices(path: Path) -> np.ndarray:
-    """The structured array of the element `vertex`."""
-    path = Path(path)
-    if not path.is_file():
-        raise BadInput(f"There is no file {path}.", "Give the path of a .ply.")
-    try:
-        vertices = plyfile.PlyData.read(str(path))["vertex"].data  # by path: a stream is read row by row, in minutes
-    except plyfile.PlyElementParseError as problem:
-        row = f" at row {problem.row}" if problem.row is not None else ""
-        raise BadInput(
-            f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again."
-        ) from None
-    except (plyfile.PlyParseError, UnicodeDecodeError) as problem:
-        fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
-        raise BadInput(f"{path} is not a .ply: {fault}.", "Give a 3DGS .ply.") from None
-    except KeyError:
-        raise BadInput(f"{path} has no element `vertex`.", "Give a 3DGS .ply.") from None
-    except ValueError:  # numpy cannot map zero rows
-        raise BadInput(f"{path} holds no Gaussians.", "Export it again.") from None
-    if not len(vertices):
-        raise BadInput(f"{path} holds no Gaussians.", "Export it again.")
-    return vertices
-
-
 def write_points(path: Path, points: Float[np.ndarray, "n 3"], colours: Float[np.ndarray, "n 3"]) -> None:
     """Write a point cloud as the run folder's `input.ply`. points: world units. colours: [0, 1], stored in 8 bits."""
     position = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
@@ -173,4 +146,4 @@ def write_points(path: Path, points: Float[np.ndarray, "n 3"], colours: Float[np
     for channel, name in enumerate(("red", "green", "blue")):
         rows[name] = np.clip(np.rint(np.asarray(colours)[:, channel] * 255), 0, 255)
     with replacing(path) as temporary:
-        plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex")], byte_order="<").write(str(temporary))
+        write_rows(temporary, rows)

@@ -1,0 +1,44 @@
+"""A .ply as a table of rows, by plyfile; its faults in one line.
+
+The only module that imports plyfile, whose licence is GPL-3.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import plyfile
+
+from core.errors import BadInput
+
+
+def read_rows(path: Path, wanted: str) -> np.ndarray:
+    """The structured array of the element `vertex`, of a file in any of the format's three forms.
+
+    wanted: what the file should be, for the one who gave another. Raises BadInput for what cannot be read.
+    """
+    if not path.is_file():
+        raise BadInput(f"There is no file {path}.", f"Give the path of a {wanted}.")
+    try:
+        return plyfile.PlyData.read(str(path))["vertex"].data  # by path: a stream is read row by row, in minutes
+    except OSError as problem:
+        raise BadInput(f"{path} cannot be opened: {problem.strerror}.", f"Give the path of a {wanted}.") from None
+    except plyfile.PlyElementParseError as problem:
+        row = f" at row {problem.row}" if problem.row is not None else ""
+        raise BadInput(
+            f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again."
+        ) from None
+    except (plyfile.PlyParseError, ValueError) as problem:
+        fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
+        raise BadInput(f"{path} is not a .ply: {fault}.", f"Give a {wanted}.") from None
+    except KeyError:
+        raise BadInput(f"{path} has no element `vertex`.", f"Give a {wanted}.") from None
+
+
+def write_rows(path: Path, rows: np.ndarray, comment: str = "") -> None:
+    """Write a structured array as a binary little-endian .ply of one element `vertex`, in one piece.
+
+    comment: one line of ASCII. It follows the `element` line, where plyfile puts those of an element, not those of a
+    file: the original viewer counts lines.
+    """
+    vertices = plyfile.PlyElement.describe(rows, "vertex", comments=[comment] if comment else [])
+    plyfile.PlyData([vertices], byte_order="<").write(str(path))

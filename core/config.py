@@ -101,7 +101,7 @@ class Settings:
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0, high=16)
     sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0, high=16)
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
-    encoder_side_px: int = setting(128, "Photos are shrunk to this short side before the encoder, never enlarged.", low=16)
+    encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
     sky_radius: float = setting(30.0, "Radius of the sky's dome.", low=2)
 

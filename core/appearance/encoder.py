@@ -18,20 +18,20 @@ UNSEEN = 1e-6  # weight of a cell that the mask hides altogether: a band of such
 ALIKE = 0.01  # of the mean feature: what varies less is no light; photos of real collections vary by 0.1 and more
 
 
-def shrink(photo: Float[Tensor, "3 h w"], side_px: int) -> Float[Tensor, "3 h2 w2"]:
-    """The photo ([0, 1]) with its short side at `side_px`, aspect kept, by area; a smaller one as it is.
+def shrink(photo: Float[Tensor, "3 h w"], side_px: int) -> Float[Tensor, "3 s s"]:
+    """The photo ([0, 1]) squeezed by area to a square of `side_px`, or of its own short side where that is less.
 
+    What the encoder learns of top and bottom, left and right, then holds for upright, wide and cropped photos alike.
     Training, evaluation and bake all use this, so an embedding does not depend on who computed it. Shrinking twice
     changes nothing. Raises BadInput for a photo without pixels.
     """
     height, width = photo.shape[1:]
-    short = min(height, width)
-    if short == 0:
+    side = min(side_px, height, width)
+    if side == 0:
         raise BadInput(f"The photo is {width} x {height} px.", "Use one that has pixels.")
-    if short <= side_px:
+    if height == width == side:
         return photo
-    size = [max(side_px, round(side * side_px / short)) for side in (height, width)]
-    return F.interpolate(photo[None], size=size, mode="area")[0]
+    return F.interpolate(photo[None], size=(side, side), mode="area")[0]
 
 
 class Enc1(nn.Sequential):

@@ -97,7 +97,7 @@ def test_looks_of_every_combination(appearance, embedding, transients, mask):
     assert (inside.mask is None) == (transients == "off")
     assert (outside.mask is None) == (transients == "off" or mask == "mlp")  # a table knows no photo from outside
     if inside.mask is not None:
-        assert inside.mask.shape == (1, 8, 18)  # 37 x 81 shrinks to 32 x 70
+        assert inside.mask.shape == (1, 8, 8)  # 37 x 81 shrinks to 32 x 32
 
 
 def test_look_shrinks_alike_for_everyone():

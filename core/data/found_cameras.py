@@ -1,17 +1,13 @@
 """Cameras of plain photos, found once: structure from motion takes minutes, and its result is kept beside the runs."""
 
-import json
 from contextlib import suppress
 from pathlib import Path
 
 from core.data import sfm
 from core.data.load import kind_with_cameras
-from core.data.photo_file import list_photos
-from core.data.scene_folder import kept, read_mark, stamp
+from core.data.scene_folder import kept, read_mark
 from core.errors import BadInput
 from core.report import Report
-
-MARK = "photos.json"  # in a scene: the photos it was made of
 
 
 def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
@@ -20,8 +16,8 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     wanted: where it should lie; if another scene does, a number is added. A scene that is there is used again only for
     the very same files (path, size and time of change of each). Errors: as sfm.reconstruct.
     """
-    made_of = {str(path.resolve()): stamp(path) for path in list_photos(photos)}
-    scene, is_there = kept(wanted, lambda folder: read_mark(folder / MARK) == made_of)
+    made_of = sfm.files_of(photos)
+    scene, is_there = kept(wanted, lambda folder: read_mark(folder / sfm.MARK) == made_of)
     if is_there:
         report.say(f"Cameras as found before in {scene}; remove it to have them found again.")
         return scene
@@ -29,6 +25,4 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     with suppress(BadInput):  # parts of a model are no cameras
         if kind := kind_with_cameras(above):
             report.warn(f"{above} is a {kind} scene: give that folder to use its cameras. Now they are found anew.")
-    sfm.reconstruct(photos, scene, report)
-    (scene / MARK).write_text(json.dumps(made_of, indent=1), encoding="utf-8")
-    return scene
+    return sfm.reconstruct(photos, scene, report)

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from core.errors import BadInput, WegsError, not_made
 
-PARTS = ("images", "sparse")  # of a scene; the last makes it one
-
 
 @contextmanager
 def replacing(output: Path) -> Iterator[Path]:
@@ -27,8 +25,8 @@ def replacing(output: Path) -> Iterator[Path]:
         raise not_made(output, problem) from None
     try:
         yield work
-        for part in PARTS if is_there else ():
-            os.replace(work / "scene" / part, output / part)
+        for part in sorted((work / "scene").iterdir()) if is_there else ():  # sparse/ comes last, and makes it a scene
+            os.replace(part, output / part.name)
         if not is_there:
             os.replace(work / "scene", output)
     except WegsError:

@@ -1,5 +1,6 @@
 """Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
 
+import json
 import os
 import shutil
 from collections.abc import Callable
@@ -13,17 +14,19 @@ from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEE
 from core.data.model_file import quiet
 from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
 from core.data.photos import read
-from core.data.scene_folder import replacing
+from core.data.scene_folder import replacing, stamp
 from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.report import Report
+
+MARK = "photos.json"  # in a scene: the files it was made of
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
 
-    The scene holds images/ (undistorted, upright) and sparse/0 (pinhole cameras, points). It appears whole or not at
-    all. Two runs differ slightly, as COLMAP's threads do.
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and MARK. It appears whole or not
+    at all. Two runs differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a place are left out and named.
 
@@ -41,6 +44,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         raise no_photos(photos)
     for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
         report.warn(line)
+    made_of = files_of(photos)
     with replacing(output) as work, quiet():
         copies = _copy_upright(paths, work / PHOTOS, report)
         names = list(copies)
@@ -55,10 +59,16 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         model = _map(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
+        (work / "scene" / MARK).write_text(json.dumps(made_of, indent=1), encoding="utf-8")
     for line in name_them("that fit nowhere, left out", sorted(set(copies.values()) - placed)):
         report.warn(line)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output
+
+
+def files_of(photos: Path) -> dict[str, list[int]]:
+    """The photos in a folder, each with what tells whether it is the file it was."""
+    return {str(path.resolve()): stamp(path) for path in list_photos(photos)}
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:

@@ -2,22 +2,25 @@
 
 import pytest
 
-from core.data import found_cameras
+from core.data import sfm
 from core.data.found_cameras import scene_of_photos
+from core.export.atomic import write_json
 from tests.heard import Heard
 from tests.small import small_collection
 
 
 @pytest.fixture
 def calls(monkeypatch):
-    """The scenes that structure from motion was asked for; it makes empty ones here."""
+    """The scenes that structure from motion was asked for; here they hold only what they were made of."""
     names = []
 
     def reconstruct(photos, output, report):
         names.append(output.name)
         output.mkdir(parents=True)
+        write_json(output / sfm.MARK, sfm.files_of(photos))
+        return output
 
-    monkeypatch.setattr(found_cameras.sfm, "reconstruct", reconstruct)
+    monkeypatch.setattr(sfm, "reconstruct", reconstruct)
     return names
 
 

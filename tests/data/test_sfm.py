@@ -9,7 +9,7 @@ import pytest
 
 from core.data import load_collection
 from core.data.photos import load
-from core.data.scene_folder import PARTS, replacing
+from core.data.scene_folder import replacing
 from core.data.sfm import reconstruct
 from core.errors import BadInput, WegsError
 from core.report import Report
@@ -64,7 +64,7 @@ def test_cameras_are_found_again(tmp_path):
     assert "1 photo turned upright, as EXIF says." in listener.lines
     assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
-    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "sparse"]
+    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "photos.json", "sparse"]
 
     collection = load_collection(scene)
     assert [photo.name for photo in collection.photos] == ["a b.jpg", "b.png.jpg", *names[2:]]
@@ -122,9 +122,10 @@ def test_an_empty_folder_is_filled_from_within(tmp_path):
     """It may be a disk of its own: it can be neither removed nor moved onto."""
     with replacing(tmp_path) as work:
         assert work.parent == tmp_path
-        for part in PARTS:
+        for part in ("images", "sparse"):
             (work / "scene" / part).mkdir(parents=True)
-    assert {path.name for path in tmp_path.iterdir()} == set(PARTS)
+        (work / "scene" / "photos.json").touch()
+    assert {path.name for path in tmp_path.iterdir()} == {"images", "sparse", "photos.json"}
 
 
 def test_photos_in_formats_of_phones_are_named(tmp_path):

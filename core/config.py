@@ -20,6 +20,7 @@ FIRST_VISITS, FIRST_STEPS = 120, 6000
 # Steps a photo of many: 46 in place of 17 brought 0.3 dB refined and 0.05 LPIPS on 172 photos of plaza. Pixels of all photos together a
 # Gaussian: 2.6 times as many Gaussians brought nothing on 65 photos of Liberty at full size.
 VISITS, PIXELS_A_GAUSSIAN = 35, 500
+AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 
 
 def setting(
@@ -51,7 +52,12 @@ class Settings:
     seed: int = setting(0, "Seed of everything random.", low=0, high=2**63 - 1)
     device: str = setting("auto", "Where to compute.", choices=("auto", "cpu", "cuda"))
     backend: str = setting("auto", "Rasterizer.", choices=("auto", "reference", "cpu", "cuda"))
-    resolution: int = setting(-1, "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 decides.", low=-1)
+    resolution: int = setting(
+        -1,
+        "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 shrinks them to a mean of "
+        f"{AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
+        low=-1,
+    )
     max_gaussians: int = setting(
         UNDECIDED,
         f"Never more Gaussians than this (without the sky's). auto: one for {PIXELS_A_GAUSSIAN} pixels of all photos, "
@@ -127,8 +133,8 @@ class Settings:
     scale_rate: float = setting(8e-3, "Of log scales.", low=0)
     opacity_rate: float = setting(4e-2, "Of logit opacities.", low=0)
     sh_rate: float = setting(5e-3, "Of DC coefficients; the other bands get a twentieth.", low=0)
-    network_rate: float = setting(4e-3, "Of the SH transfer, decaying to a tenth.", low=0)
-    encoder_rate: float = setting(5e-4, "Of encoder and mask, decaying to a tenth.", low=0)
+    network_rate: float = setting(4e-3, "Of the SH transfer and the mask, decaying to a tenth.", low=0)
+    encoder_rate: float = setting(5e-4, "Of the encoder, decaying to a tenth.", low=0)
     embedding_rate: float = setting(1e-2, "Of GLO embeddings and latents, decaying to a tenth.", low=0)
 
     geometry_from: float = setting(

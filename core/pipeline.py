@@ -51,6 +51,7 @@ __all__ = [
     "train",
 ]
 QUIET = Report()
+ONE_LOOK = "This run was trained without appearance: all its looks are one."
 FADE = ("frame_*.png", "step_*.ply", "sheet.png", "video.mp4")  # what an interpolation writes
 
 
@@ -215,7 +216,7 @@ def export(
     for note in trained.collection.frame.offset_notes():
         report.warn(note)
     if trained.settings.appearance == "off":
-        report.warn("This run was trained without appearance: all its looks are one.")
+        report.warn(ONE_LOOK)
     start = time.perf_counter()
     written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None)
     if save_as is not None:
@@ -248,6 +249,8 @@ def interpolate(
     camera = trained.camera(photo)
     rasterizer = trained.rasterizer
     report.say(f"{trained.folder}{trained.where}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
+    if trained.settings.appearance == "off":
+        report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
         trim = trim_of(trained, report) if ply else None
         frames = []

@@ -1,6 +1,6 @@
 """Time and memory of the engine beside what it should reach; scenes come from samples/plaza and fixed seeds.
 
-    python samples/benchmark.py                                       # everything: about five minutes on two idle cores
+    python samples/benchmark.py                                       # everything: two minutes on two idle cores
     OMP_NUM_THREADS=1 python samples/benchmark.py step --json step.json   # one measurement, one thread, and a file
 
 step, plain-step: a training step, everything on or off; its parts on one thread. rasterizer: forward + backward of a garden;
@@ -31,6 +31,7 @@ import torch
 from core.bench.machine import made_on
 from samples.measurements import baking, drawing, first_use, reach, steps, threads
 from samples.measurements.stopwatch import peak_memory
+from wegs_cli.main import Told
 
 SMALL = 0.01  # of all sizes
 
@@ -76,7 +77,7 @@ def tables(name: str, measured: dict) -> list[rich.table.Table]:
     return made
 
 
-@click.command()
+@click.command(cls=Told)
 @click.argument("what", nargs=-1, type=click.Choice(list(MEASUREMENTS)))
 @click.option("--json", "file", type=click.Path(path_type=Path), help="Write the numbers into this file as well.")
 @click.option("--small", is_flag=True, help="A hundredth of all sizes, only to try it out.")

@@ -21,11 +21,12 @@ import torch
 
 from core import device
 from core.bench.machine import made_on
+from wegs_cli.main import Told
 
 NAMES = ("picture", "baked", "steps", "paper", "kernels")
 
 
-@click.command()
+@click.command(cls=Told)
 @click.argument("what", nargs=-1, type=click.Choice(NAMES))
 @click.option("--json", "file", type=click.Path(path_type=Path), help="Write the lines into this file as well.")
 def main(what: tuple[str, ...], file: Path | None) -> None:

@@ -18,19 +18,21 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import click
 
 from core.config import PRESETS, preset
+from core.evaluation.protocols import PROTOCOLS
 from samples.measurements.finished import measured
 from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS
+from wegs_cli.main import Told
 from wegs_cli.terminal import Terminal
 
 RIVALS = {"wegs": FULL, "affine exposure": AFFINE, "plain 3DGS": PLAIN}
 
 
-@click.command()
+@click.command(cls=Told)
 @click.argument("scene", type=click.Path(path_type=Path))
-@click.option("--preset", "preset_name", default="quick", type=click.Choice(sorted(PRESETS)))
-@click.option("-r", "--resolution", default=-1)
-@click.option("-o", "--output", default=Path("runs/compare"), type=click.Path(path_type=Path))
-@click.option("--protocol", "protocols", multiple=True, default=("half", "full"))
+@click.option("--preset", "preset_name", default="quick", show_default=True, type=click.Choice(sorted(PRESETS)))
+@click.option("-r", "--resolution", default=-1, show_default=True, help="As of `wegs train`.")
+@click.option("-o", "--output", default=Path("runs/compare"), show_default=True, type=click.Path(path_type=Path), help="Folder of the runs.")
+@click.option("--protocol", "protocols", multiple=True, default=("half", "full"), show_default=True, type=click.Choice(list(PROTOCOLS)))
 def main(scene: Path, preset_name: str, resolution: int, output: Path, protocols: tuple[str, ...]) -> None:
     """Train and measure wegs, the affine exposure model and plain 3DGS on SCENE."""
     rows = []

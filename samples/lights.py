@@ -30,6 +30,7 @@ from core.export.pictures import to_8_bit
 from core.pipeline import subject_of
 from core.training import run
 from core.training.trained import Run, bake, blend, find_appearance, load_run
+from wegs_cli.main import Told
 
 PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
 PLAZA_VIEWS = "0006.jpg", "0040.jpg"  # held out; of lights.jpg and of styles.jpg
@@ -38,7 +39,7 @@ FRAMES = 6  # of the strip
 QUALITY = 88  # of JPEG
 
 
-@click.command()
+@click.command(cls=Told)
 @click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
 @click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
 @click.option("--view", help="Photo of the run whose camera looks on.  [default: a held-out one]")

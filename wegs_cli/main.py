@@ -24,17 +24,8 @@ UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
 INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
-class Group(click.Group):
-    """Finds commands in COMMANDS and turns exceptions into one line and an exit code."""
-
-    def list_commands(self, context: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        if name not in COMMANDS:
-            return None
-        module, function = COMMANDS[name].split(":")
-        return getattr(import_module(module), function)
+class Told(click.Command):
+    """Turns exceptions into one line and an exit code."""
 
     def main(self, args=None, prog_name=None, **extra):
         """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C."""
@@ -50,6 +41,19 @@ class Group(click.Group):
             line, code = answer
             click.secho(f"wegs: {line}", fg="red", err=True)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+class Group(Told, click.Group):
+    """Finds commands in COMMANDS."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        if name not in COMMANDS:
+            return None
+        module, function = COMMANDS[name].split(":")
+        return getattr(import_module(module), function)
 
 
 def explain(problem: BaseException) -> tuple[str, int] | None:

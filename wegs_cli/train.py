@@ -30,7 +30,7 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
       wegs train --resume
     """
     if resume:
-        given = [name for name, value in typed.items() if value is not None]
+        given = ["--" + name.replace("_", "-") for name, value in typed.items() if value is not None]
         words = (("SCENE", scene), ("--masks", masks), ("--preset", preset_name), ("--config", config))
         given += [word for word, value in words if value]
         given += ["--set"] * bool(assignments) + ["--force"] * force

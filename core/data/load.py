@@ -81,7 +81,7 @@ def posed_kind(path: Path) -> str | None:
 
 def check_cameras_unknown(path: Path) -> None:
     """Raise BadInput for a folder that has cameras and no plain photos: there is nothing that structure from motion could do."""
-    if path.is_dir() and (kind := posed_kind(path)) and not list_photos(path):
+    if path.is_dir() and (kind := kind_with_cameras(path)) and not list_photos(path):
         fix = f"Type: {command('wegs', 'train', path)} (or name the folder of its photos, to have them found anew)."
         raise BadInput(f"{path} is a {kind} scene, which has cameras.", fix)
 

@@ -65,6 +65,8 @@ def load(photo: Photo, width: int, height: int) -> Picture:
     pixels, valid = _resize(pixels, width, height), _resize_valid(valid, width, height)
     if photo.mask is not None and valid is not None:
         pixels = _filled(pixels, valid, photo.path, photo.mask)
+    elif valid is not None and not valid.any():
+        raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
     return Picture(pixels, valid)
 
 

@@ -149,13 +149,14 @@ def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
 
 def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str]) -> None:
     """Undistort the model's photos, under their own names, into scene/images, and the model into scene/sparse/0."""
+    named, chosen, undistorted, scene = (work / name for name in ("named", "chosen", "undistorted", "scene"))
+    named.mkdir()
     for image in model.images.values():
-        os.replace(work / PHOTOS / image.name, work / PHOTOS / copies[image.name])
+        os.replace(work / PHOTOS / image.name, named / copies[image.name])
         image.name = copies[image.name]
-    chosen, undistorted, scene = work / "chosen", work / "undistorted", work / "scene"
     chosen.mkdir()
     model.write(str(chosen))
-    pycolmap.undistort_images(undistorted, chosen, work / PHOTOS, jpeg_quality=JPEG_QUALITY)
+    pycolmap.undistort_images(undistorted, chosen, named, jpeg_quality=JPEG_QUALITY)
     (scene / "sparse").mkdir(parents=True)
     os.replace(undistorted / "images", scene / "images")
     os.replace(undistorted / "sparse", scene / "sparse" / "0")

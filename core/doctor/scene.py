@@ -16,7 +16,7 @@ from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
 
-LEFT_OUT = ("not used", "missing", "left out")  # in the words of the reader's notes
+LEFT_OUT = (", not used", "missing", "left out")  # in the words of the reader's notes on photos
 FEW_POINTS = 20  # a photo that sees fewer is held by little; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
 ODD_DISTANCE = 10.0  # times the median camera's from the middle of the scene

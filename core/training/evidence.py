@@ -61,8 +61,8 @@ def gather_evidence(points: np.ndarray, pictures: Sequence[Picture]) -> Evidence
 
 
 def _judgeable(places: Sightings) -> Sightings:
-    """Those of photos with enough matches for a tone, and of points that two such photos matched."""
-    for kind, fewest in (("photo", FEWEST_IN_PHOTO), ("point", 2)):
+    """Those of photos with enough matches for a tone, of points that two such photos matched, and of photos that then have any."""
+    for kind, fewest in (("photo", FEWEST_IN_PHOTO), ("point", 2), ("photo", 1)):
         numbers = getattr(places, kind)
         counts = np.bincount(numbers, weights=places.matched)
         places = places[counts[numbers] >= fewest]

@@ -101,21 +101,23 @@ class Gaussians:
     def keep(self, mask: Tensor) -> None:
         """Keep the rows where `mask` (N,) is true, and the sky."""
         rows = torch.nonzero(mask | (torch.arange(len(self), device=mask.device) >= self.solid)).squeeze(1)
-        for group in (self.parameters, self.first, self.second):
-            for name, tensor in group.items():
-                group[name] = tensor.index_select(0, rows)
-        self.counts, self.gradient_sum, self.seen = self.counts[rows], self.gradient_sum[rows], self.seen[rows]
+        self._become({name: tensor.index_select(0, rows) for name, tensor in self.tensors().items()})
 
     def insert(self, born: dict[str, Tensor]) -> None:
         """Add Gaussians before the sky, with fresh moments and statistics."""
         rows, solid = len(born["means"]), self.solid
-        for group in (self.parameters, self.first, self.second):
-            for name, tensor in group.items():
-                new = born[name] if group is self.parameters else torch.zeros_like(born[name])
-                group[name] = torch.cat([tensor[:solid], new, tensor[solid:]])
-        for name in ("counts", "gradient_sum", "seen"):
-            old = getattr(self, name)
-            setattr(self, name, torch.cat([old[:solid], old.new_zeros(rows), old[solid:]]))
+        grown = {}
+        for name, old in self.tensors().items():
+            group, _, part = name.partition(".")
+            new = born[part] if group == "parameters" else old.new_zeros(rows, *old.shape[1:])
+            grown[name] = torch.cat([old[:solid], new, old[solid:]])
+        self._become(grown)
+
+    def _become(self, flat: dict[str, Tensor]) -> None:
+        """Take over these tensors, all at once: where memory runs out before, the old ones still fit together."""
+        new = Gaussians.from_tensors(flat, self.sky)
+        self.parameters, self.first, self.second = new.parameters, new.first, new.second
+        self.counts, self.gradient_sum, self.seen = new.counts, new.gradient_sum, new.seen
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, flat, for a checkpoint."""

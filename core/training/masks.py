@@ -20,7 +20,10 @@ def write_masks(folder: Path, model: AppearanceModel, pictures: Pictures) -> int
             mask = model.look(picture.encoder_input, index).mask
         if mask is None:
             break
-        target = folder / "masks" / Path(picture.photo.name).with_suffix(".png")
+        name = Path(picture.photo.name)
+        if name.is_absolute() or ".." in name.parts:  # as some models name their photos; masks stay in the run
+            name = Path(name.name)
+        target = folder / "masks" / name.with_suffix(".png")
         target.parent.mkdir(parents=True, exist_ok=True)
         values = (mask[0].cpu().numpy() * 255).round().astype(np.uint8)
         write_png(target, cv2.resize(values, (picture.camera.width, picture.camera.height)))

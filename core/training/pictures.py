@@ -11,6 +11,7 @@ from torch import Tensor
 
 from core import memory
 from core.appearance.encoder import shrink
+from core.config import AUTO_PIXELS
 from core.data import photos as files
 from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
@@ -20,7 +21,6 @@ from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.training.photometric import Target
 
-AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
 SMALLEST_WIDTH_PX = 16  # below, a width is taken for a mistyped divisor
@@ -124,7 +124,8 @@ class Pictures:
             if factor > 1:
                 pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
                 if valid is not None:
-                    valid = cv2.resize(valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_AREA) > 0
+                    cover = cv2.resize(valid.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+                    valid = cover > min(0.5, cover.max() / 2)  # where nothing is covered by half, what is covered most
             pixels = torch.from_numpy(pixels).to(self.device).float() / 255
             self._targets[key] = Target(pixels, None if valid is None else torch.from_numpy(valid).to(self.device))
             self._bytes += _bytes(width, height)

@@ -51,7 +51,7 @@ def newest_run(folder: Path = Path(".")) -> Path:
         return folder
     runs = [path.parent for path in (folder / RUNS).glob(f"*/{CONFIG}")]
     if not runs:
-        raise BadInput(f"There is no run in {folder / RUNS}.", "Name one with --run, or type: wegs train SCENE")
+        raise BadInput(f"There is no run in {folder / RUNS}.", "Give the folder of one, or type: wegs train SCENE")
     return max(runs, key=lambda path: ((path / CONFIG).stat().st_mtime_ns, path.name))
 
 

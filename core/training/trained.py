@@ -65,8 +65,9 @@ class Run:
 
     @property
     def rasterizer(self) -> Rasterizer:
-        """The backend that the run was trained with, or with `auto` the one for where it is used."""
-        return core.rasterizer.create(self.settings.backend, self.device.type)
+        """The backend that the run was trained with; with `auto`, or where its GPU is missing, the one for where it is used."""
+        moved = self.settings.device == "cuda" and self.device.type == "cpu"
+        return core.rasterizer.create("auto" if moved else self.settings.backend, self.device.type)
 
     @property
     def where(self) -> str:

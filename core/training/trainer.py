@@ -28,11 +28,12 @@ from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.jitter import draw_gain, jittered
 from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Pictures, auto_factor
+from core.training.run import HISTORY
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4
-HISTORY = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr", "held_out_ssim")
+COLUMNS = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr", "held_out_ssim")
 
 
 @dataclass(frozen=True)
@@ -101,8 +102,8 @@ class Trainer:
         drop_at = schedule.contribution_steps(settings)
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
-        with (self.folder / "history.csv").open("a", newline="") as file:
-            history = csv.DictWriter(file, HISTORY)
+        with (self.folder / HISTORY).open("a", newline="") as file:
+            history = csv.DictWriter(file, COLUMNS)
             if not file.tell():
                 history.writeheader()
             while self.done < settings.steps:
@@ -120,7 +121,7 @@ class Trainer:
                     report = dataclasses.replace(report, held_out_psnr=psnr, held_out_ssim=ssim)
                 report = dataclasses.replace(report, seconds=self.seconds, gaussians=self.gaussians.solid)
                 if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
-                    history.writerow({name: getattr(report, name) for name in HISTORY})
+                    history.writerow({name: getattr(report, name) for name in COLUMNS})
                     file.flush()
                 if self.done in saves:
                     self.save()
@@ -255,7 +256,8 @@ class Trainer:
         if look.mask is None or progress < self.settings.mask_start:
             return []
         self.mask_mean += 0.05 * (mask_mean - self.mask_mean)
-        if self.mask_mean >= losses.COLLAPSED or self.collapse_told:
+        hides = progress >= self.settings.mask_apply
+        if not hides or self.mask_mean >= losses.COLLAPSED or self.collapse_told:
             return []
         self.collapse_told = True
         return [
@@ -314,11 +316,7 @@ class Trainer:
         tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
         names = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")
         facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in names}}
-        facts |= {
-            "settings": self.settings.to_json(),
-            "frame": self.collection.frame.to_json(),
-            "photos": [picture.photo.name for picture in self.pictures.pictures],
-        }
+        facts["photos"] = [picture.photo.name for picture in self.pictures.pictures]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:

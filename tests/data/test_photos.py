@@ -71,6 +71,12 @@ def test_transparency_is_laid_on_white(tmp_path):
     assert (read(save(tmp_path / "a.png", pixels)) == 224).all()  # 100 * 0.2 + 255 * 0.8
 
 
+def test_a_photo_that_shows_nothing_is_named(tmp_path):
+    path = save(tmp_path / "a.png", np.zeros((30, 44, 4), np.uint8))
+    with pytest.raises(BadInput, match="a.png shows nothing"):
+        load(photo_at(path, 44, 30), 44, 30)
+
+
 def test_opaque_alpha_leaves_all_pixels_valid(tmp_path):
     pixels = noise(channels=4)
     pixels[..., 3] = 255

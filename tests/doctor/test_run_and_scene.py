@@ -11,6 +11,7 @@ from core import pipeline
 from core.doctor import examine
 from core.errors import BadInput
 from core.training import checkpoint
+from tests.data.converted import write_blender
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 from tests.heard import Heard
 from tests.small import small_settings
@@ -96,6 +97,13 @@ def test_a_sound_scene(tmp_path):
     assert findings["points"].figure.startswith("600, 600 a photo")
     assert "float32 without recentring would cost" in findings["world"].meaning
     assert heard.lines[-1].endswith("nothing to do.")
+
+
+def test_files_that_are_meant_to_be_left_out_ask_for_nothing(tmp_path):
+    scene = write_blender(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
+    (scene / "transforms_val.json").write_bytes((scene / "transforms_test.json").read_bytes())
+    noted = [finding for finding in examine(scene, Heard()) if "transforms_val.json is not used" in finding.figure]
+    assert [finding.advice for finding in noted] == [""]
 
 
 def stray_scene(root):

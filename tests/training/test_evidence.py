@@ -180,6 +180,16 @@ def test_too_few_points_give_no_figures(tmp_path):
     assert gather_evidence(collection.points, pictures[:1]).differ is None
 
 
+def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
+    collection = known_collection(tmp_path, photos=6)
+    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    own, shared = np.arange(60), np.arange(60, len(collection.points))
+    seen = [shared] * 5 + [own]
+    pictures = [replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s))) for p, s in zip(pictures, seen, strict=True)]
+    found = gather_evidence(collection.points, pictures)
+    assert found.photos == 5 and found.differ is not None
+
+
 def test_figures_do_not_change_from_call_to_call(tmp_path):
     collection = known_collection(tmp_path, crowded, photos=12)
     pictures = Pictures(collection.photos, 1, 1.0, 32).pictures

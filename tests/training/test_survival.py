@@ -18,6 +18,7 @@ from core.export.ply import read_ply
 from core.rasterizer import create
 from core.training import checkpoint, losses
 from core.training.guards import ALL_GONE
+from core.training.masks import write_masks
 from core.training.trained import bake, find_appearance, load_run
 from core.training.trainer import SKIPS_ALLOWED, Trainer
 from tests.data.small_scene import SmallScene
@@ -205,6 +206,26 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     assert float(weights.mean()) == pytest.approx(
         losses.COLLAPSED, abs=0.02
     )  # bilinear resizing moves the mean a little
+
+
+def test_masks_that_hide_nothing_yet_are_not_complained_of(collection, tmp_path):
+    settings = small_settings(mask_regularisation=0.0, mask_start=0.0, mask_apply=1.0)
+    trainer = Trainer(collection, settings, tmp_path)
+    torch.nn.init.constant_(trainer.model.encoder.unet.up_2.bias, -2.2)
+    assert [message for report in trainer.train() for message in report.messages] == []
+    assert trainer.mask_mean < losses.COLLAPSED
+
+
+def test_masks_of_photos_with_odd_names_stay_in_the_run(collection, tmp_path):
+    trainer = Trainer(collection, small_settings(), tmp_path)
+    theirs = tmp_path / "photos" / "absolute.png"
+    names = [str(theirs.with_suffix(".jpg")), "../above.jpg", "left/0001.jpg"]
+    for number, name in enumerate(names):
+        picture = trainer.pictures.pictures[number]
+        trainer.pictures.pictures[number] = replace(picture, photo=replace(picture.photo, name=name))
+    write_masks(tmp_path / "run", trainer.model, trainer.pictures)
+    assert not theirs.exists() and not (tmp_path / "run" / "above.png").exists()
+    assert all((tmp_path / "run" / "masks" / name).is_file() for name in ("absolute.png", "above.png", "left/0001.png"))
 
 
 # --- losses and gradients that are wrong

@@ -9,6 +9,7 @@ import torch
 
 from core.errors import BadInput
 from core.training import checkpoint
+from core.training.gaussians import initial_gaussians
 from core.training.trainer import Trainer
 from tests.small import damage, small_collection, small_settings
 
@@ -103,3 +104,22 @@ def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
     for name in ("means", "quaternions", "log_scales", "logit_opacities"):
         assert torch.equal(learnt.parameters[name][-learnt.sky :], fresh.parameters[name][-fresh.sky :]), name
     assert not torch.equal(learnt.parameters["sh"][-learnt.sky :], fresh.parameters["sh"][-fresh.sky :])
+
+
+def test_gaussians_stay_whole_where_memory_runs_out_in_growth(tmp_path, monkeypatch):
+    gaussians = initial_gaussians(small_collection(tmp_path), small_settings(), torch.Generator().manual_seed(0))
+    born = {name: tensor[:3].clone() for name, tensor in gaussians.parameters.items()}
+    rows, joined, left = len(gaussians), torch.cat, [5]
+
+    def cat(tensors):
+        left[0] -= 1
+        if left[0] < 0:
+            raise torch.OutOfMemoryError("CUDA out of memory.")
+        return joined(tensors)
+
+    with monkeypatch.context() as patch, pytest.raises(torch.OutOfMemoryError):
+        patch.setattr(torch, "cat", cat)
+        gaussians.insert(born)
+    assert {len(tensor) for tensor in gaussians.tensors().values()} == {rows}
+    gaussians.insert(born)
+    assert {len(tensor) for tensor in gaussians.tensors().values()} == {rows + 3}

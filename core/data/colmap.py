@@ -55,7 +55,8 @@ def load_colmap(root: Path, model: Path, kind: str) -> Collection:
     views = [_view(image, images) for image in found]
     fix = f"Put the photos into {root / 'images'}, named as in the model."
     collection = collect(root, Posed(kind, model, views, points, f"of the model missing in {images}", fix))
-    extra = {path.name for path in list_photos(images)} - {image.name for image in found}
+    there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
+    extra = {path.name for path in there} - {image.name for image in found}
     notes += name_them(f"in {images} without a pose, not used", sorted(extra))
     return replace(collection, notes=(*notes, *collection.notes))
 

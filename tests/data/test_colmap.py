@@ -94,6 +94,13 @@ def test_photos_in_folders_below(tmp_path):
     check_geometry(load_collection(scene.write(tmp_path / "scene")), scene)
 
 
+def test_photos_named_by_whole_paths(tmp_path):
+    scene = SmallScene(names=[str(tmp_path / "elsewhere" / f"{index}.png") for index in range(4)])
+    root = scene.write(tmp_path / "scene")
+    (root / "images").rmdir()
+    check_geometry(load_collection(root), scene)
+
+
 def test_scene_frame_holds_georeferenced_worlds(tmp_path):
     scene = SmallScene(offset=np.array([5e5, 5e6, 100.0]))
     collection = load_collection(scene.write(tmp_path / "scene"))

@@ -62,6 +62,9 @@ def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
     """
     if not len(rows):
         return  # a view of nothing
+    if rows.device.type != "cpu":
+        plain_adam_rows(tensors, counts, rows)
+        return
     flat = [[tensor.reshape(len(tensor), -1).numpy() for tensor in one[:-1]] + [one.rates.numpy()] for one in tensors]
     table = corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
     fixed = counts.numpy(), table, rows.numpy()

@@ -1,13 +1,12 @@
 """Points of photos that came with cameras but without points: triangulated once, and kept beside the runs."""
 
-import json
 from pathlib import Path
 
 from core.data.collection import Collection
 from core.data.colmap import read_points
 from core.data.model_file import read_model
 from core.data.posed import Points
-from core.data.scene_folder import kept, read_mark, replacing, stamp
+from core.data.scene_folder import kept, read_mark, replacing, stamp, write_mark
 from core.data.split import counted
 from core.data.triangulate import triangulate
 from core.errors import BadInput
@@ -45,7 +44,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
             raise BadInput(f"{what}.", fix)
         (work / "scene" / MODEL).mkdir(parents=True)
         model.write(work / "scene" / MODEL)
-        (work / "scene" / MARK).write_text(json.dumps(facts, indent=1), encoding="utf-8")
+        write_mark(work / "scene" / MARK, facts)
     report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
     return folder
 

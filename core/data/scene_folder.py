@@ -65,6 +65,11 @@ def kept(wanted: Path, is_it: Callable[[Path], bool]) -> tuple[Path, bool]:
     return folder, False
 
 
+def write_mark(path: Path, facts: dict) -> None:
+    """What `read_mark` reads again."""
+    path.write_text(json.dumps(facts, indent=1), encoding="utf-8")
+
+
 def read_mark(path: Path) -> dict:
     """The facts in a JSON file that says what a folder was made of; none where it is missing or garbled."""
     try:

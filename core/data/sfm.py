@@ -1,6 +1,5 @@
 """Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
 
-import json
 import os
 import shutil
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEE
 from core.data.model_file import quiet
 from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
 from core.data.photos import read
-from core.data.scene_folder import replacing, stamp
+from core.data.scene_folder import replacing, stamp, write_mark
 from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.report import Report
@@ -59,7 +58,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         model = _map(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
-        (work / "scene" / MARK).write_text(json.dumps(made_of, indent=1), encoding="utf-8")
+        write_mark(work / "scene" / MARK, made_of)
     for line in name_them("that fit nowhere, left out", sorted(set(copies.values()) - placed)):
         report.warn(line)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")

@@ -23,5 +23,5 @@ def quality(pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, ra
         image = rasterizer.render(splats, picture.camera).image.clamp(0, 1)
         photo = torch.from_numpy(picture.pixels).to(image.device).float() / 255
         decibels.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
-        similarities.append(1 - float(photometric(image, Target(photo), None, 1.0)[0]))
+        similarities.append(1 - float(photometric(image, Target(photo), None, 1.0)))
     return (fmean(decibels), fmean(similarities)) if decibels else (None, None)

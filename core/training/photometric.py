@@ -1,7 +1,6 @@
 """The picture loss: weighted L1 and SSIM between a render and a photo.
 
-    loss  = sum over valid pixels p and channels c of  w_p ((1 - s) |x - y| + s (1 - SSIM(x, y)))_pc  /  (3 V)
-    error = the same map without w, averaged over the channels
+    loss = sum over valid pixels p and channels c of  w_p ((1 - s) |x - y| + s (1 - SSIM(x, y)))_pc  /  (3 V)
 
 V is the number of valid pixels, whatever the weights: a mask that hides half of a photo halves its loss, so hidden
 pixels do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma
@@ -82,8 +81,8 @@ class Target:
 
 def photometric(
     image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
-) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
-    """(loss, error): the scalar to minimise, and the unweighted error of every pixel, detached, 0 where invalid.
+) -> Float[Tensor, ""]:
+    """The scalar to minimise.
 
     image: the render, not clamped; the only input that gets a gradient. weight: w, from 0 (ignored) to 1, or None for 1
     everywhere. ssim_weight: s in [0, 1]. An image that is not finite in a valid pixel gives a loss that is not finite.
@@ -101,29 +100,25 @@ def photometric(
 
 def photometric_definition(
     image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
-) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+) -> Float[Tensor, ""]:
     """`photometric` in plain torch: what the kernel has to equal."""
     planes = planes_of(image, target.valid)
     error = _error(planes, target.planes, target.mean, target.mean_square, ssim_weight)
     if target.valid is not None:
         error = torch.where(target.valid, error, 0)
     weighted = error if weight is None else error * weight.detach()
-    return weighted.sum() / target.valid_pixels, error.detach()
+    return weighted.sum() / target.valid_pixels
 
 
 def photometric_paper(
     image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
-) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+) -> Float[Tensor, ""]:
     """`photometric` as the paper writes it: both pictures are multiplied by the mask before L1 and SSIM.
 
-    The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero. The error
-    is that of the unmasked pictures, as in `photometric`: the mask learns from the same signal in both readings.
+    The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero.
     """
     mask = mask.detach()
-    loss, _ = photometric(image * mask[..., None], target.masked(mask), None, ssim_weight)
-    with torch.no_grad():
-        _, error = photometric(image, target, None, ssim_weight)
-    return loss, error
+    return photometric(image * mask[..., None], target.masked(mask), None, ssim_weight)
 
 
 def planes_of(picture: Tensor, valid: Tensor | None) -> Tensor:

@@ -128,7 +128,7 @@ def photometric_fused(
     target: photometric.Target,
     weight: Float[Tensor, "h w"] | None,
     ssim_weight: float,
-) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+) -> Float[Tensor, ""]:
     """`core.training.photometric.photometric` for float32 on a GPU."""
     return _Photometric.apply(image, target, weight, float(ssim_weight))
 
@@ -153,16 +153,13 @@ class _Photometric(torch.autograd.Function):
         blur_products_down[(grid, 3)](x, y, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
         means = target.mean.contiguous(), target.mean_square.contiguous()
         compare[(grid,)](blurred, x, y, *means, weights, taps, error, slopes, *ctx.sizes, BLOCK=BLOCK, **FUSED)
-        if valid is not None:
-            error = torch.where(valid, error, 0)
         ctx.save_for_backward(x, y, weights, taps, slopes)
         ctx.valid = valid
-        ctx.mark_non_differentiable(error)
-        return (error * weights).sum() / target.valid_pixels, error
+        return (error * weights).sum() / target.valid_pixels
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, loss_gradient, _):
+    def backward(ctx, loss_gradient):
         x, y, weights, taps, slopes = ctx.saved_tensors
         share, scale, height, width = ctx.sizes
         grid = triton.cdiv(height * width, BLOCK)

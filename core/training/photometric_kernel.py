@@ -30,7 +30,7 @@ _HALF, _THIRD = np.float32(0.5), np.float32(1 / 3)
 
 def photometric_fast(
     image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
-) -> tuple[Float[Tensor, ""], Float[Tensor, "h w"]]:
+) -> Float[Tensor, ""]:
     """`core.training.photometric.photometric` for float32 on the CPU."""
     return _Photometric.apply(image, target, weight, ssim_weight)
 
@@ -59,15 +59,11 @@ class _Photometric(torch.autograd.Function):
         in_parallel(rows, height, max(1, BLOCK_PIXELS // width))
         ctx.state = (x, y, weights, slopes, share, scale, target.valid)
         loss = float(np.sum(error * weights, dtype=np.float64)) / target.valid_pixels
-        error = torch.from_numpy(error)
-        if target.valid is not None:
-            error = torch.where(target.valid, error, 0)
-        ctx.mark_non_differentiable(error)
-        return torch.tensor(loss, dtype=torch.float32), error
+        return torch.tensor(loss, dtype=torch.float32)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, loss_gradient, _error_gradient):
+    def backward(ctx, loss_gradient):
         x, y, weights, slopes, share, scale, valid = ctx.state
         height, width = weights.shape
         gradient = np.empty((height, width, 3), np.float32)

@@ -207,10 +207,10 @@ class Trainer:
     def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
         settings = self.settings
         if look.mask is None or progress < settings.mask_apply:
-            return photometric(image, target, None, settings.ssim_weight)[0]
+            return photometric(image, target, None, settings.ssim_weight)
         weight = losses.pixel_weights(look.mask, *image.shape[:2], self.mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
-        return loss(image, target, weight, settings.ssim_weight)[0]
+        return loss(image, target, weight, settings.ssim_weight)
 
     def _mask_loss(self, look: Look, image: Tensor, target: Target, progress: float) -> Tensor:
         if look.mask is None or progress < self.settings.mask_start:

@@ -65,6 +65,6 @@ class PeerTrainer:
         given = self.embeddings[photo].expand(len(self.splats), -1), self.features, basis(directions, MAX_DEGREE)
         colours = torch.sigmoid(self.network(torch.cat(given, dim=1)) + SH_0 * self.splats.sh[:, 0])
         image = picture(self.peer, self.splats, camera, colours)
-        photometric(image, target, None, 0.2)[0].backward()
+        photometric(image, target, None, 0.2).backward()
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)

@@ -24,6 +24,19 @@ QUATERNION_MIN_NORM2 = 1e-12  # below: culled
 LOG_SCALE_RANGE = (-20.0, 10.0)  # scene units; clamped before exp, zero gradient outside
 
 
+def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
+    """Least and largest x / z, least and largest y / z, to which slopes are clamped in the Jacobian: the picture's box widened by
+    JACOBIAN_MARGIN.
+    """
+    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
+    return (
+        float((-margin_x - camera.cx) / camera.fx),
+        float((camera.width + margin_x - camera.cx) / camera.fx),
+        float((-margin_y - camera.cy) / camera.fy),
+        float((camera.height + margin_y - camera.cy) / camera.fy),
+    )
+
+
 @dataclass
 class Rendering:
     """A picture and what is left of the light behind it.

@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from core.errors import BadInput
+from core.scene.camera import Camera
 from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 
@@ -28,3 +29,13 @@ def check(splats: Splats, probe: Tensor | None, backend: str, device: str) -> No
             )
         if tensor.shape != shapes[name]:
             raise BadInput(f"{name} has the shape {tuple(tensor.shape)}.", f"{count} means ask for {shapes[name]}.")
+
+
+def check_lists(count: int, pairs: int, bytes_a_pair: int, budget: float, camera: Camera) -> None:
+    """Raise BadInput if the tile lists of a picture, of so many pairs of a Gaussian and a tile, take more bytes than the budget."""
+    if pairs * bytes_a_pair > budget:
+        raise BadInput(
+            f"{count} Gaussians cover {pairs} tiles of the {camera.width}x{camera.height} picture in all: "
+            f"{pairs * bytes_a_pair / 2**30:.1f} GiB of lists.",
+            "Lower the resolution (-r) or --max-gaussians.",
+        )

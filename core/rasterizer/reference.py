@@ -19,13 +19,13 @@ from core.rasterizer.contract import (
     ALPHA_MAX,
     ALPHA_MIN,
     BLUR_PX2,
-    JACOBIAN_MARGIN,
     LOG_SCALE_RANGE,
     NEAR,
     QUATERNION_MIN_NORM2,
     STOP_TRANSMITTANCE,
     Rendering,
     Visible,
+    jacobian_limits,
 )
 from core.scene.camera import Camera
 from core.scene.harmonics import colour
@@ -189,9 +189,8 @@ def jacobians(
     Without the clamp a wide Gaussian beside the picture has a footprint out of all proportion; it is the original's,
     made to follow the principal point.
     """
-    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
-    x_slopes = x_slopes.clamp((-margin_x - camera.cx) / camera.fx, (camera.width + margin_x - camera.cx) / camera.fx)
-    y_slopes = y_slopes.clamp((-margin_y - camera.cy) / camera.fy, (camera.height + margin_y - camera.cy) / camera.fy)
+    left, right, top, bottom = jacobian_limits(camera)
+    x_slopes, y_slopes = x_slopes.clamp(left, right), y_slopes.clamp(top, bottom)
     zero = torch.zeros_like(depths)
     row_x = torch.stack([camera.fx / depths, zero, -camera.fx * x_slopes / depths], dim=1)
     row_y = torch.stack([zero, camera.fy / depths, -camera.fy * y_slopes / depths], dim=1)

@@ -9,9 +9,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.errors import BadInput
 from core.rasterizer import inputs
-from core.rasterizer.contract import JACOBIAN_MARGIN, Rendering, Visible
+from core.rasterizer.contract import Rendering, Visible, jacobian_limits
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, blend_backward
@@ -140,12 +139,7 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
     slot_starts = running_starts(tile_counts)
     tile_starts = running_starts(np.sum(threads_loads, axis=0, dtype=np.int64))
     pairs = int(slot_starts[-1])
-    if pairs * BYTES_A_PAIR > MEMORY_BUDGET:
-        raise BadInput(
-            f"{count} Gaussians cover {pairs} tiles of the {camera.width}x{camera.height} picture in all: "
-            f"{pairs * BYTES_A_PAIR / 2**30:.1f} GiB of lists.",
-            "Lower the resolution (-r) or --max-gaussians.",
-        )
+    inputs.check_lists(count, pairs, BYTES_A_PAIR, MEMORY_BUDGET, camera)
     entries = np.empty((pairs, 2), dtype=np.int32)
     order = front_to_back(depths, tile_counts)
     lists = order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entries
@@ -183,20 +177,12 @@ def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
 def arguments_of(camera: Camera) -> tuple:
     """What the kernels take of a camera.
 
-    Rotation, centre, (fx, fy, cx, cy), the limits of x / z and y / z in the Jacobian, which are those of the picture
-    widened by JACOBIAN_MARGIN, and (width, height).
+    Rotation, centre, (fx, fy, cx, cy), the limits of x / z and y / z in the Jacobian, and (width, height).
     """
     rotation = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
     centre = tuple(float(x) for x in camera.centre)
     lens = float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
-    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
-    limits = (
-        float((-margin_x - camera.cx) / camera.fx),
-        float((camera.width + margin_x - camera.cx) / camera.fx),
-        float((-margin_y - camera.cy) / camera.fy),
-        float((camera.height + margin_y - camera.cy) / camera.fy),
-    )
-    return rotation, centre, lens, limits, (int(camera.width), int(camera.height))
+    return rotation, centre, lens, jacobian_limits(camera), (int(camera.width), int(camera.height))
 
 
 def arrays_of(splats: Splats) -> list[np.ndarray]:

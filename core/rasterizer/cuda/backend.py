@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.errors import BadInput, BadSetting
+from core.errors import BadSetting
 from core.launch import LAUNCH, blocks, interpreted
 from core.rasterizer import inputs
 from core.rasterizer.contract import Rendering, Visible
@@ -154,7 +154,7 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pair
     slots = int(slot_starts[-1]) if pairs is None else pairs
     if pairs is not None:
         slot_starts.clamp_(max=pairs)  # no kernel writes beyond its memory, should the caller have drawn something else
-    check_memory(slots, count, camera, device)
+    inputs.check_lists(count, slots, BYTES_A_PAIR, memory_budget(device), camera)
     lists = tile_lists(order, slot_starts, footprints, view, columns, rows, slots)
     return Prepared(camera, view, footprints, tile_counts, lists, columns)
 
@@ -179,14 +179,8 @@ def draw(
     return image, transmittance, tile_ends
 
 
-def check_memory(slots: int, count: int, camera: Camera, device: torch.device) -> None:
-    """Raise BadInput if the tile lists of a picture would take more of the card than is theirs."""
-    budget = MEMORY_INTERPRETED
-    if device.type == "cuda":
-        budget = MEMORY_SHARE * torch.cuda.get_device_properties(device).total_memory
-    if slots * BYTES_A_PAIR > budget:
-        raise BadInput(
-            f"{count} Gaussians cover {slots} tiles of the {camera.width}x{camera.height} picture in all: "
-            f"{slots * BYTES_A_PAIR / 2**30:.1f} GiB of lists.",
-            "Lower the resolution (-r) or --max-gaussians.",
-        )
+def memory_budget(device: torch.device) -> float:
+    """The bytes that the tile lists of a picture may take there."""
+    if device.type != "cuda":
+        return MEMORY_INTERPRETED
+    return MEMORY_SHARE * torch.cuda.get_device_properties(device).total_memory

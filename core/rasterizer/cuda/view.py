@@ -5,7 +5,7 @@ import triton.language as tl
 from torch import Tensor
 
 from core.device import sent
-from core.rasterizer.contract import JACOBIAN_MARGIN
+from core.rasterizer.contract import jacobian_limits
 from core.scene.camera import Camera
 
 # Where what stands in the array. The centre as two floats, of which the first is it rounded: their sum is good to 14 digits,
@@ -14,7 +14,7 @@ ROTATION = tl.constexpr(0)  # world to camera, three rows of three
 CENTRE = tl.constexpr(9)  # scene units
 CENTRE_REST = tl.constexpr(12)
 FOCAL_X, FOCAL_Y, MIDDLE_X, MIDDLE_Y = (tl.constexpr(at) for at in (15, 16, 17, 18))  # px
-# x / z and y / z are clamped to these in the Jacobian: the picture's box widened by JACOBIAN_MARGIN.
+# x / z and y / z are clamped to these in the Jacobian, see `jacobian_limits`.
 LEFT, RIGHT, TOP, BOTTOM = (tl.constexpr(at) for at in (19, 20, 21, 22))
 WIDTH, HEIGHT = (tl.constexpr(at) for at in (23, 24))  # px
 
@@ -23,16 +23,12 @@ def view_of(camera: Camera, device: torch.device) -> Tensor:
     """The camera as such an array, on `device`."""
     centre = torch.tensor(camera.centre, dtype=torch.float64)
     rest = centre - centre.float().double()
-    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
     numbers = [
         *camera.world_to_camera.flatten().tolist(),
         *centre.tolist(),
         *rest.tolist(),
         *(camera.fx, camera.fy, camera.cx, camera.cy),
-        (-margin_x - camera.cx) / camera.fx,
-        (camera.width + margin_x - camera.cx) / camera.fx,
-        (-margin_y - camera.cy) / camera.fy,
-        (camera.height + margin_y - camera.cy) / camera.fy,
+        *jacobian_limits(camera),
         *(camera.width, camera.height),
     ]
     return sent(torch.tensor(numbers, dtype=torch.float32), device)

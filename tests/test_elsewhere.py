@@ -104,7 +104,7 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"embedding": "glo", "mask": "mlp", "latent_size": 3},
+        {"embedding": "glo", "mask": "mlp", "latent_size": 3, "latents_from": 0.0},
         {"mask": "cnn", "mask_loss": "paper", "embedding_enters": "input", "sh_octaves": 1, "detach_sh": True},
         {"appearance": "exposure", "channel_attention": False, "sky": "none"},
         {"appearance": "off", "transients": "off", "exposure_jitter": 0.0},

@@ -19,6 +19,7 @@ from core.evaluation.subject import Subject
 from core.evaluation.truth import UNKNOWN, Truth
 from core.export.pictures import to_8_bit
 from core.scene.camera import Camera
+from core.threads import threads_for_blocks
 
 PROTOCOLS = {
     "half": "embedding from the left half of a test photo (W - W//2 columns), figures from the right half",
@@ -145,6 +146,7 @@ def compare(
     return Scores(metrics.psnr(image, photo, valid), metrics.ssim(image, photo, valid), distance)
 
 
+@threads_for_blocks()
 def refine_embedding(
     subject: Subject,
     embedding: Float[Tensor, " e"],
@@ -152,7 +154,10 @@ def refine_embedding(
     picture: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w"] | None = None,
 ) -> Float[Tensor, " e"] | None:
-    """The embedding after REFINE_STEPS of `refinement`; None if the look does not follow it."""
+    """The embedding after REFINE_STEPS of `refinement`; None if the look does not follow it.
+
+    The same for any number of threads, which torch's own products are not on every processor.
+    """
     best = None
     for best in refinement(subject, embedding, camera, picture, valid):
         pass

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from core.config import FIRST_STEPS, FIRST_VISITS, LEAST, PIXELS_A_GAUSSIAN, VISITS, Settings
+from core.config import FIRST_STEPS, FIRST_VISITS, GAUSSIANS_A_PHOTO, LEAST, PIXELS_A_GAUSSIAN, VISITS, Settings
 from core.training.evidence import FEWEST_VIEWS, Evidence, gather_evidence
 from core.training.pictures import Picture
 
@@ -58,7 +58,7 @@ def sizes(pictures: Sequence[Picture]) -> dict[str, int]:
     """How long a collection is trained and how many Gaussians it may have, by its photos and their pixels together."""
     pixels = sum(picture.camera.width * picture.camera.height for picture in pictures)
     steps = max(min(FIRST_VISITS * len(pictures), FIRST_STEPS), VISITS * len(pictures))
-    wanted = {"steps": steps, "max_gaussians": pixels // PIXELS_A_GAUSSIAN}
+    wanted = {"steps": steps, "max_gaussians": max(pixels // PIXELS_A_GAUSSIAN, GAUSSIANS_A_PHOTO * len(pictures))}
     return {name: max(least, wanted[name]) for name, least in LEAST.items()}
 
 

@@ -249,6 +249,8 @@ class Trainer:
         rates = learning_rates(settings, mean_rate, latent_rate)
         if progress < settings.geometry_from:
             rates = {name: rates[name] for name in ("sh", "latents")}
+        if progress < settings.latents_from:
+            del rates["latents"]
         self.gaussians.step(rows, leaves, rates, taken)
 
     def _remember(self, look: Look, photo: int, mask_mean: float, progress: float) -> list[str]:

@@ -8,6 +8,7 @@ from core.appearance import sh_transfer, transfer_kernel
 from core.appearance.sh_transfer import SHTransfer
 from core.appearance.transfer_kernel import ROWS, plain_mlp
 from core.errors import BadInput
+from core.threads import threads_for_blocks
 from tests.small import whole_settings
 
 
@@ -117,7 +118,8 @@ def test_bit_identical_on_any_number_of_threads():
     found = []
     for threads in (1, 2, 3, 5):
         torch.set_num_threads(threads)
-        found.append(values_and_gradients(transfer, inputs_of(transfer, 7 * ROWS + 5)))
+        with threads_for_blocks():  # as training; torch's own products differ by their threads on some processors
+            found.append(values_and_gradients(transfer, inputs_of(transfer, 7 * ROWS + 5)))
         assert torch.get_num_threads() == threads
     for other in found[1:]:
         for name, expected in found[0].items():

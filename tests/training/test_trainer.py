@@ -41,7 +41,13 @@ def test_the_picture_loss_falls(collection, tmp_path):
     assert reports[-1].held_out_psnr > 12
 
 
-@pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4}])
+def test_latents_wait_for_the_masks(collection, tmp_path):
+    trainer = Trainer(collection, small_settings(steps=10, latent_size=3, latents_from=0.5), tmp_path)
+    for report in trainer.train():
+        assert trainer.gaussians.latents.any() == (report.step > 5)
+
+
+@pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4, "latents_from": 0.3}])
 def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, changes):
     settings = small_settings(**changes)
     whole, _ = run(collection, tmp_path / "whole", settings)

@@ -146,7 +146,6 @@ def compare(
     return Scores(metrics.psnr(image, photo, valid), metrics.ssim(image, photo, valid), distance)
 
 
-@threads_for_blocks()
 def refine_embedding(
     subject: Subject,
     embedding: Float[Tensor, " e"],
@@ -154,10 +153,7 @@ def refine_embedding(
     picture: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w"] | None = None,
 ) -> Float[Tensor, " e"] | None:
-    """The embedding after REFINE_STEPS of `refinement`; None if the look does not follow it.
-
-    The same for any number of threads, which torch's own products are not on every processor.
-    """
+    """The embedding after REFINE_STEPS of `refinement`; None if the look does not follow it."""
     best = None
     for best in refinement(subject, embedding, camera, picture, valid):
         pass
@@ -175,21 +171,21 @@ def refinement(
     follow it.
 
     L1, because passers-by in the picture would pull harder on a squared error. Of all steps, the start among them, the
-    one that fits `picture` best is kept, so that the refinement never makes the region it sees worse.
+    one that fits `picture` best is kept, so that the refinement never makes the region it sees worse. The same for any number of
+    threads, which torch's own products are not on every processor.
     """
     embedding = embedding.detach().clone().requires_grad_()
     optimizer = torch.optim.Adam([embedding], lr=REFINE_RATE)
     best, least = embedding.detach().clone(), float("inf")
-    for step in range(REFINE_STEPS + 1):
-        with torch.enable_grad():
+    for _ in range(REFINE_STEPS + 1):
+        optimizer.zero_grad()
+        with torch.enable_grad(), threads_for_blocks():
             difference = (subject.render(embedding, camera) - picture).abs()
             loss = difference.mean() if valid is None else difference[valid].mean()
-        if not loss.requires_grad:
-            return
+            if not loss.requires_grad:
+                return
+            loss.backward()
         if float(loss.detach()) < least:
             best, least = embedding.detach().clone(), float(loss.detach())
         yield best
-        if step < REFINE_STEPS:
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
+        optimizer.step()

@@ -95,10 +95,7 @@ class Settings:
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
 
-    # --- sizes. An embedding of 32, a transfer 64 wide and latents of 16 from `latents_from` on, in place of 16, 32 and none, brought on
-    # held-out training photos of plaza 0.8 dB zero-shot, 0.6 refined and 0.03 / 0.05 LPIPS, of Liberty - 0.3, 1.0 and 0.00 / 0.01; by half
-    # 1.0 / 0.7 and - 0.1 / 0.8. Without latents: 0.5 / 0.5 and - 0.2 / 0.6; by half 0.7 / 0.4 and 0.0 / 0.9. Latents that learn from the start
-    # on know passers-by: 0.1 / 0.4, mask IoU 0.06 in place of 0.15.
+    # --- sizes; those of the look by the table in core/TRIED.md, "What a look can say"
     embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1)
     latent_size: int = setting(
         16, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position; 0: none (paper).", low=0

@@ -24,7 +24,7 @@ def measure_bake(scale: float) -> dict:
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
     settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST)
-    model = AppearanceModel(settings, ())
+    model, latents = AppearanceModel(settings, ()), torch.randn(count, settings.latent_size)
     hidden, output = (layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer))
     weights = [hidden.learned_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]
     factors = [(torch.randn(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
@@ -37,7 +37,7 @@ def measure_bake(scale: float) -> dict:
             torch.mm(inputs, weight, out=product)
 
     def bake(path: Path) -> None:
-        baked = model.bake(splats, model.mean_embedding)
+        baked = model.bake(splats, model.mean_embedding, latents)
         stopwatch.lap("bake")
         export.write(path, baked, "benchmark")
         stopwatch.lap("write .ply")

@@ -79,9 +79,11 @@ def measure_picture(place: Place, scale: float) -> Iterable[Line]:
 def measure_baked(place: Place, scale: float) -> Iterable[Line]:
     """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
     (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
-    model = AppearanceModel(Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST), ()).to(place.device)
+    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST)
+    model = AppearanceModel(settings, ()).to(place.device)
+    latents = torch.zeros(len(scene), settings.latent_size, device=place.device)
     with tempfile.TemporaryDirectory() as folder:
-        looks = {"baked": model.bake(scene, model.mean_embedding), "vanilla": scene}
+        looks = {"baked": model.bake(scene, model.mean_embedding, latents), "vanilla": scene}
         for name, look in looks.items():
             export.write(Path(folder) / f"{name}.ply", look, "benchmark")
             looks[name] = read_ply(Path(folder) / f"{name}.ply").map(lambda tensor: tensor.to(place.device))

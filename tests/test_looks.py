@@ -20,7 +20,7 @@ ORANGE, BLUE = (20, 120, 240), (230, 60, 20)  # as OpenCV writes them
 # for three photos: 0.5 to 1.3 of 255 on an AMD EPYC, 1.4 to 2.8 on an Intel Xeon, whose rounding of 150 steps leads elsewhere; with the
 # crowd seen 13 to 31. The bounds leave twice as much for other machines.
 MOVES_BY = 5.5  # of 255, mean over the picture
-SHARE = 0.2  # of what the crowd does where it is seen, on average
+SHARE = 0.16  # of what the crowd does where it is seen, on average; 0.08 on the Xeon
 
 
 def coloured(index, picture):

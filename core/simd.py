@@ -144,9 +144,17 @@ def fetch_add(typing_context, counters, index, amount):
 # ---------------------------------------------------------------------------------------------------------- arithmetic
 
 
-def in_all_lanes(builder, number):
-    vector = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(vector, ir.Constant(FLOATS, ir.Undefined), ir.Constant(INTEGERS, [0] * LANES))
+def in_all_lanes(builder, number, lanes=LANES):
+    nothing = ir.Constant(ir.VectorType(ir.FloatType(), lanes), ir.Undefined)
+    vector = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(vector, nothing, ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes))
+
+
+def fused_multiply_add(builder, a, b, c):
+    """a * b + c of vectors of any width."""
+    function_type = ir.FunctionType(a.type, [a.type] * 3)
+    function = cgutils.get_or_insert_function(builder.module, function_type, f"llvm.fmuladd.v{a.type.count}f32")
+    return builder.call(function, [a, b, c])
 
 
 @intrinsic
@@ -160,26 +168,11 @@ def broadcast(typing_context, number):
 
 
 @intrinsic
-def broadcast_element(typing_context, array, index):
-    """Element `index` of a contiguous float32 array, counted over the whole of it, in all eight lanes.
-
-    Without a check for negative indices, which cost as much as the arithmetic of a matrix product.
-    """
-
-    def generate(context, builder, sig, args):
-        return in_all_lanes(builder, builder.load(element_pointer(context, builder, sig.args[0], *args)))
-
-    return float8(array, types.intp), generate
-
-
-@intrinsic
 def multiply_add(typing_context, a, b, c):
     """a * b + c, rounded once where the processor has the instruction, twice where it has not."""
 
     def generate(context, builder, sig, args):
-        function_type = ir.FunctionType(FLOATS, [FLOATS] * 3)
-        function = cgutils.get_or_insert_function(builder.module, function_type, f"llvm.fmuladd.v{LANES}f32")
-        return builder.call(function, args)
+        return fused_multiply_add(builder, *args)
 
     return float8(float8, float8, float8), generate
 

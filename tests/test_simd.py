@@ -93,14 +93,3 @@ def test_fetch_add():
     counters = np.array([3, 9], dtype=np.int64)
     assert take(counters) == 3
     assert counters.tolist() == [8, 9]
-
-
-@njit
-def fourth(rows, results):
-    simd.store(results, 0, simd.broadcast_element(rows, 3))
-
-
-def test_broadcast_element_counts_over_the_whole_array():
-    results = np.zeros(8, dtype=np.float32)
-    fourth(np.arange(6, dtype=np.float32).reshape(3, 2), results)
-    assert (results == 3).all()

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -131,26 +130,12 @@ class AppearanceModel(nn.Module):
         splats: Splats,
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "n l"] | None = None,
-        chunk: int = 65_536,
     ) -> Splats:
-        """The Gaussians in one look, in one pass and without a gradient.
-
-        chunk: Gaussians at a time, which bounds the memory; on the CPU in float32 the result is the same for any, bit for
-        bit, and the same as that of `transfer`.
-        """
+        """The Gaussians in one look, without a gradient; on the CPU in float32 the same as by `transfer`, bit for bit."""
         base = splats.detached()
-        # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake.
-        on_cpu = base.sh.device.type == "cpu"
-        sh = torch.from_numpy(np.empty_like(base.sh.numpy(), order="C")) if on_cpu else torch.empty_like(base.sh)
-        writes = isinstance(self.sh_transfer, SHTransfer) and self.settings.residual
-        for start in range(0, len(base), chunk):
-            rows = slice(start, start + chunk)
-            part = None if latents is None else latents[rows]
-            if writes:
-                self.sh_transfer.write(base.sh[rows], base.means[rows], embedding, part, sh[rows])
-            else:
-                sh[rows] = self.transfer(base.sh[rows], base.means[rows], embedding, part)[0]
-        return base.with_sh(sh)
+        adds = isinstance(self.sh_transfer, SHTransfer) and self.settings.residual
+        given = base.sh, base.means, embedding, latents
+        return base.with_sh(self.sh_transfer.added(*given) if adds else self.transfer(*given)[0])
 
     def _within_reach(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, moved into the box that spans the training photos' along their principal axes; one inside stays as it is.

@@ -68,41 +68,41 @@ class SHTransfer(nn.Module):
         bit for float32 on the CPU). Raises BadInput if the sizes are not those of the settings.
         """
         sizes = self.settings.position_octaves, self.settings.residual_bound
+        self.check(sh, latents)
         if not is_fast(sh):
             layers = self.hidden_layers(embedding), self.output_layer(embedding)
-            return chunked_mlp(self.learned_inputs(sh, latents), means, *layers, *sizes).view_as(sh)
+            learned = self.encoded(sh) if latents is None else torch.cat([self.encoded(sh), latents], dim=1)
+            return chunked_mlp(learned, means, *layers, *sizes).view_as(sh)
         with threads_for_blocks():
-            learned, hidden_layers = self.learned_inputs(sh, latents), self.hidden_layers(embedding)
-            return blockwise_mlp(learned, means, hidden_layers, lambda: self.output_layer(embedding), *sizes).view_as(sh)
+            inputs, hidden_layers = (self.encoded(sh), latents, means), self.hidden_layers(embedding)
+            return blockwise_mlp(*inputs, hidden_layers, lambda: self.output_layer(embedding), *sizes).view_as(sh)
 
     @torch.no_grad()
-    def write(
+    def added(
         self,
         sh: Float[Tensor, "v c 3"],
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None,
-        into: Float[Tensor, "v c 3"],
-    ) -> None:
-        """sh + forward(...), bit for bit, into contiguous memory that is there; without a gradient, in one pass on a CPU."""
+    ) -> Float[Tensor, "v c 3"]:
+        """sh + forward(...), bit for bit; without a gradient, in one pass on a CPU."""
         if not is_fast(sh):
-            into.copy_(sh + self(sh, means, embedding, latents))
-            return
+            return sh + self(sh, means, embedding, latents)
+        self.check(sh, latents)
         sizes = self.settings.position_octaves, self.settings.residual_bound
         with threads_for_blocks():
             layers = self.hidden_layers(embedding), self.output_layer(embedding)
-            learned = self.learned_inputs(sh, latents)
-            blockwise_sum(sh.flatten(1), learned, means, *layers, *sizes, into.view(len(into), -1))
+            return blockwise_sum(sh.flatten(1), self.encoded(sh), latents, means, *layers, *sizes).view_as(sh)
 
-    def learned_inputs(
-        self, sh: Float[Tensor, "v c 3"], latents: Float[Tensor, "v l"] | None
-    ) -> Float[Tensor, "v learned"]:
-        """The columns with a gradient that the MLP is evaluated on beside the places."""
+    def check(self, sh: Float[Tensor, "v c 3"], latents: Float[Tensor, "v l"] | None) -> None:
+        """Raise BadInput unless these have the sizes of the settings."""
         require("SH coefficients", sh.shape[1] * 3, self.coefficients)
         require("latent numbers", 0 if latents is None else latents.shape[1], self.settings.latent_size)
+
+    def encoded(self, sh: Float[Tensor, "v c 3"]) -> Float[Tensor, "v g"]:
+        """gamma(sh)."""
         base = (sh.detach() if self.settings.detach_sh else sh).flatten(1)
-        learned = encode(base, self.settings.sh_octaves) if self.settings.sh_octaves else base
-        return learned if latents is None else torch.cat([learned, latents], dim=1)
+        return encode(base, self.settings.sh_octaves) if self.settings.sh_octaves else base
 
     def hidden_layers(self, embedding: Float[Tensor, " e"]) -> HiddenLayers:
         """The hidden layers of this photo."""

@@ -20,15 +20,8 @@ from torch.autograd.function import once_differentiable
 from torch.utils.checkpoint import checkpoint
 
 from core.appearance.encoding import encoded_places
-from core.appearance.transfer_blocks import (
-    PANEL,
-    QUAD,
-    STRIP,
-    differentiate_hidden,
-    differentiate_output,
-    evaluate,
-    padded,
-)
+from core.appearance.matrix_product import PANEL, TILE_ROWS
+from core.appearance.transfer_blocks import STRIP, differentiate_hidden, differentiate_output, evaluate, padded
 from core.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
@@ -100,37 +93,41 @@ def chunked_mlp(
 
 
 def blockwise_mlp(
-    learned: Float[Tensor, "n learned"],
+    learned: Float[Tensor, "n l"],
+    latents: Float[Tensor, "n k"] | None,
     means: Float[Tensor, "n 3"],
     hidden_layers: HiddenLayers,
     output_layer: Callable[[], OutputLayer],
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on core.threads.threads() threads.
+    """`plain_mlp` for float32 on the CPU, on core.threads.threads() threads; of the learned input the latents are the last columns.
 
     Autograd goes back in the reverse order of creation. output_layer: makes the output layer when the hidden ones are
     in the graph, so that what it is made of has its gradient before the way back through them begins.
     """
-    taken = _Pass(learned.detach(), means.detach(), octaves, bound)
-    entered = _ThroughHidden.apply(taken, learned, *hidden_layers)
+    taken = _Pass(learned, latents, means, octaves, bound)
+    entered = _ThroughHidden.apply(taken, learned, latents, *hidden_layers)
     return _ThroughOutput.apply(taken, torch.is_grad_enabled(), [part.detach() for part in hidden_layers], entered, *output_layer())
 
 
 @torch.no_grad()
 def blockwise_sum(
     base: Float[Tensor, "n out"],
-    learned: Float[Tensor, "n learned"],
+    learned: Float[Tensor, "n l"],
+    latents: Float[Tensor, "n k"] | None,
     means: Float[Tensor, "n 3"],
     hidden_layers: HiddenLayers,
     output_layer: OutputLayer,
     octaves: int,
     bound: float,
-    into: Float[Tensor, "n out"],
-) -> None:
-    """base + blockwise_mlp(...), the same bits, written into the contiguous `into`: without a gradient, in one pass."""
-    taken = _Pass(learned, means, octaves, bound)
-    _forward(taken, hidden_layers, output_layer, _array_of(base), False, into.numpy())
+) -> Float[Tensor, "n out"]:
+    """base + blockwise_mlp(...), the same bits: without a gradient, in one pass."""
+    taken = _Pass(learned, latents, means, octaves, bound)
+    # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake.
+    output = np.empty(base.shape, np.float32)
+    _forward(taken, hidden_layers, output_layer, _array_of(base), False, output)
+    return torch.from_numpy(output)
 
 
 class _Pass:
@@ -141,8 +138,9 @@ class _Pass:
     back, and leaves all of these to the hidden ones.
     """
 
-    def __init__(self, learned: Tensor, means: Tensor, octaves: int, bound: float):
+    def __init__(self, learned: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float):
         self.learned, self.means, self.octaves, self.bound = _array_of(learned), _array_of(means), octaves, np.float32(bound)
+        self.latents = NOTHING if latents is None else _array_of(latents)
         self.kept = self.output = self.output_gradient = self.back_output = self.back_skip = NOTHING
 
 
@@ -155,7 +153,7 @@ def _forward(
     # Kept for the backward pass: 4 * layers * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
     shape = 1 + len(hidden_layers.hidden_weights), padded(rows, STRIP) if keeps else 0, weights[0].shape[1]
     taken.kept = np.empty(shape, np.float32)
-    given = taken.learned, taken.means, taken.octaves, taken.bound, base
+    given = taken.learned, taken.latents, taken.means, taken.octaves, taken.bound, base
     in_parallel(lambda begin, end: evaluate(begin, end, *given, *weights, taken.kept, output), rows, ROWS)
 
 
@@ -179,7 +177,7 @@ class _ThroughOutput(torch.autograd.Function):
         output_layer = OutputLayer(*weights)
         taken.output, taken.output_gradient = _array_of(output), _array_of(output_gradient)
         taken.back_output, taken.back_skip = _padded(output_layer.output_weight), _padded(output_layer.skip_weight)
-        given = taken.learned, taken.bound, taken.output, taken.output_gradient, taken.kept
+        given = taken.learned, taken.latents, taken.bound, taken.output, taken.output_gradient, taken.kept
         gradients = _summed(differentiate_output, given, len(output), output_layer, ctx.needs_input_grad[4:])
         return None, None, None, output_gradient.new_empty(0), *gradients
 
@@ -188,7 +186,7 @@ class _ThroughHidden(torch.autograd.Function):
     """The hidden layers on the way back. On the way there nothing is done yet: the result only ties the output to their weights."""
 
     @staticmethod
-    def forward(ctx, taken: _Pass, learned: Tensor, *weights: Tensor) -> Tensor:
+    def forward(ctx, taken: _Pass, learned: Tensor, latents: Tensor | None, *weights: Tensor) -> Tensor:
         ctx.save_for_backward(*weights)
         ctx.taken = taken
         return learned.new_empty(0)
@@ -197,13 +195,13 @@ class _ThroughHidden(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, _):
         taken, hidden_layers = ctx.taken, HiddenLayers(*ctx.saved_tensors)
-        wants_learned, wants = ctx.needs_input_grad[1], ctx.needs_input_grad[2:]
-        learned_gradient = np.empty(taken.learned.shape if wants_learned else (0, 0), np.float32)
+        inputs, wants = (taken.learned, taken.latents), ctx.needs_input_grad[1:3]
+        to_inputs = [np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(inputs, wants)]
         back = hidden_layers.learned_weight, hidden_layers.hidden_weights
-        given = taken.learned, taken.means, taken.octaves, taken.bound, taken.output, taken.output_gradient, taken.kept
-        given += *map(_padded, back), taken.back_output, taken.back_skip, learned_gradient
-        gradients = _summed(differentiate_hidden, given, len(taken.learned), hidden_layers, wants)
-        return None, torch.from_numpy(learned_gradient) if wants_learned else None, *gradients
+        given = taken.learned, taken.latents, taken.means, taken.octaves, taken.bound, taken.output, taken.output_gradient, taken.kept
+        given += *map(_padded, back), taken.back_output, taken.back_skip, *to_inputs
+        gradients = _summed(differentiate_hidden, given, len(taken.learned), hidden_layers, ctx.needs_input_grad[3:])
+        return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
 
 
 def _summed(
@@ -230,9 +228,9 @@ def _turned(layers: HiddenLayers | OutputLayer) -> HiddenLayers | OutputLayer:
 
 
 def _padded_shape(weight: Tensor) -> tuple[int, ...]:
-    """The shape in which the kernels sum a turned weight's gradient: whole panels, and whole quads of rows."""
+    """The shape in which the kernels sum a turned weight's gradient: whole panels, and tiles' whole rows."""
     *more, columns = weight.shape
-    return *more[:-1], *(padded(rows, QUAD) for rows in more[-1:]), padded(columns, PANEL)
+    return *more[:-1], *(padded(rows, TILE_ROWS) for rows in more[-1:]), padded(columns, PANEL)
 
 
 def _padded(weight: Tensor) -> np.ndarray:

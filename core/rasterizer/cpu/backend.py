@@ -84,7 +84,7 @@ class _Render(torch.autograd.Function):
         lists = ctx.lists
         slot_gradients = np.empty((len(lists.entries), SLOT_WIDTH), dtype=np.float32)
         drawn = image.detach().numpy(), image_gradient.contiguous().numpy()
-        on_all_threads(lambda counter: blend_backward(counter, *lists.for_blending(), *drawn, slot_gradients))
+        on_all_tiles(lists, lambda *walk: blend_backward(*walk, *lists.for_blending(), *drawn, slot_gradients))
 
         arrays = [array_of(tensor) for tensor in parameters]
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
@@ -164,7 +164,7 @@ def draw(
         strongest = np.empty(0, dtype=np.float32)
     sorted_into_tiles = lists.tile_starts, lists.entries, lists.footprints
     outputs = image, transmittance, lists.drawn_chunks, strongest
-    on_all_threads(lambda counter: blend_forward(counter, *sorted_into_tiles, behind, *outputs))
+    on_all_tiles(lists, lambda *walk: blend_forward(*walk, *sorted_into_tiles, behind, *outputs))
     return image, transmittance
 
 
@@ -172,6 +172,23 @@ def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
     """Run work(counter) on all threads at once; they take what there is to do off the counter."""
     counter = np.zeros(1, dtype=np.int64)
     in_parallel(lambda begin, end: work(counter), threads(), 1)
+
+
+def on_all_tiles(lists: TileLists, work: Callable[[np.ndarray, int, int], None]) -> None:
+    """Run work(taken, first, step) on all threads at once, each of which walks through the tiles from a `first` of its own.
+
+    They walk in pairs, one toward the other. A Gaussian's slots lie side by side in memory: threads that take neighbouring tiles
+    write to the same cache lines, and two then spent a fifth more time than one.
+    """
+    walkers, taken = threads(), np.zeros(len(lists.tile_starts) - 1, dtype=np.int64)
+    pairs = (walkers + 1) // 2
+
+    def walk(number: int, _: int) -> None:
+        pair, backwards = divmod(number, 2)
+        border = len(taken) * (pair + backwards) // pairs
+        work(taken, border - backwards, -1 if backwards else 1)
+
+    in_parallel(walk, walkers, 1)
 
 
 def arguments_of(camera: Camera) -> tuple:

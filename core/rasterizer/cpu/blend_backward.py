@@ -54,20 +54,20 @@ SLOT_WIDTH = 9
 
 @exact_kernel
 def blend_backward(
-    counter, tile_starts, entries, footprints, drawn_chunks, image, image_gradient, slot_gradients,
+    taken, first, step, tile_starts, entries, footprints, drawn_chunks, image, image_gradient, slot_gradients,
 ):  # fmt: skip
     """Write the slots' gradients (slots, SLOT_WIDTH) wherever drawn_chunks (slots,) is not zero, from dL/d(image).
 
-    Takes tiles off `counter` until none are left.
+    Takes tiles as `blend_forward` does.
     """
     columns = (image.shape[1] + TILE - 1) // TILE
     state = np.empty(CHUNKS * STATE, np.float32)
     terms = np.empty(BATCH * ROW_TERMS, np.float32)
     moments = np.empty(LANES, np.float32)
-    while True:
-        tile = fetch_add(counter, 0, 1)
-        if tile >= len(tile_starts) - 1:
-            return
+    for number in range(len(taken)):
+        tile = (first + step * number) % len(taken)
+        if fetch_add(taken, tile, 1) != 0:
+            continue
         left, top = (tile % columns) * TILE, (tile // columns) * TILE
         centre_x, centre_y = np.float32(left + TILE / 2), np.float32(top + TILE / 2)
         read_tile(state, left, top, image, image_gradient)

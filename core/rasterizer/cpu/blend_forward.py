@@ -44,11 +44,12 @@ STATE = 4 * LANES
 
 @exact_kernel
 def blend_forward(
-    counter, tile_starts, entries, footprints, background,
+    taken, first, step, tile_starts, entries, footprints, background,
     image, transmittance, drawn_chunks, strongest,
 ):  # fmt: skip
-    """Write the picture (height, width, 3) and its transmittance. Takes tiles off `counter` until none are left.
+    """Write the picture (height, width, 3) and its transmittance.
 
+    taken: (tiles,) int64, shared by all threads; the tiles that still have a zero are drawn, from `first` on in steps of `step`, 1 or -1.
     drawn_chunks: (slots,) uint32, zeros; becomes the chunks in which each splat was blended, for the backward pass.
     strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty if nobody asks.
     """
@@ -56,10 +57,10 @@ def blend_forward(
     columns = (width + TILE - 1) // TILE
     state = np.empty(CHUNKS * STATE, np.float32)
     terms = np.empty(BATCH * ROW_TERMS, np.float32)
-    while True:
-        tile = fetch_add(counter, 0, 1)
-        if tile >= len(tile_starts) - 1:
-            return
+    for number in range(len(taken)):
+        tile = (first + step * number) % len(taken)
+        if fetch_add(taken, tile, 1) != 0:
+            continue
         left, top = (tile % columns) * TILE, (tile // columns) * TILE
         centre_x, centre_y = np.float32(left + TILE / 2), np.float32(top + TILE / 2)
         clear(state, width - left, height - top)

@@ -150,6 +150,11 @@ def in_all_lanes(builder, number, lanes=LANES):
     return builder.shuffle_vector(vector, nothing, ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes))
 
 
+def larger(builder, a, b):
+    """The larger of vectors of any width, lane by lane; `b` where either is NaN."""
+    return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+
 def fused_multiply_add(builder, a, b, c):
     """a * b + c of vectors of any width."""
     function_type = ir.FunctionType(a.type, [a.type] * 3)
@@ -192,7 +197,7 @@ def maximum(typing_context, a, b):
     """The larger, lane by lane; `b` where either is NaN."""
 
     def generate(context, builder, sig, args):
-        return builder.select(builder.fcmp_ordered(">", *args), *args)
+        return larger(builder, *args)
 
     return float8(float8, float8), generate
 
@@ -304,4 +309,4 @@ def define_reduction(emit):
 
 
 lane_sum = define_reduction(lambda builder, a, b: builder.fadd(a, b))
-lane_maximum = define_reduction(lambda builder, a, b: builder.select(builder.fcmp_ordered(">", a, b), a, b))
+lane_maximum = define_reduction(larger)

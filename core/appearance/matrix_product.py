@@ -11,7 +11,7 @@ from numba.core import cgutils, codegen, config
 from numba.extending import intrinsic
 
 from core.compiled import part
-from core.simd import element_pointer, fused_multiply_add, in_all_lanes
+from core.simd import element_pointer, fused_multiply_add, in_all_lanes, larger
 
 PANEL = 16  # columns of a product are a multiple of this
 ANY, ZERO = np.float32(-np.inf), np.float32(0)  # the least value that a product may have: any, or that of a ReLU
@@ -63,8 +63,7 @@ def tile_of(panels: int):
             for i, row_sums in enumerate(sums):
                 at = builder.add(builder.mul(plus(row, i), columns), column)
                 for j, total in enumerate(row_sums):
-                    value = builder.load(total)
-                    value = builder.select(builder.fcmp_ordered(">", floor, value), floor, value)
+                    value = larger(builder, floor, builder.load(total))
                     builder.store(value, panel(into_type, into, plus(at, j * PANEL)), align=4)
             return context.get_dummy_value()
 

@@ -14,7 +14,7 @@ LONGEST_FILE = 350
 LAYERS = [
     {"core", "core.compiled", "core.errors", "core.launch", "core.report", "core.threads"},  # "core" itself: the version
     {"core.config", "core.memory", "core.ply_file", "core.simd"},
-    {"core.device"},
+    {"core.awake", "core.device"},
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},

@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from torch import Tensor
 import core.rasterizer
 from core import device
 from core.appearance.model import AppearanceModel, Look
+from core.awake import cores_awake
 from core.config import Settings
 from core.data.collection import Collection
 from core.device import OnTheWay
@@ -102,7 +104,8 @@ class Trainer:
         drop_at = schedule.contribution_steps(settings)
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
-        with (self.folder / HISTORY).open("a", newline="") as file:
+        awake = cores_awake() if self.device.type == "cpu" else nullcontext()
+        with awake, (self.folder / HISTORY).open("a", newline="") as file:
             history = csv.DictWriter(file, COLUMNS)
             if not file.tell():
                 history.writeheader()

@@ -1,4 +1,4 @@
-"""One thread against two: the same work in turns, so that whatever else the machine does meets both."""
+"""One thread against two: the same work in turns, so that whatever else the machine does meets both; cores kept awake as in training."""
 
 import math
 import os
@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 
 from core import rasterizer
+from core.awake import cores_awake
 from samples.measurements.drawing import draw, garden_of
 from samples.measurements.steps import WARM_UP, trainer_of
 from samples.measurements.stopwatch import Stopwatch, spread
@@ -36,6 +37,7 @@ def in_turns(work: Callable[[], object], turns: int) -> dict[int, dict]:
     for _ in range(1 + turns):
         for threads in THREADS:
             torch.set_num_threads(threads)
-            runs[threads].append(Stopwatch().repeat(work, 0, 1)["whole"]["median"])
+            with cores_awake():
+                runs[threads].append(Stopwatch().repeat(work, 0, 1)["whole"]["median"])
     torch.set_num_threads(before)
     return {threads: spread(spent[1:]) for threads, spent in runs.items()}

@@ -197,7 +197,8 @@ class Settings:
         settings = replace(self, **{name: answers[name] for name in self.undecided if name in answers})
         if settings.appearance == AUTO:
             return settings
-        follows = SCHEDULE_WITHOUT if settings.appearance == "off" else SCHEDULE_WITH_LOOKS
+        follows = dict(SCHEDULE_WITHOUT if settings.appearance == "off" else SCHEDULE_WITH_LOOKS)
+        follows["densify_from"] = min(follows["densify_from"], settings.densify_until)
         return replace(settings, **{name: follows[name] for name in settings.undecided if name in follows})
 
     @property

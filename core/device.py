@@ -20,8 +20,11 @@ def chosen(device: str, backend: str) -> torch.device:
         raise BadSetting(
             "device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver."
         )
-    on_gpu = device == "cuda" or (device == AUTO and backend != "cpu" and can_use_gpu())
-    return torch.device("cuda", torch.cuda.current_device()) if on_gpu else CPU
+    if device != "cuda" and (device != AUTO or backend == "cpu" or not can_use_gpu()):
+        return CPU
+    # Else cuDNN rounds what it convolves to 10 bits (TF32), and SSIM takes variances as small differences of such sums.
+    torch.backends.cudnn.allow_tf32 = False
+    return torch.device("cuda", torch.cuda.current_device())
 
 
 def can_use_gpu() -> bool:

@@ -71,7 +71,6 @@ define_operator(operator.sub, float8, lambda builder, a, b: builder.fsub(a, b))
 define_operator(operator.mul, float8, lambda builder, a, b: builder.fmul(a, b))
 define_operator(operator.truediv, float8, lambda builder, a, b: builder.fdiv(a, b))
 define_operator(operator.ge, mask8, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
-define_operator(operator.le, mask8, lambda builder, a, b: builder.fcmp_ordered("<=", a, b))
 
 
 class MaskAnd(ConcreteTemplate):

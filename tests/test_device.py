@@ -39,6 +39,24 @@ def test_auto_is_the_gpu_where_one_can_be_used(machine):
     assert device.chosen("auto", "auto") == device.CPU
 
 
+def test_a_gpu_convolves_in_whole_float32(machine, monkeypatch):
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", True)
+    machine(gpu=False)
+    device.chosen("auto", "auto")
+    assert torch.backends.cudnn.allow_tf32
+    machine(gpu=True)
+    device.chosen("auto", "auto")
+    assert not torch.backends.cudnn.allow_tf32
+
+
+def test_a_run_of_a_cpu_goes_on_there_when_a_gpu_comes(machine, tmp_path):
+    machine(gpu=False)
+    collection = small_collection(tmp_path)
+    settings = Trainer(collection, small_settings(device="auto"), tmp_path).settings
+    machine(gpu=True)
+    assert Trainer(collection, settings, tmp_path).device == device.CPU
+
+
 def test_cuda_without_a_gpu_is_one_line(machine):
     machine(gpu=False)
     with pytest.raises(BadSetting, match="device=cuda: torch finds no NVIDIA GPU here. Leave --device out"):

@@ -17,7 +17,7 @@ def arithmetic(a, b, results):
     simd.store(results[4], 0, simd.minimum(x, y))
     simd.store(results[5], 0, simd.maximum(x, y))
     simd.store(results[6], 0, simd.select(x >= y, x, simd.broadcast(a[0])))
-    simd.store(results[7], 0, simd.select((x >= y) & (x <= simd.broadcast(a[0])), x, y))
+    simd.store(results[7], 0, simd.select((x >= y) & (simd.broadcast(a[0]) >= x), x, y))
     return simd.bits(x >= y), simd.lane_sum(x), simd.lane_maximum(x)
 
 

@@ -4,7 +4,7 @@ from core.config import Settings
 
 MEAN_RATE_DECAY = 0.01
 NETWORK_RATE_DECAY = 0.1
-CONTRIBUTION_FRACTIONS = (0.65, 0.85)
+CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth
 COARSEST = 4  # coarse-to-fine starts at a quarter of the size
 
 
@@ -31,7 +31,8 @@ def contribution_steps(settings: Settings) -> set[int]:
     """The steps after which Gaussians that no photo needs are removed: when growth has ended, and once more when settled."""
     if not settings.prune_contribution:
         return set()
-    return {max(1, round(settings.steps * fraction)) for fraction in CONTRIBUTION_FRACTIONS}
+    grown = settings.densify_until
+    return {max(1, round(settings.steps * (grown + (1 - grown) * fraction))) for fraction in CONTRIBUTION_FRACTIONS}
 
 
 def evenly(count: int, steps: int) -> set[int]:

@@ -65,8 +65,7 @@ class Trainer:
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        if self.device.type == "cuda":
-            settings = settings.changed(device="cuda")  # what `auto` was is asked again when the run is used
+        settings = settings.changed(device=self.device.type)  # a run that goes on elsewhere keeps to its pictures' sizes
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         factor = auto_factor(collection.photos, self.device.type)
         size = settings.resolution, factor, settings.encoder_side_px, self.device
@@ -277,6 +276,7 @@ class Trainer:
         if self.optimizer is not None:
             self.optimizer.zero_grad(set_to_none=True)
         if self.skipped_in_a_row >= SKIPS_ALLOWED:
+            self.skipped_in_a_row = 0  # what goes on from here is given as many again
             path = self.save()
             raise TrainingStopped(
                 f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {name}). "

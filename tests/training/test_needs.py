@@ -132,6 +132,7 @@ def test_schedules_follow_the_looks_unless_given():
         assert (settings.geometry_from, settings.densify_from, settings.prune_contribution) == expected
     assert Settings(geometry_from=0.3).decided(appearance="off").geometry_from == 0.3
     assert Settings(appearance="off").decided(appearance="full").geometry_from == 0.0
+    assert Settings(densify_until=0.1).decided(appearance="full").densify_from == 0.1
 
 
 # --- nothing is left of what is off

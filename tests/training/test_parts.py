@@ -150,6 +150,9 @@ def test_schedules_are_fractions_of_the_steps():
     assert schedule.densification_steps(long)[-1] == 1000 * schedule.densification_steps(short)[-1]
     assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until * 0.6, 0.9)] == [4, 2, 1]
     assert schedule.evenly(4, 100) == {25, 50, 75, 100}
+    assert schedule.contribution_steps(short) == {65, 85}
+    late = whole_settings(steps=100, densify_until=0.9)
+    assert min(schedule.contribution_steps(late)) > schedule.densification_steps(late)[-1]
 
 
 # --- checkpoints

@@ -49,12 +49,12 @@ def test_latents_wait_for_the_masks(collection, tmp_path):
 
 @pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4, "latents_from": 0.3}])
 def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, changes):
-    settings = small_settings(**changes)
+    settings = small_settings(steps=44, **changes)
     whole, _ = run(collection, tmp_path / "whole", settings)
-    run(collection, tmp_path / "broken", settings, until=20)
+    run(collection, tmp_path / "broken", settings, until=22)  # in the middle of a round through the four photos
     resumed = Trainer(collection, settings, tmp_path / "broken")
     resumed.resume(checkpoint.load(checkpoint.newest(tmp_path / "broken")))
-    assert resumed.done == 20
+    assert resumed.done == 22 and len(resumed.order) == 2
     for _ in resumed.train():
         pass
     expected = {**whole.gaussians.tensors(), **whole.model.state_dict()}

@@ -65,7 +65,8 @@ class Trainer:
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        settings = settings.changed(device=self.device.type)  # a run that goes on elsewhere keeps to its pictures' sizes
+        # Said in so many words: a run that goes on elsewhere keeps to its pictures' sizes.
+        settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         factor = auto_factor(collection.photos, self.device.type)
         size = settings.resolution, factor, settings.encoder_side_px, self.device

@@ -70,6 +70,12 @@ class Collection:
         raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {self.photos[0].name}.")
 
 
+def place_of(name: str) -> Path:
+    """A photo's name as a path that stays below any folder it is put into: some models name photos by whole paths, or through `..`."""
+    place = Path(name)
+    return Path(place.name) if place.is_absolute() or ".." in place.parts else place
+
+
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
     """At most `count` of the items (photos, cameras), evenly spread."""
     return items[:: -(-len(items) // count)] if items else items

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from core.data.collection import Collection
+from core.data.collection import Collection, place_of
 from core.data.photo_file import SUFFIXES, list_photos, probe
 from core.data.split import counted, name_them
 from core.errors import BadInput
@@ -20,16 +20,16 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     """
     if not folder.is_dir():
         raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
-    listed = {place: _by_stem(folder / place) for place in {".", *(_place(photo.name) for photo in collection.photos)}}
+    listed = {place: _by_stem(folder / place) for place in {Path(), *(place_of(photo.name).parent for photo in collection.photos)}}
     masks = {}
     for photo in collection.photos:
-        folders = listed[_place(photo.name)], listed["."]
+        folders = listed[place_of(photo.name).parent], listed[Path()]
         stems = _stems_of_masks(Path(photo.name))
         masks[photo.name] = next((found[stem] for found in folders for stem in stems if stem in found), None)
     unused = sorted({path for found in listed.values() for path in found.values()} - set(masks.values()))
     found = masked(collection, {name: path for name, path in masks.items() if path is not None}, folder)
     if not any(photo.mask for photo in found.photos):
-        example = Path(collection.split("train")[0].name).with_suffix(".png")
+        example = place_of(collection.split("train")[0].name).with_suffix(".png")
         raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
     if any(photo.mask for photo in collection.photos):
         found = replace(found, notes=(*found.notes, "The masks that the scene itself gives are not used."))
@@ -64,10 +64,6 @@ def with_masks_of(collection: Collection, before: Collection) -> Collection:
     return replace(
         collection, photos=tuple(replace(photo, mask=masks.get(photo.name)) for photo in collection.photos)
     )
-
-
-def _place(name: str) -> str:
-    return str(Path(name).parent)
 
 
 def _stems_of_masks(photo: Path) -> list[str]:

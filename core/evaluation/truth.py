@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from core.data.collection import place_of
 from core.errors import BadInput
 
 FOLDER = "truth"
@@ -34,8 +35,9 @@ def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
 
     NAME is the photo's name without its suffix. What is not there is None. Raises BadInput for what cannot be read.
     """
-    clean = _read(scene / FOLDER / "clean" / Path(photo_name).with_suffix(".png"), width, height)
-    masks = _read(scene / FOLDER / "masks" / Path(photo_name).with_suffix(".png"), width, height)
+    name = place_of(photo_name).with_suffix(".png")
+    clean = _read(scene / FOLDER / "clean" / name, width, height)
+    masks = _read(scene / FOLDER / "masks" / name, width, height)
     return Truth(
         None if clean is None else torch.from_numpy(clean).float() / 255,
         None if masks is None else torch.from_numpy(masks[..., 0] >= 128),

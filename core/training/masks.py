@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from core.appearance.model import AppearanceModel
+from core.data.collection import place_of
 from core.export.pictures import write_png
 from core.training.pictures import Pictures
 
@@ -20,10 +21,7 @@ def write_masks(folder: Path, model: AppearanceModel, pictures: Pictures) -> int
             mask = model.look(picture.encoder_input, index).mask
         if mask is None:
             break
-        name = Path(picture.photo.name)
-        if name.is_absolute() or ".." in name.parts:  # as some models name their photos; masks stay in the run
-            name = Path(name.name)
-        target = folder / "masks" / name.with_suffix(".png")
+        target = folder / "masks" / place_of(picture.photo.name).with_suffix(".png")
         target.parent.mkdir(parents=True, exist_ok=True)
         values = (mask[0].cpu().numpy() * 255).round().astype(np.uint8)
         write_png(target, cv2.resize(values, (picture.camera.width, picture.camera.height)))

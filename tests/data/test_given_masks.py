@@ -74,6 +74,17 @@ def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_pat
     assert found.notes[-1] == "1 mask of no photo in use, such as left/b.tif."
 
 
+def test_photos_named_by_whole_paths_or_through_the_folder_above_are_not_their_own_masks(collection, tmp_path):
+    folder = tmp_path / "masks"
+    names = [str(photo.path) for photo in collection.photos[:3]] + [f"../{photo.name}" for photo in collection.photos[3:]]
+    photos = tuple(replace(photo, name=name) for photo, name in zip(collection.photos, names, strict=True))
+    wanted = [save_mask(folder / f"photo_{index}.png") for index in (0, 3)]
+    save_mask(folder / "passer.png")
+    found = with_masks(replace(collection, photos=photos), folder)
+    assert [photo.mask for photo in found.photos if photo.mask] == wanted
+    assert found.notes[-1] == "1 mask of no photo in use, such as passer.png."
+
+
 def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
     own = {photo.name: save_mask(tmp_path / "own" / photo.name) for photo in collection.photos[:2]}
     given = save_mask(tmp_path / "masks" / "photo_1.png")

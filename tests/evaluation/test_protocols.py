@@ -195,6 +195,9 @@ def test_truth_is_read_at_the_size_wanted(tmp_path):
     assert truth.clean.shape == (16, 20, 3) and truth.clean[3, 3].tolist() == [1, 0, 0]
     assert not truth.static[:, :10].any() and truth.static[:, 10:].all()
     assert load_truth(tmp_path, "b.jpg", 20, 16) == Truth(None, None)
+    above = tmp_path / "truth" / "a.png"  # a photo, in reach of names that lead out of a folder
+    cv2.imwrite(str(above), red)
+    assert [load_truth(tmp_path, name, 20, 16).clean for name in (str(above), "../a.png")] == [None, None]
     (tmp_path / "truth/clean/c.png").write_bytes(b"no picture")
     with pytest.raises(BadInput, match=r"c\.png"):
         load_truth(tmp_path, "c.jpg", 20, 16)

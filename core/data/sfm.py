@@ -18,6 +18,7 @@ from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.report import Report
 
+JPEG_SUFFIXES = (".jpg", ".jpeg")
 MARK = "photos.json"  # in a scene: the files it was made of
 
 
@@ -88,7 +89,7 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
                 (folder / copy).write_bytes(_encode(pixels, header))
             turned += header.orientation != 1
             name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes no other bytes
-            name = name if header.kind == "jpeg" else f"{name}.jpg"
+            name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes what the suffix says
             copies[copy] = f"{done}-{name}" if name in copies.values() else name
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")

@@ -35,8 +35,9 @@ def test_no_photos(tmp_path):
 
 
 def test_photos_that_opencv_cannot_read_are_named(tmp_path):
-    (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
-    with pytest.raises(BadInput, match="only .heic photos.* Convert"):
+    for name in ("IMG_1.HEIC", "IMG_2.cr3", "a.avif"):
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(BadInput, match="only .avif, .cr3, .heic photos.* Convert"):
         load_collection(tmp_path)
 
 

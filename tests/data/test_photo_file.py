@@ -91,7 +91,7 @@ def test_missing_file_is_refused(tmp_path):
 
 
 def test_list_is_sorted_flat_and_without_hidden_files(tmp_path):
-    for name in ("b.JPG", "a.png", ".hidden.jpg", "notes.txt"):
+    for name in ("b.JPG", "a.png", "c.jfif", "d.jpe", ".hidden.jpg", "notes.txt"):
         (tmp_path / name).write_bytes(b"x")
     (tmp_path / "folder.jpg").mkdir()
-    assert [path.name for path in list_photos(tmp_path)] == ["a.png", "b.JPG"]
+    assert [path.name for path in list_photos(tmp_path)] == ["a.png", "b.JPG", "c.jfif", "d.jpe"]

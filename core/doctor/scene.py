@@ -8,7 +8,7 @@ from core.data import find_kind, find_photos, load_collection
 from core.data import photos as files
 from core.data.collection import Collection, Photo, astray
 from core.data.load import POSED
-from core.data.photo_file import list_photos, named_with_fault
+from core.data.photo_file import list_photos, list_unreadable, named_with_fault
 from core.data.placing import USUAL_FOCAL_LENGTHS
 from core.data.split import counted, list_names
 from core.doctor import views
@@ -158,4 +158,9 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
             flat.append(f"{path.name}: {pixels.mean():.0f} of 255")
     figure = f"{counted(len(paths), 'photo')}" + (f" of {min(sizes):.2g} to {max(sizes):.2g} MP" if sizes else "")
     fix = f"`{command('wegs', 'train', root)}` finds their cameras first."
-    return [Finding("scene", figure, "photos without cameras", fix), *_photo_findings(unreadable, flat, len(paths))]
+    others = [path.name for path in list_unreadable(folder)]
+    return [
+        Finding("scene", figure, "photos without cameras", fix),
+        *_photo_findings(unreadable, flat, len(paths)),
+        _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
+    ]  # fmt: skip

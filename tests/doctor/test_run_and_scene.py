@@ -157,6 +157,10 @@ def test_photos_without_points_or_cameras(tmp_path):
     findings, _ = examined(tmp_path / "scene" / "images")
     assert "wegs train" in findings["scene"].advice
     assert findings["unreadable photos"].figure.startswith("1 of 4 (photo_1.png (is not")
+    assert findings["photos in other formats"].advice == ""
+    (tmp_path / "scene" / "images" / "IMG_1.HEIC").write_bytes(b"x")
+    other = examined(tmp_path / "scene" / "images")[0]["photos in other formats"]
+    assert other.figure == "1 of 5 (IMG_1.HEIC)" and "JPEG" in other.advice
 
 
 # --- the command line

@@ -96,7 +96,7 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
     """The split of each placed photo and notes: as the files say, or as for any collection where they say nothing."""
     said = {view.name: view.split for view in posed.views if view.split}
     if not said:
-        return split_photos(root, names, {view.name for view in posed.views})
+        return split_photos(root, posed.source, names, {view.name for view in posed.views})
     splits = {name: said[name] for name in names if name in said}
     notes = []
     if "train" not in splits.values():

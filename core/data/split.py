@@ -10,23 +10,25 @@ NAMES_SHOWN = 12
 TEST_LIST = "test.txt"
 
 
-def split_photos(root: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
+def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
     """The split of each usable photo ("train" or "test"; photos that are in none are left out), and notes.
 
+    A .tsv lies in `root`, a test.txt there or, as for the original 3DGS, in the folder `model` (cameras may be in a file).
     names: the usable photos, sorted. in_model: all photos that the model knows, usable or not, so that a list naming a
     photo that is merely missing is not called wrong. Raises BadInput where nothing is left to train on.
     """
     tables = find_split_tables(root)
+    lists = [path for folder in (root, model) if (path := folder / TEST_LIST).is_file()]
     if tables:
         splits, notes = _by_table(tables[0], names, in_model)
         if len(tables) > 1:
             notes.append(
                 f"Several .tsv files: {tables[0].name} is used, {list_names([path.name for path in tables[1:]])} not."
             )
-        source = tables[0].name
-    elif (root / TEST_LIST).is_file():
-        splits, notes = _by_list(root / TEST_LIST, names, in_model)
-        source = TEST_LIST
+        source = tables[0]
+    elif lists:
+        splits, notes = _by_list(lists[0], names, in_model)
+        source = lists[0]
     elif len(names) == 1:
         return {names[0]: "train"}, ["One photo: none is held out for testing."]
     else:
@@ -34,9 +36,9 @@ def split_photos(root: Path, names: list[str], in_model: set[str]) -> tuple[dict
         return splits, [f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."]
     if "train" not in splits.values():
         why = f": {'; '.join(notes)}" if notes else ""
-        raise BadInput(f"{root / source} leaves no photo of this model to train on{why}.", f"Correct or remove {source}.")
+        raise BadInput(f"{source} leaves no photo of this model to train on{why}.", f"Correct or remove {source.name}.")
     if "test" not in splits.values():
-        notes.append(f"{source} holds out none of these photos: quality on unseen photos cannot be measured.")
+        notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
     return splits, notes
 
 

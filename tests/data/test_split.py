@@ -17,7 +17,7 @@ def table(*rows):
 
 
 def split(root, names=NAMES):
-    return split_photos(root, names, set(names))
+    return split_photos(root, root / "sparse" / "0", names, set(names))
 
 
 def test_every_eighth_by_name_is_held_out_without_a_list(tmp_path):
@@ -35,6 +35,14 @@ def test_test_txt(tmp_path):
     splits, notes = split(tmp_path)
     assert [name for name in NAMES if splits[name] == "test"] == ["c.jpg", "d.jpg"]
     assert notes == ["1 photo of test.txt not in the model: unknown.jpg"]
+
+
+def test_test_txt_beside_the_model(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    (root / "sparse" / "0" / "test.txt").write_text("photo_2.png\n")
+    assert [photo.name for photo in load_collection(root).split("test")] == ["photo_2.png"]
+    (root / "test.txt").write_text("photo_1.png\n")
+    assert [photo.name for photo in load_collection(root).split("test")] == ["photo_1.png"]
 
 
 def test_tsv_beats_test_txt_and_drops_what_it_must(tmp_path):

@@ -11,7 +11,16 @@ import pycolmap
 
 from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
 from core.data.model_file import quiet
-from core.data.photo_file import JPEG_EXIF, Header, list_photos, list_unreadable, no_photos, probe, without_orientation
+from core.data.photo_file import (
+    JPEG_EXIF,
+    Header,
+    bad_photo,
+    list_photos,
+    list_unreadable,
+    no_photos,
+    probe,
+    without_orientation,
+)
 from core.data.photos import read
 from core.data.scene_folder import replacing, stamp, write_mark
 from core.data.split import counted, name_them
@@ -86,7 +95,7 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
             if header.kind == "jpeg" and header.orientation == 1:
                 shutil.copyfile(path, folder / copy)
             else:
-                (folder / copy).write_bytes(_encode(pixels, header))
+                (folder / copy).write_bytes(_encode(path, pixels, header))
             turned += header.orientation != 1
             name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes no other bytes
             name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes what the suffix says
@@ -99,10 +108,13 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     return copies
 
 
-def _encode(pixels: np.ndarray, header: Header) -> bytes:
-    """A JPEG of displayed RGB pixels; keeps the EXIF block, whose focal length COLMAP starts from."""
+def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:
+    """A JPEG of the displayed RGB pixels of `path`; keeps the EXIF block, whose focal length COLMAP starts from."""
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)[1].tobytes()
+    done, data = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)
+    if not done:  # 65,500 px a side are the most
+        raise bad_photo(path, "is too large for a JPEG")
+    jpeg = data.tobytes()
     block = JPEG_EXIF + without_orientation(header.exif)
     if not header.exif or len(block) + 2 > 0xFFFF:
         return jpeg

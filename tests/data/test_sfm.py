@@ -179,6 +179,15 @@ def test_damage_that_shows_only_when_decoding_leaves_a_photo_out(tmp_path):
     assert list(tmp_path.iterdir()) == [photos]
 
 
+def test_a_photo_too_large_for_a_jpeg_is_left_out(tmp_path):
+    noise_photo(tmp_path / "a.jpg", 1)
+    assert cv2.imwrite(str(tmp_path / "b.png"), np.zeros((1, 65_501, 3), np.uint8))
+    heard = Listener()
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(tmp_path, tmp_path / "scene", heard)
+    assert any("b.png is too large for a JPEG" in line for line in heard.lines)
+
+
 def test_the_folder_one_is_in_cannot_become_the_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput, match="folder you are in"):

@@ -33,7 +33,7 @@ class Header:
     exif: the EXIF block (a TIFF file in small), or empty.
     """
 
-    kind: str  # "jpeg", "png" or "other"
+    kind: str  # "jpeg", "png", "webp" or "other"
     width: int
     height: int
     orientation: int = 1
@@ -103,6 +103,8 @@ def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:
         return _read_png(path, data)
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        return _read_webp(path, data)
     height, width = decode(path, data[:], cv2.IMREAD_COLOR).shape[:2]
     return Header("other", width, height)
 
@@ -175,6 +177,19 @@ def _read_png(path: Path, data: bytes | mmap.mmap) -> Header:
     if 0 in size:
         raise bad_photo(path, "is a broken PNG")
     return Header("png", *size, orientation, exif)
+
+
+def _read_webp(path: Path, data: bytes | mmap.mmap) -> Header:
+    """Decode the picture for its size, then walk the chunks to EXIF."""
+    height, width = decode(path, data[:], cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION).shape[:2]
+    position, exif = 12, b""
+    while head := data[position : position + 8]:
+        body, length = position + 8, int.from_bytes(head[4:], "little")
+        if head[:4] == b"EXIF":
+            exif = data[body : body + length].removeprefix(JPEG_EXIF)
+            break
+        position = body + length + length % 2
+    return Header("webp", width, height, orientation_of(exif), exif)
 
 
 def orientation_of(exif: bytes) -> int:

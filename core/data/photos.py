@@ -125,7 +125,7 @@ def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Heade
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     if channels == 4 and pixels.dtype == np.uint8:
         return header, cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[..., 3]
-    if header.kind == "png":
+    if header.kind != "other":
         return header, cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB), None
     # Decoded once more: of these formats OpenCV alone knows the rotation, and how to make 8 bits of what they hold.
     return header, cv2.cvtColor(decode(path, data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), None

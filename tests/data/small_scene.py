@@ -116,11 +116,17 @@ def exif_block(orientation: int, order: str = "<") -> bytes:
 
 
 def add_exif(path: Path, block: bytes) -> None:
-    """Put an EXIF block into the JPEG or PNG at `path`."""
+    """Put an EXIF block into the JPEG, PNG or lossless WebP at `path`."""
     data = path.read_bytes()
     if data[:2] == b"\xff\xd8":
         body = b"Exif\0\0" + block
         data = data[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + data[2:]
+    elif data[:4] == b"RIFF":
+        sides, flags = int.from_bytes(data[21:25], "little"), 0x08 | data[24] & 0x10  # EXIF; alpha, as the picture says
+        canvas = bytes([flags, 0, 0, 0]) + b"".join((sides >> bits & 0x3FFF).to_bytes(3, "little") for bits in (0, 14))
+        parts = ((b"VP8X", canvas), (data[12:16], data[20:]), (b"EXIF", block))
+        body = b"WEBP" + b"".join(kind + struct.pack("<I", len(part)) + part for kind, part in parts)
+        data = b"RIFF" + struct.pack("<I", len(body)) + body
     else:
         import zlib
 

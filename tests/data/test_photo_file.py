@@ -27,7 +27,7 @@ def test_progressive_jpeg_and_trailing_bytes_are_whole(tmp_path):
     assert probe(path).displayed == (40, 24)
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_displayed_size_is_the_decoders(tmp_path, suffix, order, orientation):

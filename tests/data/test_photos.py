@@ -45,7 +45,7 @@ def test_colour_is_rgb(tmp_path):
     assert (read(save(tmp_path / "a.png", pixels)) == pixels[..., ::-1]).all()
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_exif_rotation_is_applied_as_opencv_does(tmp_path, suffix, orientation):
     path = save(tmp_path / f"a{suffix}", noise())
@@ -53,11 +53,12 @@ def test_exif_rotation_is_applied_as_opencv_does(tmp_path, suffix, orientation):
     assert (read(path) == cv2.imread(str(path))[..., ::-1]).all()
 
 
+@pytest.mark.parametrize("suffix", [".png", ".webp"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_alpha_is_turned_along(tmp_path, orientation):
+def test_alpha_is_turned_along(tmp_path, suffix, orientation):
     pixels = noise(channels=4)
     pixels[..., 3] = np.where(noise(channels=1) > 127, 255, 0)
-    path = save(tmp_path / "a.png", pixels)
+    path = save(tmp_path / f"a{suffix}", pixels)
     add_exif(path, exif_block(orientation))
     shown = upright(pixels, orientation)
     picture = load(photo_at(path, shown.shape[1], shown.shape[0]), shown.shape[1], shown.shape[0])

@@ -133,11 +133,11 @@ def _read_jpeg(path: Path, data: bytes | mmap.mmap) -> Header:
         segment = data[position : position + 4]
         if len(segment) < 4:
             raise bad_photo(path, TRUNCATED)
-        if segment[0] != 0xFF:
-            raise bad_photo(path, "is a broken JPEG")
         marker = segment[1]
-        if marker == 0xFF:  # padding
-            position += 1
+        if segment[0] != 0xFF or marker in (0x00, 0xFF):  # stray bytes or padding, which decoders skip
+            position = data.find(b"\xff", position + 1)
+            if position < 0:
+                raise bad_photo(path, "is a broken JPEG")
             continue
         body, length = position + 4, int.from_bytes(segment[2:], "big")
         if marker in JPEG_FRAMES:

@@ -27,6 +27,15 @@ def test_progressive_jpeg_and_trailing_bytes_are_whole(tmp_path):
     assert probe(path).displayed == (40, 24)
 
 
+@pytest.mark.parametrize("stray", [b"x", b"stray bytes", b"x\xff\xff", b"\xff\x00\x00\x10", b"\x00\xff"])
+def test_stray_bytes_before_a_marker_are_skipped_as_decoders_do(tmp_path, stray):
+    path = write(tmp_path / "photo.jpg")
+    data = path.read_bytes()
+    tables = data.index(b"\xff\xdb")
+    path.write_bytes(data[:tables] + stray + data[tables:])
+    assert probe(path).displayed == (40, 24) == cv2.imread(str(path)).shape[1::-1]
+
+
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -105,7 +105,7 @@ def settings_table() -> str:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as problem:
         raise BadInput(f"{path} cannot be read: {problem.strerror}.", "Give a TOML file to --config.") from None
     except ValueError as problem:  # TOML's own errors and text that is not UTF-8

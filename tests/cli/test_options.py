@@ -11,7 +11,7 @@ NOTHING: dict = {"steps": None, "seed": None}
 
 def write_toml(tmp_path, text: str):
     path = tmp_path / "x.toml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -93,6 +93,10 @@ def test_a_bad_file_is_refused(tmp_path, text, error, words):
     with pytest.raises(error, match=words) as caught:
         settings_from(None, path, (), {})
     assert str(caught.value).startswith(str(path))
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    assert settings_from(None, write_toml(tmp_path, "\ufeffsteps = 7\n"), (), {}).steps == 7
 
 
 def test_auto_in_a_file_leaves_it_to_the_photos(tmp_path):

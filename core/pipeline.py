@@ -17,7 +17,7 @@ from core.data.load import check_cameras_unknown
 from core.data.photo_file import named_with_fault
 from core.data.prepare import prepared
 from core.data.split import counted, list_names, name_them
-from core.errors import BadInput, command
+from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
 from core.evaluation.results import Results
@@ -262,8 +262,11 @@ def interpolate(
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(frames))
-        write_video(work / "video.mp4", frames)
-    report.say(f"{output}: {steps} frames, sheet.png, video.mp4")
+        try:
+            write_video(work / "video.mp4", frames)
+        except WegsError as problem:  # the frames are what the minutes went into
+            report.warn(str(problem).replace(str(work), str(output)))
+    report.say(f"{output}: {steps} frames, sheet.png{', video.mp4' * (output / 'video.mp4').is_file()}")
     return output
 
 
@@ -314,9 +317,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
         evaluation_seconds=time.perf_counter() - start,
     )
     results.save(trained.folder)
-    notes = [
-        ", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views
-    ]
+    notes = [", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views]
     write_png(trained.folder / "sheet.png", picture_sheet(pictures, notes))
     report.table(f"Held-out quality, protocol {protocol}", _rows(results))
     report.say(f"{trained.folder}: results.json, per_view.json, sheet.png")

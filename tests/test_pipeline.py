@@ -14,7 +14,7 @@ import torch
 import core.rasterizer
 from core import pipeline
 from core.bench import suite
-from core.errors import BadInput, BadSetting
+from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
 from core.training import run
 from tests.heard import Heard
@@ -227,6 +227,20 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
         np.testing.assert_array_equal(frame, (image.clamp(0, 1) * 255).round().byte().numpy())
     ends_sh = [read_ply(output / f"step_{step:03d}.ply").sh for step in (0, 1, 2)]
     assert not torch.equal(ends_sh[1], ends_sh[0]) and not torch.equal(ends_sh[1], ends_sh[2])
+
+
+def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatch):
+    def full(path, _):
+        raise WegsError(f"The disk is full: {path} was not written.", "Free some space.")
+
+    monkeypatch.setattr(pipeline, "write_video", full)
+    heard = Heard()
+    output = pipeline.interpolate(trained[0], "neutral", "photo_4.png", 2, tmp_path / "fade", heard)
+    assert sorted(path.name for path in output.iterdir()) == ["frame_000.png", "frame_001.png", "sheet.png"]
+    assert heard.lines[-2:] == [
+        f"! The disk is full: {output / 'video.mp4'} was not written. Free some space.",
+        f"{output}: 2 frames, sheet.png",
+    ]
 
 
 def test_a_view_that_is_none_is_refused(trained, tmp_path):

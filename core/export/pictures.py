@@ -48,13 +48,13 @@ def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Non
     height, width = (side - side % 2 for side in frames[0].shape[:2])  # the codec stores colour at half the size
     with replacing(path) as temporary:
         code = cv2.VideoWriter_fourcc(*"mp4v")
-        writer = cv2.VideoWriter(str(temporary), code, len(frames) / VIDEO_SECONDS, (width, height))
+        file = str(temporary.absolute())  # FFmpeg takes what stands before a colon for a protocol
+        writer = cv2.VideoWriter(file, code, len(frames) / VIDEO_SECONDS, (width, height))
         if not writer.isOpened():
-            raise WegsError(
-                f"{path} could not be written: this OpenCV has no MPEG-4 writer.", "Use the frames instead."
-            )
+            what = f"{path} could not be written: OpenCV begins no MPEG-4 video of {width} x {height} px"
+            raise WegsError(f"{what}.", "Use the frames instead.")
         for frame in frames:
             writer.write(cv2.cvtColor(frame[:height, :width], cv2.COLOR_RGB2BGR))
         writer.release()
-        if not cv2.VideoCapture(str(temporary)).isOpened():  # the writer says nothing, but its index comes last
+        if not cv2.VideoCapture(file).isOpened():  # the writer says nothing, but its index comes last
             raise WegsError(f"{path} could not be written whole.", "Look whether the disk is full.")

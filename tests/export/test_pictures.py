@@ -50,6 +50,13 @@ def test_a_video_has_every_frame_even_at_an_odd_size(tmp_path):
     np.testing.assert_allclose(means, [25 * number for number in range(10)], atol=4)  # MPEG-4 is lossy
 
 
+def test_a_video_may_have_a_colon_in_its_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("noon:dusk").mkdir()
+    write_video(Path("noon:dusk/a.mp4"), [np.zeros((8, 8, 3), np.uint8)] * 2)
+    assert [path.name for path in Path("noon:dusk").iterdir()] == ["a.mp4"]
+
+
 def test_a_video_that_was_cut_short_is_noticed(tmp_path, monkeypatch):
     class FullDisk:
         """OpenCV's writer where the disk is full: no error, and a file without its end."""

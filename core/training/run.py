@@ -24,6 +24,7 @@ from core.export.ply import write_points
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import MAX_DEGREE
+from core.training import checkpoint
 from core.training.needs import Decision
 
 CONFIG = "config.json"
@@ -41,15 +42,21 @@ OURS = (
 
 
 def is_run(folder: Path) -> bool:
-    """Whether `folder` holds a run."""
-    return (folder / CONFIG).is_file()
+    """Whether `folder` holds a run: its config.json names wegs, as no other program's does, or is garbled beside a checkpoint."""
+    try:
+        facts = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
+    except OSError:
+        return False
+    except ValueError:
+        return checkpoint.newest(folder) is not None
+    return isinstance(facts, dict) and "wegs" in facts
 
 
 def newest_run(folder: Path = Path(".")) -> Path:
     """The run begun last under FOLDER/runs, or `folder` itself if it is a run; BadInput if there is none."""
     if is_run(folder):
         return folder
-    runs = [path.parent for path in (folder / RUNS).glob(f"*/{CONFIG}")]
+    runs = [path.parent for path in (folder / RUNS).glob(f"*/{CONFIG}") if is_run(path.parent)]
     if not runs:
         raise BadInput(f"There is no run in {folder / RUNS}.", "Give the folder of one, or type: wegs train SCENE")
     return max(runs, key=lambda path: ((path / CONFIG).stat().st_mtime_ns, path.name))
@@ -60,7 +67,7 @@ def find_run(path: Path | None) -> Path:
     if path is None:
         return newest_run()
     if not is_run(path):
-        raise BadInput(f"{path} is not a run: it holds no {CONFIG}.", "Give a folder that `wegs train` made.")
+        raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", "Give a folder that `wegs train` made.")
     return path
 
 

@@ -47,7 +47,7 @@ def test_where_runs_is_a_link_to_nothing_it_is_said():
 @locks
 def test_a_folder_that_is_trained_in_is_left_alone():
     with new_run(Path("a/b"), "plaza") as folder:
-        (folder / "config.json").write_text("{}")
+        (folder / "config.json").write_text('{"wegs": "0.1.0"}')
         for second in (held(folder), new_run(folder, "plaza", force=True)):
             with pytest.raises(BadInput, match="Another `wegs train` is at work in a/b"), second:
                 pass

@@ -36,7 +36,7 @@ def here(tmp_path, monkeypatch):
 
 def begin(folder: Path, age_s: int = 0) -> None:
     folder.mkdir(parents=True)
-    (folder / "config.json").write_text("{}")
+    (folder / "config.json").write_text('{"wegs": "0.1.0"}')
     os.utime(folder / "config.json", (1e9 - age_s, 1e9 - age_s))
 
 
@@ -81,6 +81,26 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
     for name in ("file", "home"):
         with pytest.raises(BadInput, match=name):
             run.choose_folder(Path(name), "plaza", force=True)
+
+
+@pytest.mark.parametrize("text", ['{"learning_rate": 1}', "[1]", "", "\0"])
+def test_a_folder_of_another_program_is_no_run(here, text):
+    folder = Path("runs/network")
+    (folder / "masks").mkdir(parents=True)
+    (folder / "config.json").write_text(text)
+    with pytest.raises(BadInput, match="no run"):
+        run.choose_folder(folder, "plaza", force=True)
+    for wanted in (None, folder):
+        with pytest.raises(BadInput, match="no run|is not a run"):
+            run.find_run(wanted)
+
+
+@pytest.mark.parametrize("text", ["", "{", "\0"])
+def test_a_run_whose_config_was_garbled_is_one_still(here, text):
+    begin(Path("old"))
+    Path("old/config.json").write_text(text)
+    Path("old/checkpoint_000100.safetensors").write_text("")
+    assert run.choose_folder(Path("old"), "plaza", force=True) == Path("old")
 
 
 def test_a_run_that_cannot_be_begun_leaves_nothing(tmp_path, collection, monkeypatch):

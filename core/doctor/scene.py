@@ -7,6 +7,7 @@ import numpy as np
 from core.data import find_kind, find_photos, load_collection
 from core.data import photos as files
 from core.data.collection import Collection, Photo, astray
+from core.data.features import LEAST_PHOTOS
 from core.data.load import POSED
 from core.data.photo_file import list_photos, list_unreadable, named_with_fault
 from core.data.placing import USUAL_FOCAL_LENGTHS
@@ -16,7 +17,18 @@ from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
 
-LEFT_OUT = (", not used", "missing", "left out")  # in the words of the reader's notes on photos
+# In the words of the reader's notes: those about which nothing needs doing, or which a finding of its own is about.
+HARMLESS = (
+    "held out for testing",
+    "is what is held out",
+    "will be undistorted",
+    "their cameras were turned along",
+    "with a mask from",
+    "Nothing says which photo",
+    "`wegs train` triangulates",
+    "used all the same",
+    "files are written around",
+)
 FEW_POINTS = 20  # a photo that sees fewer is held by little; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
 ODD_DISTANCE = 10.0  # times the median camera's from the middle of the scene
@@ -41,8 +53,8 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
 
 
 def _note(note: str) -> Finding:
-    """What the reader noted; a photo or point that it left out asks for a look."""
-    advice = "Correct it unless it is meant." if any(words in note for words in LEFT_OUT) else ""
+    """What the reader noted, which asks for a look unless it is known to be harmless."""
+    advice = "" if any(words in note for words in HARMLESS) else "Correct it unless it is meant."
     return Finding("reading", note.rstrip("."), "noted by the reader", advice)
 
 
@@ -158,6 +170,8 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
             flat.append(f"{path.name}: {pixels.mean():.0f} of 255")
     figure = f"{counted(len(paths), 'photo')}" + (f" of {min(sizes):.2g} to {max(sizes):.2g} MP" if sizes else "")
     fix = f"`{command('wegs', 'train', root)}` finds their cameras first."
+    if len(sizes) < LEAST_PHOTOS:
+        fix = f"Add photos of the same place: at least {LEAST_PHOTOS} that can be read are needed to find cameras."
     others = [path.name for path in list_unreadable(folder)]
     return [
         Finding("scene", figure, "photos without cameras", fix),

@@ -106,6 +106,14 @@ def test_files_that_are_meant_to_be_left_out_ask_for_nothing(tmp_path):
     assert [finding.advice for finding in noted] == [""]
 
 
+def test_what_the_reader_notes_asks_for_a_look(tmp_path):
+    scene = SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "scene")
+    (scene / "test.txt").write_text("bogus.png\n")
+    asking = [finding.figure for finding in examine(scene, Heard()) if finding.name == "reading" and finding.advice]
+    assert len(asking) == 2 and asking[0] == "1 photo of test.txt not in the model: bogus.png"
+    assert asking[1].startswith("test.txt holds out none of these photos")
+
+
 def stray_scene(root):
     """Nine photos, of which five are wrong in their own way, far from the origin."""
     scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)], offset=np.array([5e6, 0.0, 0.0]))
@@ -161,6 +169,12 @@ def test_photos_without_points_or_cameras(tmp_path):
     (tmp_path / "scene" / "images" / "IMG_1.HEIC").write_bytes(b"x")
     other = examined(tmp_path / "scene" / "images")[0]["photos in other formats"]
     assert other.figure == "1 of 5 (IMG_1.HEIC)" and "JPEG" in other.advice
+
+
+def test_one_photo_is_too_few_to_find_cameras(tmp_path):
+    for count, advice in ((1, "Add photos of the same place: at least 2"), (2, "`wegs train ")):
+        cv2.imwrite(str(tmp_path / f"{count}.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+        assert examined(tmp_path)[0]["scene"].advice.startswith(advice)
 
 
 # --- the command line

@@ -18,7 +18,7 @@ class Terminal(Report):
     """A Report for people. Use as a context manager: leaving it clears the bar."""
 
     def __init__(self):
-        self.console = Console(highlight=False)
+        self.console = Console(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
         self.bar: Progress | None = None
         self.task = None
         self.what = ""
@@ -31,10 +31,10 @@ class Terminal(Report):
         self._end_bar()
 
     def say(self, line: str) -> None:
-        self.console.print(line, markup=False, soft_wrap=True)
+        self.console.print(line, soft_wrap=True)
 
     def warn(self, line: str) -> None:
-        self.console.print(line, style="yellow", markup=False, soft_wrap=True)
+        self.console.print(line, style="yellow", soft_wrap=True)
 
     def progress(self, what: str, done: int, total: int, note: str = "") -> None:
         if self.console.is_terminal:
@@ -63,7 +63,7 @@ class Terminal(Report):
         if self.bar is None or what != self.what:
             self._end_bar()
             columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-            left = (TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[note]}"))
+            left = (TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[note]}", markup=False))
             self.bar = Progress(*columns, *left, console=self.console)
             self.bar.start()
             self.task = self.bar.add_task(what, total=total, note=note)

@@ -55,3 +55,21 @@ def test_a_table_with_a_header_has_its_columns_below_each_other(capsys):
         watched.console = Console(file=screen, force_terminal=True, width=120)
         watched.table("Figures", rows, ("curve", "choice", "ms"))
     assert all(word in screen.getvalue() for word in ("Figures", "choice", "long choice"))
+
+
+@pytest.mark.parametrize("path", ["runs/Rome [old]", "runs/[/c]", "runs/trip:sun:2020"])
+def test_paths_are_shown_as_they_are(path, monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "120")
+    ways = (
+        lambda watched: watched.say(path),
+        lambda watched: watched.warn(path),
+        lambda watched: watched.table("Done", [("run", path)]),
+        lambda watched: watched.table("Done", [("1", "2")], (path, "ms")),
+        lambda watched: watched.progress("Photos", 1, 1, path),
+    )
+    for way in ways:
+        with Terminal() as watched:
+            assert watched.console.is_terminal
+            way(watched)
+        assert path in capsys.readouterr().out

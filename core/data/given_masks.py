@@ -59,8 +59,10 @@ def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Coll
 
 
 def with_masks_of(collection: Collection, before: Collection) -> Collection:
-    """The collection with the masks that an earlier reading of it had: how a run goes on."""
+    """The collection with the masks that an earlier reading of it had: how a run goes on. BadInput if one is gone."""
     masks = {photo.name: photo.mask for photo in before.photos}
+    if gone := [mask for mask in masks.values() if mask and not mask.is_file()]:
+        raise BadInput(f"{counted(len(gone), 'mask')} of the run cannot be found, such as {gone[0]}.", "Put them back.")
     return replace(
         collection, photos=tuple(replace(photo, mask=masks.get(photo.name)) for photo in collection.photos)
     )

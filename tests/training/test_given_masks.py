@@ -9,6 +9,7 @@ import torch
 
 from core import pipeline
 from core.data.given_masks import with_masks
+from core.errors import BadInput
 from core.training import run
 from core.training.pictures import Pictures
 from core.training.trainer import Trainer
@@ -90,6 +91,10 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
 
     with pytest.raises(Stopped):
         pipeline.train(scene, settings, tmp_path / "broken", Impatient(), masks=scene / "masks")
+    hidden = (scene / "masks").rename(scene / "hidden")
+    with pytest.raises(BadInput, match="4 masks of the run cannot be found, such as .*photo_0.png. Put them back"):
+        pipeline.resume(tmp_path / "broken")
+    hidden.rename(scene / "masks")
     broken = pipeline.resume(tmp_path / "broken", Heard())
     first, second = pipeline.load_run(whole), pipeline.load_run(broken)
     for name, tensor in first.splats.tensors().items():

@@ -21,10 +21,9 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     path = run.find_run(None) if path is None else path
     if not path.exists():
         raise BadInput(f"There is no {path}.", "Give a .ply, a run, a scene or a folder of photos.")
-    clouds = path.glob(run.CLOUDS)
     if run.is_run(path):
         findings = examine_run(path, report)
-    elif newest := max(clouds, key=lambda cloud: cloud.stat().st_mtime_ns, default=None):
+    elif newest := max(path.glob(run.CLOUDS), key=_progress, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
     else:
         findings = (examine_scene if path.is_dir() else examine_ply)(path, report)
@@ -32,3 +31,9 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         (report.warn if finding.advice else report.say)(finding.line())
     report.say(f"{path}: {verdict(findings)}")
     return findings
+
+
+def _progress(cloud: Path) -> tuple[int, int]:
+    """How far the training was that wrote the file, and when: a copy has any date."""
+    step = cloud.parent.name.removeprefix("iteration_")
+    return int(step) if step.isdecimal() else -1, cloud.stat().st_mtime_ns

@@ -1,6 +1,7 @@
 """A .ply on the table: planted faults are counted, whoever wrote the file."""
 
 import json
+import os
 
 import numpy as np
 import plyfile
@@ -106,6 +107,16 @@ def cameras_json(*positions) -> str:
     """Cameras of the original project at these places, looking along z."""
     lens = {"width": 64, "height": 48, "fx": 50.0, "fy": 50.0}
     return json.dumps([{"position": list(p), "rotation": np.eye(3).tolist(), **lens} for p in positions])
+
+
+def test_of_another_programs_run_the_last_iteration_is_looked_at(tmp_path):
+    (tmp_path / "config.json").write_text('{"learning_rate": 1}')
+    for age, (name, count) in enumerate((("30000", 40), ("7000", 50), ("best", 60))):
+        path = tmp_path / "point_cloud" / f"iteration_{name}" / "point_cloud.ply"
+        path.parent.mkdir(parents=True)
+        write(path, sound_rows()[:count])
+        os.utime(path, (1e9 + age, 1e9 + age))
+    assert examined(tmp_path)[0]["file"].figure.startswith("40 Gaussians")
 
 
 @pytest.mark.parametrize("folder", [".", "point_cloud/iteration_7"])

@@ -150,6 +150,9 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
         pipeline.find_appearance(live, "Noo")
     by_path = pipeline.find_appearance(live, str(folder / "appearance" / "noon.json"))
     assert by_path.source == "training photo photo_0.png"
+    for elsewhere, words in (("gone/noon", "is neither a photo file"), ("gone/noon.json", "no saved look gone/noon.json")):
+        with pytest.raises(BadInput, match=words):
+            pipeline.find_appearance(live, elsewhere)
 
 
 def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outside(trained, small_scene, tmp_path):

@@ -134,7 +134,7 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     look that comes from no photo.
     """
     path = Path(word)
-    kept = trained.folder / saved_look.FOLDER / f"{path.name.removesuffix('.json')}.json"
+    kept = path if path.name != word else trained.folder / saved_look.FOLDER / f"{word.removesuffix('.json')}.json"
     is_kept = path.suffix == ".json" or (kept.is_file() and not path.is_file())
     if mask is not None and (word == NEUTRAL or is_kept):
         raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")

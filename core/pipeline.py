@@ -210,7 +210,7 @@ def export(
         raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
     trained = load_run(run.find_run(folder))
     if save_as is not None:
-        saved_look.check_free(trained.folder, save_as, force)
+        saved_look.check_free(trained.folder, save_as, force, [photo.name for photo in trained.collection.photos])
     appearance = find_appearance(trained, word, mask)
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {appearance.source}")
     for note in trained.collection.frame.offset_notes():

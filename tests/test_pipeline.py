@@ -326,6 +326,13 @@ def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
     assert path.read_text() != before
 
 
+@pytest.mark.parametrize("name", ["photo_0.png", "photo_2.png.json"])
+def test_a_look_is_not_kept_by_the_name_of_a_photo(trained, tmp_path, name):
+    with pytest.raises(BadSetting, match="is the name of a photo of this run. Choose another"):
+        pipeline.export(trained[0], "photo_4.png", tmp_path / "a.ply", save_as=name, force=True)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
     monkeypatch.setattr(pipeline, "subject_of", None)

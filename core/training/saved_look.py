@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,9 +40,14 @@ def path_of(folder: Path, name: str) -> Path:
     return folder / FOLDER / f"{name.removesuffix('.json')}.json"
 
 
-def check_free(folder: Path, name: str, force: bool) -> None:
-    """Raise BadInput where a run cannot keep a look `name`, or has one that is not to be replaced: asked before the work."""
+def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) -> None:
+    """Raise BadInput where a run cannot keep a look `name`, or has one that is not to be replaced: asked before the work.
+
+    photos: names of the run's photos. BadSetting for one of them, whose own look nobody could ask for by name any more.
+    """
     path = path_of(folder, name)
+    if path.stem in photos:
+        raise BadSetting(f"{path.stem!r} is the name of a photo of this run.", "Choose another name.")
     check_folder(path.parent)
     if path.exists() and not force:
         raise BadInput(f"{path} exists.", "Add --force to replace it, or choose another name.")

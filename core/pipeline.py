@@ -288,21 +288,21 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     else:
         distance = distance.to(trained.device)
     start = time.perf_counter()
-    views, pictures, scales, unreadable = [], [], [], []
+    views, pictures, scales, unusable = [], [], [], []
     for number, photo in enumerate(photos):
         try:
             view = held_out_view(trained, photo)
+            measured, picture = measure(subject, view, protocol, refine, distance)
         except BadInput as problem:
             if photo is photos[-1] and not views:
                 raise
-            unreadable.append(named_with_fault(photo.name, photo.path, problem))
+            unusable.append(named_with_fault(photo.name, photo.path, problem))
             continue
-        measured, picture = measure(subject, view, protocol, refine, distance)
         views.append(measured)
         pictures.append(picture)
         scales.append(view.camera.width / photo.camera.width)
         report.progress("Photos", number + 1, len(photos), photo.name)
-    for note in name_them("that cannot be read, not measured", unreadable):
+    for note in name_them("not measured", unusable):
         report.warn(note)
     results = Results(
         protocol=protocol,

@@ -85,7 +85,7 @@ def measure(
     """One photo through `protocol`, a key of PROTOCOLS.
 
     refine: also refine the embedding on the region it came from. The figures without it are given in any case.
-    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved.
+    Raises what `regions` raises.
     """
     fitted, scored = regions(view, protocol)
     height, width = view.picture.shape[:2]
@@ -121,17 +121,19 @@ def measure(
 def regions(view: View, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
-    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved.
+    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved, or without a valid pixel to score.
     """
     if protocol not in PROTOCOLS:
         raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
     width = view.picture.shape[1]
-    if protocol == "full":
-        return slice(0, width), slice(0, width)
-    seen = width - width // 2
-    if seen == width:
-        raise BadInput(f"{view.name} is {width} px wide and has no halves.", "Type: wegs eval --protocol full")
-    return slice(0, seen), slice(seen, width)
+    fitted = scored = slice(0, width)
+    if protocol == "half":
+        fitted, scored = slice(0, width - width // 2), slice(width - width // 2, width)
+        if fitted.stop == width:
+            raise BadInput(f"{view.name} is {width} px wide and has no halves.", "Type: wegs eval --protocol full")
+    if view.valid is not None and not view.valid[:, scored].any():
+        raise BadInput(f"{view.name} has no valid pixel in the part that is scored.", "Take it out of the test photos.")
+    return fitted, scored
 
 
 def compare(

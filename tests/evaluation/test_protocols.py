@@ -145,6 +145,11 @@ def test_bad_requests_are_refused():
     narrow = View("narrow.png", torch.zeros(4, 1, 3), dataclasses.replace(CAMERA, width=1, height=4))
     with pytest.raises(BadInput, match=r"narrow\.png"):
         measure(Flat(), narrow, "half")
+    left = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+    left[:, 13:] = False
+    with pytest.raises(BadInput, match=r"a\.png has no valid pixel"):
+        measure(Flat(), view(valid=left), "half")
+    assert math.isfinite(measure(Flat(), view(valid=left), "full", refine=False)[0].scores["photo"]["zero_shot"].psnr)
 
 
 # --- a real subject

@@ -116,7 +116,7 @@ def _show_version(context: click.Context, _parameter: click.Parameter, wanted: b
 )
 @click.option(
     "--memory",
-    type=click.FloatRange(min=1.5),
+    type=click.FloatRange(min=2),
     metavar="GIB",
     help="Never take more main memory than this (Linux); a GPU's own is not limited.",
 )

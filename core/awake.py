@@ -31,7 +31,7 @@ def _go_round(asked_to_leave):
 
 @contextmanager
 def cores_awake() -> Iterator[None]:
-    """Keep every core of this machine awake meanwhile, if it has few, all of them virtual and all for our threads."""
+    """Keep every core of this machine awake meanwhile, if it has few, all of them virtual and all for our threads. A decorator too."""
     asked_to_leave = np.zeros(1, np.int64)
 
     def stay() -> None:

@@ -9,6 +9,7 @@ import core
 import core.export
 import core.rasterizer
 from core import device
+from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm
 from core.data.collection import Collection, Photo
@@ -273,6 +274,7 @@ def interpolate(
 # --- trained run -> figures
 
 
+@cores_awake()
 def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True) -> Results:
     """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png into the run."""
     trained = load_run(run.find_run(folder))
@@ -319,7 +321,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     results.save(trained.folder)
     notes = [", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views]
     write_png(trained.folder / "sheet.png", picture_sheet(pictures, notes))
-    report.table(f"Held-out quality, protocol {protocol}", _rows(results))
+    report.table(f"Held-out quality, protocol {protocol}", results.rows())
     report.say(f"{trained.folder}: results.json, per_view.json, sheet.png")
     return results
 
@@ -337,14 +339,3 @@ def held_out_view(trained: Run, photo: Photo) -> View:
     valid = None if picture.valid is None else torch.from_numpy(picture.valid).to(trained.device)
     truth = load_truth(trained.collection.root, photo.name, camera.width, camera.height)
     return View(photo.name, pixels, camera, valid, truth.to(trained.device))
-
-
-def _rows(results: Results) -> list[tuple[str, str]]:
-    """The means as lines of a table, by what is compared with and whose embedding it was."""
-    rows = []
-    for against, by_embedding in results.means().items():
-        for whose, figures in by_embedding.items():
-            words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
-            rows.append((f"{against}, {whose}", "  ".join(words)))
-    overlap = results.mask_iou()
-    return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]

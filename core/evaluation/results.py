@@ -58,6 +58,16 @@ class Results:
         """Mean overlap of predicted and true passers-by over the photos where both are known."""
         return _mean([view.mask_iou for view in self.views])
 
+    def rows(self) -> list[tuple[str, str]]:
+        """The means as lines of a table, by what is compared with and whose embedding it was."""
+        rows = []
+        for against, by_embedding in self.means().items():
+            for whose, figures in by_embedding.items():
+                words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
+                rows.append((f"{against}, {whose}", "  ".join(words)))
+        overlap = self.mask_iou()
+        return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]
+
     def to_json(self) -> dict[str, Any]:
         """The content of results.json."""
         refined = any("refined" in by_embedding for view in self.views for by_embedding in view.scores.values())

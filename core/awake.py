@@ -1,51 +1,46 @@
 """Cores that do not doze off while a step hands its work from thread to thread.
 
 A virtual core without work is given back to the host, and comes back late and with cold caches. In a training step threads wait
-for each other a hundred times, mostly for the interpreter lock and only for moments; on a machine of two virtual cores that
-was a sixth of the wall time. So each core gets a thread of Linux's lowest class, SCHED_IDLE, which goes round in circles: it runs where
-nothing else wants to, makes way at once for what does, and needs no lock of the interpreter's.
+for each other a hundred times, mostly for the interpreter lock and only for moments; on two virtual cores that was
+a tenth to a sixth of the wall time. So each core gets a process of Linux's lowest class, SCHED_IDLE, which goes round in circles: it
+runs where nothing else wants to and makes way at once for what does. (A thread could be put aside while it holds the interpreter lock.)
 """
 
 import os
-import threading
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
-from core.compiled import kernel
-from core.simd import fetch_add
 from core.threads import threads
 
 FEW = 4  # cores: more would burn more than a step can use
 PROCESSOR = Path("/proc/cpuinfo")
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
-
-
-@kernel
-def _go_round(asked_to_leave):
-    while fetch_add(asked_to_leave, 0, 0) == 0:
+# Until it is killed, or the process that began it is gone, whose number it is told.
+CIRCLES = """
+import os, sys
+os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+while os.getppid() == int(sys.argv[1]):
+    for _ in range(100_000):
         pass
+"""
 
 
 @contextmanager
 def cores_awake() -> Iterator[None]:
     """Keep every core of this machine awake meanwhile, if it has few, all of them virtual and all for our threads. A decorator too."""
-    asked_to_leave = np.zeros(1, np.int64)
-
-    def stay() -> None:
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))  # of this thread
-        _go_round(asked_to_leave)
-
-    if worthwhile(threads()):
-        _go_round(np.ones(1, np.int64))  # compiled here: a compiler of the lowest class would hold the interpreter lock for long
-        for _ in range(threads()):
-            threading.Thread(target=stay, name="wegs-awake", daemon=True).start()
+    # A process group of their own: Ctrl-C is not for them. No session of their own: Linux shares time between sessions first.
+    command, nowhere = [sys.executable, "-I", "-S", "-c", CIRCLES, str(os.getpid())], subprocess.DEVNULL
+    count = threads() if worthwhile(threads()) else 0
+    walkers = [subprocess.Popen(command, process_group=0, stdin=nowhere, stdout=nowhere) for _ in range(count)]
     try:
         yield
     finally:
-        asked_to_leave[0] = 1
+        for walker in walkers:
+            walker.kill()
+            walker.wait()
 
 
 def worthwhile(wanted: int) -> bool:

@@ -1,15 +1,34 @@
-"""Threads that keep cores awake: only where they serve, of the lowest class, and gone afterwards, come what may."""
+"""What keeps cores awake: only where it serves, of the lowest class, and gone afterwards, come what may."""
 
 import os
-import threading
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from core import awake
 
 linux = pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="SCHED_IDLE is Linux's")
-NAME = "wegs-awake"
+ROOT = Path(__file__).parents[1]
+KILLED = """
+import os, signal, subprocess
+from core import awake
+
+awake.worthwhile, awake.threads = lambda wanted: True, lambda: 1
+started = subprocess.Popen
+
+def popen(*command, **ways):
+    walker = started(*command, **ways)
+    print(walker.pid, flush=True)
+    return walker
+
+subprocess.Popen = popen
+with awake.cores_awake():
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
 
 
 @pytest.fixture
@@ -20,10 +39,6 @@ def machine(monkeypatch, tmp_path):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     (tmp_path / "cpuinfo").write_text("flags : fpu sse2 hypervisor lahf_lm\n")
     return tmp_path
-
-
-def watchers() -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if thread.name == NAME]
 
 
 def come_true(condition) -> bool:
@@ -74,16 +89,35 @@ def test_nor_under_the_first_version_of_control_groups(machine, quota, expected)
 
 @linux
 def test_of_the_lowest_class_and_gone_after_a_failure(monkeypatch):
+    begun = []
+
+    def popen(*command, **ways):
+        begun.append(started(*command, **ways))
+        return begun[-1]
+
+    started = subprocess.Popen
     monkeypatch.setattr(awake, "worthwhile", lambda wanted: True)
     monkeypatch.setattr(awake, "threads", lambda: 2)
+    monkeypatch.setattr(subprocess, "Popen", popen)
     with pytest.raises(KeyError), awake.cores_awake():
-        assert len(watchers()) == 2
-        assert come_true(lambda: all(os.sched_getscheduler(t.native_id) == os.SCHED_IDLE for t in watchers()))
+        assert len(begun) == 2
+        assert come_true(lambda: all(os.sched_getscheduler(walker.pid) == os.SCHED_IDLE for walker in begun))
+        assert not any(os.getpgid(walker.pid) == os.getpgid(0) for walker in begun), "Ctrl-C is not for them"
         raise KeyError
-    assert come_true(lambda: not watchers())
+    assert all(walker.returncode is not None for walker in begun)
+
+
+@linux
+def test_they_do_not_outlive_a_process_that_was_killed():
+    process = subprocess.Popen([sys.executable, "-c", KILLED], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    said, _ = process.communicate(timeout=60)
+    walker = Path("/proc") / said.strip()
+    assert process.returncode == -signal.SIGKILL and walker.name.isdigit()
+    assert come_true(lambda: not walker.exists())
 
 
 def test_none_where_they_do_not_serve(monkeypatch):
     monkeypatch.setattr(awake, "worthwhile", lambda wanted: False)
+    monkeypatch.setattr(subprocess, "Popen", None)
     with awake.cores_awake():
-        assert not watchers()
+        pass

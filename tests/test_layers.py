@@ -13,8 +13,8 @@ LONGEST_FILE = 350
 # wegs_cli -> bench -> pipeline, doctor -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
 LAYERS = [
     {"core", "core.compiled", "core.errors", "core.launch", "core.report", "core.threads"},  # "core" itself: the version
-    {"core.config", "core.memory", "core.ply_file", "core.simd"},
-    {"core.awake", "core.device"},
+    {"core.awake", "core.config", "core.memory", "core.ply_file", "core.simd"},
+    {"core.device"},
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},

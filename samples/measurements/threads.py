@@ -1,8 +1,8 @@
-"""One thread against two: the same work in turns, so that whatever else the machine does meets both; cores kept awake as in training."""
+"""One thread against two: the same work in turns, so that whatever else the machine does meets all."""
 
 import math
-import os
 from collections.abc import Callable
+from contextlib import nullcontext
 
 import torch
 
@@ -13,7 +13,8 @@ from samples.measurements.steps import WARM_UP, trainer_of
 from samples.measurements.stopwatch import Stopwatch, spread
 
 TURNS = 25
-THREADS = 1, 2
+WAYS = {"1 thread": (1, nullcontext), "2 threads": (2, nullcontext), "2 threads, cores awake": (2, cores_awake)}
+ONE, *MORE = WAYS
 
 
 def measure_threads(scale: float) -> dict:
@@ -22,22 +23,23 @@ def measure_threads(scale: float) -> dict:
     backend, trainer = rasterizer.create("cpu"), trainer_of(scale, "full", "on")
     for _ in range(math.ceil(WARM_UP * scale)):
         trainer.step()
-    parts, facts = {}, {"cores": os.cpu_count()}
+    parts, facts = {}, {}
     for name, work in (("rasterizer", lambda: draw(backend, scene, camera)), ("step", trainer.step)):
         measured = in_turns(work, math.ceil(TURNS * scale))
-        parts |= {f"{name}, {threads} thread{'s' * (threads > 1)}": measured[threads] for threads in THREADS}
-        facts[f"{name}_speed_up"] = round(measured[1]["median"][1] / measured[2]["median"][1], 2)
+        parts |= {f"{name}, {way}": figures for way, figures in measured.items()}
+        for way in MORE:
+            facts[f"{name}, {way}"] = round(measured[ONE]["median"][1] / measured[way]["median"][1], 2)
     return {"parts": parts, "facts": facts}
 
 
-def in_turns(work: Callable[[], object], turns: int) -> dict[int, dict]:
-    """Figures as of `Stopwatch.repeat` for each number of threads."""
-    runs = {threads: [] for threads in THREADS}
+def in_turns(work: Callable[[], object], turns: int) -> dict[str, dict]:
+    """Figures as of `Stopwatch.repeat` for each of WAYS."""
+    runs = {way: [] for way in WAYS}
     before = torch.get_num_threads()
     for _ in range(1 + turns):
-        for threads in THREADS:
+        for way, (threads, kept) in WAYS.items():
             torch.set_num_threads(threads)
-            with cores_awake():
-                runs[threads].append(Stopwatch().repeat(work, 0, 1)["whole"]["median"])
+            with kept():
+                runs[way].append(Stopwatch().repeat(work, 0, 1)["whole"]["median"])
     torch.set_num_threads(before)
-    return {threads: spread(spent[1:]) for threads, spent in runs.items()}
+    return {way: spread(spent[1:]) for way, spent in runs.items()}

@@ -33,13 +33,13 @@ def measure_threads(scale: float) -> dict:
 
 
 def in_turns(work: Callable[[], object], turns: int) -> dict[str, dict]:
-    """Figures as of `Stopwatch.repeat` for each of WAYS."""
+    """Figures as of `Stopwatch.repeat` for each of WAYS; every turn warms up, as what keeps cores awake has to start."""
     runs = {way: [] for way in WAYS}
     before = torch.get_num_threads()
     for _ in range(1 + turns):
         for way, (threads, kept) in WAYS.items():
             torch.set_num_threads(threads)
             with kept():
-                runs[way].append(Stopwatch().repeat(work, 0, 1)["whole"]["median"])
+                runs[way].append(Stopwatch().repeat(work, 2, 1)["whole"]["median"])
     torch.set_num_threads(before)
     return {way: spread(spent[1:]) for way, spent in runs.items()}

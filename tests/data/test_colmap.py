@@ -47,6 +47,16 @@ def test_layouts(tmp_path, images, sparse, scale):
     assert collection.photos[0].camera.height == round(HEIGHT * scale)
 
 
+@pytest.mark.parametrize("base", [".", "dense"])
+@pytest.mark.parametrize("shrunken", ["images_2", "images_8"])
+def test_whole_photos_are_preferred_to_shrunken_ones(tmp_path, base, shrunken):
+    root = SmallScene(scale=0.5).write(tmp_path / "scene", f"{base}/{shrunken}", f"{base}/sparse")
+    SmallScene().write(tmp_path / "whole")
+    (tmp_path / "whole" / "images").rename(root / base / "images")
+    photos = load_collection(root).photos
+    assert {photo.path.parent.name for photo in photos} == {"images"} and photos[0].camera.width == WIDTH
+
+
 @pytest.mark.parametrize("form", ["binary", "text", "old binary", "old text"])
 def test_formats(tmp_path, form):
     """Since COLMAP 3.12 models have rigs and frames; before, they had not."""

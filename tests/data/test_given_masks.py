@@ -124,6 +124,16 @@ def test_a_mask_lies_on_the_photo_as_displayed(tmp_path, orientation):
     assert (picture.pixels[~use] != whole[~use]).any(axis=1).mean() > 0.9  # noise: a chance hit is rare
 
 
+def test_what_is_transparent_and_what_a_mask_hides_are_both_invalid(tmp_path):
+    pixels = noise(36, 48, 4)
+    pixels[..., 3] = 255
+    pixels[:12, :30, 3] = 0
+    path, mask = save(tmp_path / "a.png", pixels), save_mask(tmp_path / "m.png", hidden=np.s_[6:20, 20:40])
+    expected = np.ones((36, 48), bool)
+    expected[:12, :30] = expected[6:20, 20:40] = False
+    np.testing.assert_array_equal(load(replace(photo_at(path, 48, 36), mask=mask), 48, 36).valid, expected)
+
+
 def test_masks_of_other_sizes_and_shrunk_photos(tmp_path):
     path = save(tmp_path / "a.jpg", noise(64, 96))
     half = save_mask(tmp_path / "m.png", 32, 48, np.s_[8:16, 16:32])

@@ -64,6 +64,12 @@ def test_to_scene_subtracts_in_float64():
     assert FRAME.to_scene(world)[1, 1] == pytest.approx(1e-3 / 35, rel=1e-5)
 
 
+@pytest.mark.parametrize("centre", [(5e6, 5e6, 0), (-5e6, -5e6, 0), (-5e6, -5e6, -5e6), (0, 0, -5e6)])
+def test_files_are_moved_wherever_far_from_the_origin_the_world_lies(centre):
+    assert SceneFrame(np.array(centre), 1.0).file_offset.tolist() == list(centre)
+    assert not SceneFrame(np.array(centre) * 1e-6, 1.0).file_offset.any()
+
+
 @pytest.mark.parametrize("same", [np.zeros((1, 3)), np.full((7, 3), 4.0)])
 def test_around_a_single_place_has_a_radius(same):
     assert SceneFrame.around(same).radius == 1.0

@@ -49,11 +49,33 @@ def test_exceptions_come_out_and_the_setting_is_put_back(threads):
     assert torch.get_num_threads() == threads
 
 
+@pytest.mark.parametrize("threads", [2], indirect=True)
+def test_an_exception_of_another_thread_comes_out(threads):
+    raised = threading.Event()
+
+    def work(begin: int, end: int) -> None:
+        if threading.current_thread() is threading.main_thread():
+            assert raised.wait(60)
+        else:
+            raised.set()
+            raise ArithmeticError("elsewhere")
+
+    with pytest.raises(ArithmeticError, match="elsewhere"):
+        in_parallel(work, 2, 1)
+
+
 @pytest.mark.parametrize("with_gradients", [True, False])
 def test_beside_gives_the_result_from_one_torch_thread_with_the_callers_gradients(threads, with_gradients):
+    started = threading.Event()
+
+    def work():
+        started.set()
+        return threading.current_thread() is threading.main_thread(), torch.get_num_threads(), torch.is_grad_enabled()
+
     with torch.set_grad_enabled(with_gradients):
-        finish = beside(lambda: (torch.get_num_threads(), torch.is_grad_enabled(), torch.ones(1, requires_grad=True) * 2))
-        assert finish()[:2] == (1, with_gradients)
+        finish = beside(work)
+        assert threads == 1 or started.wait(60)
+        assert finish() == (threads == 1, 1, with_gradients)
     assert torch.get_num_threads() == threads
 
 

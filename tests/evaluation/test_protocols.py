@@ -13,7 +13,7 @@ import core.rasterizer
 from core.appearance.model import AppearanceModel
 from core.errors import BadInput, BadSetting
 from core.evaluation.metrics import quantised
-from core.evaluation.protocols import REFINE_STEPS, View, compare, measure, refine_embedding
+from core.evaluation.protocols import REFINE_STEPS, View, compare, measure, refine_embedding, refinement
 from core.evaluation.results import Results
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import Truth, load_truth
@@ -86,9 +86,13 @@ def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
 
 
 def test_refinement_never_makes_what_it_sees_worse():
-    exact = torch.full((3,), 102 / 255)
-    refined = refine_embedding(Flat(), exact, CAMERA, quantised(halves(0.4, 0.4)))
-    assert torch.equal(refined, exact)
+    """A hair off, where Adam's first step leads past the colour by nearly its rate."""
+    picture, begin = quantised(halves(0.4, 0.4)), torch.full((3,), 102 / 255 + 1e-4)
+    steps = list(refinement(Flat(), begin, CAMERA, picture))
+    losses = [float((Flat().render(best, CAMERA) - picture).abs().mean()) for best in steps]
+    assert torch.equal(steps[0], begin) and torch.equal(steps[1], begin)
+    assert losses == sorted(losses, reverse=True)
+    assert torch.equal(refine_embedding(Flat(), begin, CAMERA, picture), steps[-1])
 
 
 def test_a_look_that_follows_nothing_is_not_refined():

@@ -1,0 +1,61 @@
+"""A run that is looked at: which photo a path means, how those from outside are read, and at what size photos are measured."""
+
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from core import pipeline
+from core.doctor.views import cameras_beside
+from core.scene.frame import SceneFrame
+from core.training import run
+from core.training.trained import Run, find_appearance, load_run
+from core.training.trainer import Trainer
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Run:
+    """A run of seconds at half the photos' size."""
+    folder = tmp_path_factory.mktemp("runs") / "small"
+    collection = replace(small_collection(tmp_path_factory.mktemp("scene")), frame=SceneFrame(np.array([3.0, -2.0, 1.0]), 7.0))
+    trainer = Trainer(collection, small_settings(steps=4, resolution=2), folder)
+    run.create(folder, collection, trainer.settings)
+    for _ in trainer.train():
+        pass
+    return load_run(folder)
+
+
+def test_a_training_photo_is_known_by_a_link_to_it(trained, tmp_path):
+    link = tmp_path / "link.png"
+    link.symlink_to(trained.collection.view("photo_1.png").path)
+    found, named = (find_appearance(trained, word) for word in (str(link), "photo_1.png"))
+    assert found.source == named.source == "training photo photo_1.png"
+    assert torch.equal(found.embedding, named.embedding)
+
+
+def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_path):
+    own = trained.collection.view("photo_2.png")
+    outside = shutil.copy(own.path, tmp_path / "outside.png")
+    picture = torch.from_numpy(cv2.imread(str(own.path))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
+    whole, masked = (trained.model.look(picture, masked=masked).embedding for masked in (False, True))
+    found = find_appearance(trained, str(outside)).embedding
+    torch.testing.assert_close(found, whole)
+    assert not torch.allclose(found, masked)
+
+
+def test_results_tell_by_how_much_photos_were_shrunk(trained):
+    assert pipeline.evaluate(trained.folder, refine=False).scale == 0.5
+
+
+def test_the_cameras_of_a_run_are_read_as_they_were_written(trained):
+    read = cameras_beside(trained.folder / "point_cloud.ply")
+    collection = trained.collection
+    assert len(read) == len(collection.photos)
+    for camera, photo in zip(read, (*collection.split("train"), *collection.split("test")), strict=True):
+        np.testing.assert_allclose(camera.world_to_camera, photo.camera.world_to_camera, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(camera.centre, collection.frame.to_world(photo.camera.centre), rtol=0, atol=1e-12)
+        assert (camera.width, camera.height) == (WIDTH, HEIGHT)

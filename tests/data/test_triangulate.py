@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 
 from core.data import load_collection
+from core.data.features import DATABASE
 from core.data.found_cameras import scene_of_photos
 from core.data.photos import load
 from core.data.prepare import prepared
-from core.data.triangulate import NEAREST, SPREAD, off_line_px, partners
+from core.data.triangulate import NEAREST, SPREAD, off_line_px, partners, triangulate
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
@@ -59,6 +61,23 @@ def test_points_lie_on_the_walls_and_photos_see_them(corner, kept):
     hidden = collection.view("5.png")
     assert (hidden.camera.project(collection.points[hidden.points])[0][:, 1] < HEIGHT / 2 + 5).all()
     assert load(hidden, WIDTH, HEIGHT).valid[HEIGHT // 2 + 1 :].sum() == 0
+
+
+def test_no_features_are_looked_for_where_a_mask_hides_the_photo(tmp_path):
+    """A board of holes: what fills them has corners."""
+    scene, work = tmp_path / "scene", tmp_path / "work"
+    for folder in (scene, work):
+        folder.mkdir()
+    write_corner(scene, masked=1)
+    use = np.kron(np.indices((HEIGHT // 10, WIDTH // 10)).sum(axis=0) % 2, np.ones((10, 10))) > 0
+    assert cv2.imwrite(str(scene / "mask.png"), use * np.uint8(255))
+    collection = load_collection(scene)
+    photos = (collection.view("1.png"), collection.view("2.png"))
+    triangulate([(photo, photo.camera.in_world(collection.frame)) for photo in photos], work, Report())
+    with pycolmap.Database.open(work / DATABASE) as database:
+        masked = database.read_image_with_name("000001.jpg").image_id
+        columns, rows = database.read_keypoints(masked)[:, :2].astype(int).T
+    assert len(rows) > 100 and use[rows, columns].all()
 
 
 def test_they_are_made_once_for_the_same_photos_and_cameras(corner, kept, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from core.errors import BadInput
+from core.scene.quaternions import rotations
 from core.training import checkpoint, densify, guards, losses, schedule
 from core.training.adam import Moved, adam_rows, plain_adam_rows
 from core.training.gaussians import Gaussians, initial_gaussians
@@ -106,6 +107,46 @@ def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
     strongest = gaussians.parameters["sh"][solid - 3 : solid].clone()
     assert densify.grow(gaussians, small_settings(), 3, torch.Generator().manual_seed(0)) == 3
     assert torch.equal(gaussians.parameters["sh"][solid : solid + 3], strongest)
+
+
+def test_growth_asks_for_the_mean_pull_of_a_view_and_counts_afresh(gaussians):
+    solid, seldom = gaussians.solid, gaussians.parameters["sh"][0].clone()
+    for budget in (1, 0):
+        gaussians.seen[:2] = torch.tensor([1.0, 10.0])
+        gaussians.gradient_sum[:2] = torch.tensor([2e-3, 3e-3])
+        assert densify.grow(gaussians, small_settings(), budget, torch.Generator().manual_seed(0)) == budget
+        assert not gaussians.seen.any() and not gaussians.gradient_sum.any()
+    assert torch.equal(gaussians.parameters["sh"][solid], seldom)
+
+
+def test_what_a_long_gaussian_splits_into_lies_along_it(gaussians):
+    solid, half_turn = gaussians.solid, np.deg2rad(40) / 2
+    parameters = gaussians.parameters
+    parameters["quaternions"][:solid] = torch.tensor([np.cos(half_turn), 0, 0, np.sin(half_turn)]).float()
+    parameters["log_scales"][:solid] = torch.tensor([0.1, 1e-6, 1e-6]).log()
+    gaussians.gradient_sum[:solid] = 1.0
+    before = parameters["means"][:solid].clone()
+    densify.grow(gaussians, small_settings(), solid, torch.Generator().manual_seed(0))
+    moved = gaussians.parameters["means"][: 2 * solid] - before.repeat(2, 1)
+    along = torch.tensor([np.cos(2 * half_turn), np.sin(2 * half_turn), 0]).float()
+    assert (moved - (moved @ along)[:, None] * along).norm(dim=1).max() < 1e-5
+    assert 0.09 < (moved @ along).std() < 0.11 and not torch.equal(moved[:solid], moved[solid:])
+
+
+def test_gaussians_are_allowed_in_the_ball_of_any_point_nearby():
+    """Five points close together have small balls; that of the lonely one reaches to them."""
+    points = np.zeros((6, 3))
+    points[:, 0] = [0.0, 0.01, 0.02, 0.03, 0.04, 1.0]
+    means = torch.zeros(4, 3)
+    means[:, 0] = torch.tensor([-0.5, 0.02, 0.3, 2.5])
+    assert densify.Surroundings(points, reach=1.0).outside(means).tolist() == [True, False, False, True]
+
+
+def test_the_skys_discs_face_the_scene(gaussians):
+    sky = gaussians.splats[gaussians.solid :]
+    outwards = torch.nn.functional.normalize(sky.means, dim=1)
+    torch.testing.assert_close(rotations(sky.quaternions)[:, :, 2], outwards, rtol=0, atol=1e-5)
+    assert (sky.log_scales.argmin(dim=1) == 2).all()
 
 
 # --- losses

@@ -1,0 +1,124 @@
+"""What a step learns, and how fast."""
+
+import pytest
+import torch
+
+from core.appearance.model import AppearanceModel, Look
+from core.scene.splats import Splats
+from core.training import losses, networks
+from core.training.gaussians import learning_rates
+from core.training.gauge import gauge
+from core.training.trainer import Trainer
+from tests.small import small_collection, small_settings
+
+PHOTOS = ["a.jpg", "b.jpg"]
+
+
+@pytest.fixture
+def trainer_of(tmp_path):
+    collection = small_collection(tmp_path)
+    return lambda **changes: Trainer(collection, small_settings(**changes), tmp_path)
+
+
+# --- what
+
+
+def test_until_its_time_the_geometry_stays_and_only_harmonics_learn(trainer_of):
+    trainer = trainer_of(steps=10, geometry_from=0.5)
+    before = {name: tensor.clone() for name, tensor in trainer.gaussians.parameters.items()}
+    for step in range(1, 11):
+        trainer.step()
+        moved = {name for name, tensor in trainer.gaussians.parameters.items() if not torch.equal(tensor, before[name])}
+        assert moved == ({"sh"} if step <= 5 else set(before)), step
+
+
+def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(trainer_of):
+    trainer = trainer_of(mask_start=0.2, mask_apply=0.6, transient_regularisation=1e-3)
+    camera = trainer.pictures[0].camera
+    trainer.gaussians.parameters["logit_opacities"].zero_()
+    seen = trainer.gaussians.splats
+    look = Look(trainer.model.mean_embedding, torch.zeros(1, 9, 12))
+    front = trainer.rasterizer.contributions(seen, camera)
+    rows = losses.transient_rows(seen.means, front, look.mask, camera)
+    opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
+    assert opacity > 1
+
+    def mean_of_twenty_steps(progress):
+        found = []
+        for trainer.done in range(1, 21):
+            found.append(float(trainer._transient_loss(look, seen, camera, progress, None)))
+        return sum(found) / 20
+
+    assert [mean_of_twenty_steps(progress) for progress in (0.0, 0.3, 0.59)] == [0, 0, 0]
+    for progress in (0.6, 1.0):
+        assert mean_of_twenty_steps(progress) == pytest.approx(1e-3 * float(opacity), rel=1e-5)
+
+
+def test_the_gauge_is_the_mean_over_gaussians_of_the_squared_residual(trainer_of, monkeypatch):
+    trainer = trainer_of()
+    monkeypatch.setattr(trainer.model, "transfer", lambda sh, *_: (sh, torch.full_like(sh, 2.0)))
+    assert float(gauge(trainer.model, trainer.gaussians, trainer.generator)) == 4 * 3 * 2.0**2
+
+
+# --- how fast
+
+
+RATES = {
+    "mean_rate": 0.1,
+    "quaternion_rate": 0.2,
+    "scale_rate": 0.3,
+    "opacity_rate": 0.4,
+    "sh_rate": 0.5,
+    "embedding_rate": 0.6,
+    "network_rate": 0.7,
+    "encoder_rate": 0.8,
+}
+
+
+def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth():
+    rates = learning_rates(small_settings(latent_size=3, **RATES), 0.1, 0.6)
+    for name, expected in {
+        "means": [0.1] * 3,
+        "quaternions": [0.2] * 4,
+        "log_scales": [0.3] * 3,
+        "logit_opacities": [0.4],
+        "sh": [0.5] * 3 + [0.025] * 9,
+        "latents": [0.6] * 3,
+    }.items():
+        assert rates.pop(name).tolist() == pytest.approx(expected), name
+    assert not rates
+
+
+@pytest.mark.parametrize(
+    "changes, expected",
+    [
+        ({}, {"encoder.enc1": 0.8, "encoder.enc2": 0.8, "encoder.channel_attention": 0.8, "encoder.unet": 0.7, "sh_transfer": 0.7}),
+        ({"embedding": "glo", "mask": "mlp"}, {"embedding_table": 0.6, "mask_network": 0.7, "sh_transfer": 0.7}),
+    ],
+    ids=["encoder", "tables"],
+)
+def test_every_network_learns_at_its_own_rate(changes, expected):
+    settings = small_settings(**RATES, **changes)
+    model = AppearanceModel(settings, PHOTOS)
+    groups = networks.optimizer_of(model, settings).param_groups
+    rates = {weight: group["rate"] for group in groups for weight in group["params"]}
+    for name, weight in model.named_parameters():
+        (rate,) = (rate for part, rate in expected.items() if name.startswith(part))
+        assert rates.pop(weight) == rate, name
+    assert not rates
+
+
+def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(trainer_of, monkeypatch):
+    trainer = trainer_of(latent_size=3, latents_from=0.0, geometry_from=0.0, **RATES)
+    used = []
+    monkeypatch.setattr(trainer.gaussians, "step", lambda rows, leaves, rates, taken: used.append(rates))
+    taken, slowed = torch.tensor(True), {"means": 0.01, "latents": 0.1}
+    for progress in (0.0, 0.5, 1.0):
+        trainer._update_gaussians(torch.arange(3), {}, progress, taken)
+        for name, rates in used[-1].items():
+            torch.testing.assert_close(rates, used[0][name] * slowed.get(name, 1.0) ** progress)
+        networks.update(trainer.model, trainer.optimizer, progress, lambda: None, taken)
+        for group in trainer.optimizer.param_groups:
+            assert group["lr"] == pytest.approx(group["rate"] * 0.1**progress)
+    assert used[0]["means"].tolist() == pytest.approx([0.1] * 3)
+    assert used[0]["latents"].tolist() == pytest.approx([0.6] * 3)

@@ -196,6 +196,15 @@ def test_neutral_look_is_a_corrected_running_mean():
     assert not model.mean_embedding.requires_grad
 
 
+def test_photos_not_met_yet_stand_where_the_first_one_does():
+    model = model_of()
+    first, second = torch.randn(2, 6)
+    model.remember(first, 3)
+    assert torch.equal(model.met_embeddings, first.repeat(5, 1))
+    model.remember(second, 0)
+    assert torch.equal(model.met_embeddings, torch.stack([second, *[first] * 4]))
+
+
 def test_remember_leaves_older_looks_alone():
     model = model_of(embedding="glo", transients="off")
     model.remember(torch.ones(6), 0)

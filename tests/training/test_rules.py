@@ -1,13 +1,20 @@
-"""What a step learns, and how fast."""
+"""What a step learns, and how fast; what is shown of it on the way."""
 
+from dataclasses import replace
+
+import cv2
+import numpy as np
 import pytest
 import torch
 
 from core.appearance.model import AppearanceModel, Look
-from core.scene.splats import Splats
+from core.scene.harmonics import dc_of_colour
 from core.training import losses, networks
-from core.training.gaussians import learning_rates
 from core.training.gauge import gauge
+from core.training.gaussians import learning_rates
+from core.training.jitter import draw_gain, jittered
+from core.training.masks import write_masks
+from core.training.photometric import Target
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
 
@@ -60,6 +67,18 @@ def test_the_gauge_is_the_mean_over_gaussians_of_the_squared_residual(trainer_of
     assert float(gauge(trainer.model, trainer.gaussians, trainer.generator)) == 4 * 3 * 2.0**2
 
 
+def test_gains_stop_at_their_largest_and_the_encoder_is_shown_nothing_above_one():
+    generator, settings = torch.Generator().manual_seed(0), small_settings(exposure_jitter=1.0)
+    gains = torch.stack([draw_gain(settings, generator) for _ in range(200)])
+    assert gains.max() == torch.tensor(1.4) and gains.min() < 0.2
+    photo, gain = torch.rand(3, 12, 16), torch.tensor([1.4, 1.0, 0.5])
+    shown, target = jittered(photo, Target(photo.permute(1, 2, 0)), gain)
+    brightened = photo * gain[:, None, None]
+    assert brightened.max() > 1.2
+    torch.testing.assert_close(target.planes, brightened)
+    torch.testing.assert_close(shown, brightened.clamp(max=1))
+
+
 # --- how fast
 
 
@@ -92,7 +111,7 @@ def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth
 @pytest.mark.parametrize(
     "changes, expected",
     [
-        ({}, {"encoder.enc1": 0.8, "encoder.enc2": 0.8, "encoder.channel_attention": 0.8, "encoder.unet": 0.7, "sh_transfer": 0.7}),
+        ({}, {"encoder.enc": 0.8, "encoder.channel_attention": 0.8, "encoder.unet": 0.7, "sh_transfer": 0.7}),
         ({"embedding": "glo", "mask": "mlp"}, {"embedding_table": 0.6, "mask_network": 0.7, "sh_transfer": 0.7}),
     ],
     ids=["encoder", "tables"],
@@ -122,3 +141,29 @@ def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(traine
             assert group["lr"] == pytest.approx(group["rate"] * 0.1**progress)
     assert used[0]["means"].tolist() == pytest.approx([0.1] * 3)
     assert used[0]["latents"].tolist() == pytest.approx([0.6] * 3)
+
+
+# --- what is shown of it
+
+
+def test_every_photo_is_written_with_its_own_mask(trainer_of, tmp_path):
+    trainer = trainer_of(mask="mlp")
+    torch.nn.init.normal_(trainer.model.mask_network.last.weight, std=0.2)
+    torch.nn.init.zeros_(trainer.model.mask_network.last.bias)
+    assert write_masks(tmp_path, trainer.model, trainer.pictures) == 4
+    for index, picture in enumerate(trainer.pictures.pictures):
+        written = cv2.imread(str(tmp_path / "masks" / picture.photo.name), cv2.IMREAD_GRAYSCALE)
+        mask = trainer.model.look(picture.encoder_input, index).mask[0].detach().numpy()
+        expected = cv2.resize(mask, written.shape[::-1]) * 255
+        assert np.abs(written - expected).max() <= 1.5
+    assert len({path.read_bytes() for path in (tmp_path / "masks").iterdir()}) == 4
+
+
+def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
+    """Three times as bright as white is white."""
+    trainer = trainer_of(appearance="off", transients="off")
+    white = [replace(picture, pixels=np.full_like(picture.pixels, 255)) for picture in trainer.held_out.pictures]
+    trainer.held_out.pictures[:] = white
+    trainer.gaussians.parameters["sh"][:, 0] = float(dc_of_colour(torch.tensor(3.0)))
+    psnr, ssim = trainer.held_out_quality()
+    assert psnr > 60 and ssim > 0.999

@@ -320,7 +320,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     )
     results.save(trained.folder)
     notes = [", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views]
-    write_png(trained.folder / "sheet.png", picture_sheet(pictures, notes))
+    write_png(trained.folder / "sheet.png", picture_sheet(pictures, notes, protocol))
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
     report.say(f"{trained.folder}: results.json, per_view.json, sheet.png")
     return results

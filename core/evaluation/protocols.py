@@ -71,11 +71,12 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """What to look at. render: with the refined embedding where there is one. mask: [0, 1], of any size, or None."""
+    """What to look at. embedding: whose `render` shows, refined where there is one. mask: [0, 1], of any size, or None."""
 
     name: str
     photo: UInt8[ndarray, "h w 3"]
     render: UInt8[ndarray, "h w 3"]
+    embedding: str
     mask: Float[ndarray, "h4 w4"] | None
 
 
@@ -114,7 +115,8 @@ def measure(
             scores[name][whose] = compare(image[:, columns], truth[:, columns], part, lpips)
     mask = subject.mask(photo.permute(2, 0, 1).contiguous())
     overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
-    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), None if mask is None else mask.cpu().numpy())
+    shown = None if mask is None else mask.cpu().numpy()
+    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), whose, shown)
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 

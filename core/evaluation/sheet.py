@@ -12,7 +12,6 @@ TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 LABEL_PX = 22  # height of a line of text
 GAP_PX = 4
 FULL_ERROR = 0.5  # the mean |difference| over the channels that gets the brightest colour
-TITLES = ("photo", "render", "mask (white: static)", f"error (brightest: {FULL_ERROR})")
 BLANK = 32  # grey of a tile without a picture
 TEXT = (230, 230, 230)
 
@@ -24,17 +23,24 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
     return cv2.cvtColor(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)
 
 
-def picture_sheet(rows: Sequence[ViewPictures], notes: Sequence[str]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+def titles(protocol: str, embedding: str) -> tuple[str, str, str, str]:
+    """What stands above the columns."""
+    error = f"error ({embedding}; brightest: {FULL_ERROR})"
+    return f"photo (protocol {protocol})", f"render ({embedding})", "mask (white: static)", error
+
+
+def picture_sheet(rows: Sequence[ViewPictures], notes: Sequence[str], protocol: str) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All rows below a line of titles, each above a line with its name and its note (a figure, say); RGB.
 
     A row without a mask has a grey tile there.
     """
     widest = max(min(TILE_PX, row.photo.shape[1]) for row in rows)
     step = widest + GAP_PX
-    parts = [_line(step, TITLES)]
+    columns = titles(protocol, " or ".join(dict.fromkeys(row.embedding for row in rows)))
+    parts = [_line(step, columns)]
     for row, note in zip(rows, notes, strict=True):
         parts.append(_row(row, widest))
-        parts.append(_line(step * len(TITLES), (f"{row.name}  {note}",)))
+        parts.append(_line(step * len(columns), (f"{row.name}  {note}",)))
     return np.concatenate(parts)
 
 

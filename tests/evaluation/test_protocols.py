@@ -76,7 +76,8 @@ def test_full_embeds_and_measures_the_whole():
 
 def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
     subject = Flat(error=0.3)
-    result, _ = measure(subject, view(picture=halves(0.4, 0.4)), "half")
+    result, pictures = measure(subject, view(picture=halves(0.4, 0.4)), "half")
+    assert pictures.embedding == "refined"
     refined = [camera.width for camera in subject.cameras]
     assert refined == [13] * (REFINE_STEPS + 1) + [WIDTH] * 2
     photo = result.scores["photo"]
@@ -96,7 +97,8 @@ def test_refinement_never_makes_what_it_sees_worse():
 
 
 def test_a_look_that_follows_nothing_is_not_refined():
-    result, _ = measure(Flat(follows=False), view(), "half")
+    result, pictures = measure(Flat(follows=False), view(), "half")
+    assert pictures.embedding == "zero_shot"
     assert set(result.scores["photo"]) == {"zero_shot"}
 
 

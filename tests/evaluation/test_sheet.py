@@ -1,21 +1,23 @@
 """The picture sheet: where things stand and what the colours mean."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from core.evaluation.protocols import ViewPictures
-from core.evaluation.sheet import BLANK, GAP_PX, LABEL_PX, TILE_PX, error_picture, picture_sheet
+from core.evaluation.sheet import BLANK, GAP_PX, LABEL_PX, TILE_PX, error_picture, picture_sheet, titles
 
 
 def row(height, width, mask=None, name="photo.jpg"):
     photo = np.full((height, width, 3), (200, 100, 50), np.uint8)
-    return ViewPictures(name, photo, photo // 2, mask)
+    return ViewPictures(name, photo, photo // 2, "refined", mask)
 
 
 def test_columns_are_photo_render_mask_error():
     mask = np.zeros((5, 8), np.float32)
     mask[:, 4:] = 1
-    sheet = picture_sheet([row(40, 64, mask)], [""])
+    sheet = picture_sheet([row(40, 64, mask)], [""], "half")
     step = 64 + GAP_PX
     assert sheet.shape == (LABEL_PX + 40 + GAP_PX + LABEL_PX, 4 * step, 3)
     middle = sheet[LABEL_PX + 20]
@@ -26,17 +28,26 @@ def test_columns_are_photo_render_mask_error():
 
 
 def test_photos_of_all_sizes_fit_and_keep_their_shape():
-    sheet = picture_sheet([row(600, 1000), row(50, 20), row(1, 1)], ["21.30 dB", "", ""])
+    sheet = picture_sheet([row(600, 1000), row(50, 20), row(1, 1)], ["21.30 dB", "", ""], "half")
     assert sheet.shape[1] == 4 * (TILE_PX + GAP_PX)
     assert sheet.shape[0] == 4 * LABEL_PX + 3 * GAP_PX + round(600 * TILE_PX / 1000) + 50 + 1
 
 
 def test_labels_are_written_and_a_missing_mask_is_grey():
-    with_name = picture_sheet([row(30, 90)], ["20.1 dB"])
-    without = picture_sheet([row(30, 90, name="")], [""])
+    with_name = picture_sheet([row(30, 90)], ["20.1 dB"], "half")
+    without = picture_sheet([row(30, 90, name="")], [""], "half")
     assert (with_name[-LABEL_PX:] != without[-LABEL_PX:]).any() and not without[-LABEL_PX:].any()
     assert with_name[:LABEL_PX].any()
     assert with_name[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == [BLANK] * 3
+
+
+def test_titles_say_whose_embedding_is_shown_and_by_which_protocol():
+    photo, render, _, error = titles("full", "refined")
+    assert (photo, render) == ("photo (protocol full)", "render (refined)") and error.startswith("error (refined;")
+    one, other = row(8, 300), replace(row(8, 300), embedding="zero_shot")
+    refined, zero_shot = (picture_sheet([rows], [""], "half") for rows in (one, other))
+    places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(4)]
+    assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, False, True]
 
 
 def test_errors_brighten_from_black_and_saturate():
@@ -49,4 +60,4 @@ def test_errors_brighten_from_black_and_saturate():
 
 def test_every_row_has_its_note():
     with pytest.raises(ValueError, match="zip"):
-        picture_sheet([row(4, 4), row(4, 4)], ["only one"])
+        picture_sheet([row(4, 4), row(4, 4)], ["only one"], "half")

@@ -1,5 +1,6 @@
 """A .ply of Gaussians, made by wegs or by any other program."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +11,35 @@ from core.doctor import views
 from core.doctor.finding import Finding
 from core.doctor.gaussians import look_at_gaussians
 from core.errors import BadInput
-from core.export.ply import read_every_row
+from core.export.ply import read_every_row, written_by_wegs
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 
 MOST_CAMERAS = 100  # evenly spread over those known
 WIDEST_PX = 640  # what Gaussians show in is asked at this size
+# What to do about a file that wegs did not write, where wegs' own commands and settings are no help.
+ELSEWHERE = {
+    "not finite": "Remove those rows, or export the file again.",
+    "zero quaternions": "Remove those rows, or export the file again.",
+    "needles": "Add photos from other sides, or train with a lower learning rate of scales.",
+    "giants": "Remove them.",
+    "colours": "Train with a lower learning rate of colours.",
+    "harmonics": "Train with a lower learning rate of colours, or a lower SH degree.",
+    "float32 positions": "Recentre the file.",
+    "never seen": "Remove them.",
+}
 
 
 def examine_ply(path: Path, report: Report) -> list[Finding]:
     """Findings about the file; with the cameras of the run folder it lies in, where it does. BadInput if unreadable."""
+    findings = _findings(path, report)
+    if written_by_wegs(path):
+        return findings
+    return [replace(found, advice=ELSEWHERE.get(found.name, found.advice)) if found.advice else found for found in findings]
+
+
+def _findings(path: Path, report: Report) -> list[Finding]:
     splats = read_every_row(path)
     findings = [
         Finding(

@@ -17,6 +17,7 @@ from core.ply_file import read_rows, write_rows
 from core.scene.harmonics import MAX_DEGREE, coefficient_count
 from core.scene.splats import Splats
 
+HEADER_BYTES = 1 << 16  # no header is longer
 _MIN_NORM2 = 1e-12  # Splats takes quaternions of any norm above 1e-6; the rasterizers draw nothing below
 _REST_OF_DEGREE = {degree: 3 * (coefficient_count(degree) - 1) for degree in range(MAX_DEGREE + 1)}
 
@@ -99,6 +100,13 @@ def read_every_row(path: Path) -> Splats:
     """As `read_ply`, rows that cannot be drawn included: for a look at what is wrong with a file."""
     table, degree = _table(path)
     return _splats(torch.from_numpy(table), coefficient_count(degree))
+
+
+def written_by_wegs(path: Path) -> bool:
+    """Whether the header's comment says so (core.training.look_file); False for a file without a header."""
+    with path.open("rb") as file:
+        header = file.read(HEADER_BYTES).partition(b"end_header")[0]
+    return any(line.startswith(b"comment wegs ") for line in header.splitlines())
 
 
 def _read_columns(degree: int) -> list[str]:

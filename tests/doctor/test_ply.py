@@ -34,8 +34,9 @@ def sound_rows(rest: int = 45, kind: str = "<f4") -> np.ndarray:
     return rows
 
 
-def write(path, rows):
-    plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex")]).write(str(path))
+def write(path, rows, comment=""):
+    comments = [comment] if comment else []
+    plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex", comments=comments)]).write(str(path))
     return path
 
 
@@ -92,6 +93,30 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
     expected = {*figures, "extent", "colours", "harmonics"} - {"saturated"}
     assert asked_for(findings) == expected
     assert heard.lines[-1].endswith(f"ask for a look: {', '.join(n for n in findings if n in expected)}.")
+
+
+@pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, look dusk", True), ("of wegs 1.0", False), ("", False)])
+def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, own):
+    rows = sound_rows()
+    rows["x"][0], rows["rot_0"][1], rows["f_rest_20"][90], rows["f_dc_1"][70:90] = np.nan, 0, 12.0, 9.0
+    rows["scale_0"][100:300] += np.log(20.0)
+    rows["scale_1"][40:60] = rows["scale_2"][40:60] = rows["scale_0"][40:60] = 2.0
+    rows["y"] += 5e6
+    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
+    findings, _ = examined(write(tmp_path / "a.ply", rows, comment))
+    words = {
+        "not finite": "wegs bake",
+        "zero quaternions": "wegs bake",
+        "needles": "scale_rate",
+        "giants": "largest_scale",
+        "colours": "sh_rate",
+        "harmonics": "--sh-degree",
+        "float32 positions": "wegs bake",
+        "never seen": "prune_contribution",
+    }
+    assert words.keys() <= asked_for(findings)
+    assert {name: word in findings[name].advice for name, word in words.items()} == dict.fromkeys(words, own)
+    assert own or not any(word in finding.advice for finding in findings.values() for word in ("wegs", "_", "--"))
 
 
 def test_coordinates_too_large_for_float32_are_told_in_units_and_pixels(tmp_path):

@@ -10,6 +10,15 @@ from core.errors import BadInput
 from core.report import Report
 
 
+def scene_around(photos: Path) -> tuple[Path, str] | None:
+    """The scene with cameras that the folder `photos` lies in, and its kind; None for none."""
+    above = photos.resolve().parent
+    with suppress(BadInput):  # parts of a model are no cameras
+        if kind := kind_with_cameras(above):
+            return above, kind
+    return None
+
+
 def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     """Where the COLMAP scene of the photos in the folder `photos` lies; it is made now unless it is there already.
 
@@ -21,8 +30,6 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     if is_there:
         report.say(f"Cameras as found before in {scene}; remove it to have them found again.")
         return scene
-    above = photos.resolve().parent
-    with suppress(BadInput):  # parts of a model are no cameras
-        if kind := kind_with_cameras(above):
-            report.warn(f"{above} is a {kind} scene: give that folder to use its cameras. Now they are found anew.")
+    if around := scene_around(photos):
+        report.warn(f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew.")
     return sfm.reconstruct(photos, scene, report)

@@ -8,6 +8,7 @@ from core.data import find_kind, find_photos, load_collection
 from core.data import photos as files
 from core.data.collection import Collection, Photo, astray
 from core.data.features import LEAST_PHOTOS
+from core.data.found_cameras import scene_around
 from core.data.load import POSED
 from core.data.photo_file import list_photos, list_unreadable, named_with_fault
 from core.data.placing import USUAL_FOCAL_LENGTHS
@@ -172,9 +173,12 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
     fix = f"`{command('wegs', 'train', root)}` finds their cameras first."
     if len(sizes) < LEAST_PHOTOS:
         fix = f"Add photos of the same place: at least {LEAST_PHOTOS} that can be read are needed to find cameras."
+    meaning = "photos without cameras"
+    if around := scene_around(folder):
+        meaning, fix = f"photos of the {around[1]} scene {around[0]}", "Give that folder to use its cameras."
     others = [path.name for path in list_unreadable(folder)]
     return [
-        Finding("scene", figure, "photos without cameras", fix),
+        Finding("scene", figure, meaning, fix),
         *_photo_findings(unreadable, flat, len(paths)),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]  # fmt: skip

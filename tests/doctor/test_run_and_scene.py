@@ -163,7 +163,8 @@ def test_photos_without_points_or_cameras(tmp_path):
     assert findings["photos with few points"].figure.startswith("4 of 4 (photo_0.png: 1,")
     (tmp_path / "scene" / "images" / "photo_1.png").write_bytes(b"no photo")
     findings, _ = examined(tmp_path / "scene" / "images")
-    assert "wegs train" in findings["scene"].advice
+    assert findings["scene"].meaning == f"photos of the colmap scene {tmp_path / 'scene'}"
+    assert findings["scene"].advice == "Give that folder to use its cameras."
     assert findings["unreadable photos"].figure.startswith("1 of 4 (photo_1.png (is not")
     assert findings["photos in other formats"].advice == ""
     (tmp_path / "scene" / "images" / "IMG_1.HEIC").write_bytes(b"x")

@@ -11,6 +11,7 @@ from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
 from core.data.phototourism import find_split_tables
 from core.data.posed import collect
+from core.data.scene_folder import is_of_run
 from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
 from core.errors import BadInput, command
 
@@ -89,7 +90,7 @@ def check_cameras_unknown(path: Path) -> None:
 def find_photos(path: Path) -> Path:
     """The folder of plain photos: `path`, or images/ or photos/ in it. Raises BadInput where there are none."""
     for name in PHOTO_FOLDERS:
-        if (path / name).is_dir() and list_photos(path / name):
+        if (path / name).is_dir() and not is_of_run(path / name) and list_photos(path / name):
             return path / name
     if holds_model(path):
         fix = "Give the folder above it that holds the photos as well."

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from core.data.scene_folder import is_of_run, is_of_wegs
 from core.errors import BadInput
 
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what is wrong with a photo is said here, once
@@ -65,7 +66,9 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     if others := list_unreadable(folder):
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
         return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
-    below = sorted(path.name for path in folder.iterdir() if path.is_dir() and list_photos(path))
+    if is_of_run(folder):
+        return BadInput(f"{folder} is a run, whose pictures are no photos.", "Give the folder that holds your photos.")
+    below = sorted(path.name for path in folder.iterdir() if path.is_dir() and not is_of_wegs(path) and list_photos(path))
     if below:
         return BadInput(f"{folder} holds {what}; there are photos in its folder {below[0]}.", "Name that folder, or put all photos into one.")
     return BadInput(f"{folder} holds {what}.", "Give the folder that holds your photos.")

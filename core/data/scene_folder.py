@@ -10,6 +10,9 @@ from pathlib import Path
 
 from core.errors import BadInput, WegsError, not_made
 
+CONFIG = "config.json"  # of a run
+FADE = ("frame_000.png", "sheet.png")  # of an interpolation
+
 
 @contextmanager
 def replacing(output: Path) -> Iterator[Path]:
@@ -77,6 +80,16 @@ def read_mark(path: Path) -> dict:
     except (OSError, ValueError):
         return {}
     return facts if isinstance(facts, dict) else {}
+
+
+def is_of_run(folder: Path) -> bool:
+    """Whether the folder is a run of wegs, whose pictures are no photos."""
+    return "wegs" in read_mark(folder / CONFIG)
+
+
+def is_of_wegs(folder: Path) -> bool:
+    """Whether the folder is a run, or holds the frames of an interpolation."""
+    return is_of_run(folder) or all((folder / name).is_file() for name in FADE)
 
 
 def stamp(path: Path) -> list[int]:

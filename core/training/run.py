@@ -18,6 +18,7 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
+from core.data.scene_folder import CONFIG
 from core.errors import BadInput, BadSetting, not_made
 from core.export.atomic import check_folder, write_json, write_text
 from core.export.ply import write_points
@@ -27,7 +28,6 @@ from core.scene.harmonics import MAX_DEGREE
 from core.training import checkpoint
 from core.training.needs import Decision
 
-CONFIG = "config.json"
 HISTORY = "history.csv"
 RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes

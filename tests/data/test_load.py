@@ -59,6 +59,20 @@ def test_what_lies_around_instead_of_photos_is_named(tmp_path):
         find_kind(root / "sparse" / "0")
 
 
+def test_pictures_of_runs_and_fades_are_no_photos(tmp_path):
+    run, fade = tmp_path / "photos", tmp_path / "a-to-b"
+    for path in (run / "sheet.png", run / "masks" / "a.png", fade / "sheet.png", fade / "frame_000.png"):
+        save_photo(path)
+    assert find_photos(tmp_path) == run
+    (run / "config.json").write_text('{"wegs": "1.0"}')
+    with pytest.raises(BadInput, match="no photos and no COLMAP model. Give the folder"):
+        find_kind(tmp_path)
+    with pytest.raises(BadInput, match="photos is a run, whose pictures are no photos"):
+        find_kind(run)
+    (run / "config.json").write_text('{"lens": 35}')  # another program's
+    assert find_photos(tmp_path) == run and find_photos(fade) == fade
+
+
 @pytest.mark.parametrize("lacking", [["points3D.bin"], ["cameras.bin", "images.bin"]])
 def test_a_model_with_files_missing_is_not_taken_for_plain_photos(tmp_path, lacking):
     root = SmallScene().write(tmp_path / "scene")

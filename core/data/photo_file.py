@@ -14,8 +14,8 @@ from core.errors import BadInput
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what is wrong with a photo is said here, once
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe")
-# Of cameras and phones; OpenCV reads none, or as .avif in some builds only, and not turned as the file says.
-UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf")
+# Of cameras and phones; OpenCV reads none, or as .avif in some builds only, and not turned as the file says. No photo is a .gif.
+UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif")
 
 JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"
@@ -52,7 +52,7 @@ def list_photos(folder: Path) -> list[Path]:
 
 
 def list_unreadable(folder: Path) -> list[Path]:
-    """The files in `folder` in formats of cameras and phones that cannot be read, by name."""
+    """The files in `folder` in formats that cannot be read, by name."""
     return _list_files(folder, UNREADABLE_SUFFIXES)
 
 

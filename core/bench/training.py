@@ -7,7 +7,8 @@ from pathlib import Path
 
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
-from core.errors import BadInput
+from core.errors import BadInput, command
+from core.training import checkpoint
 from core.training.run import HISTORY, read_config
 
 QUANTITIES = (
@@ -59,10 +60,16 @@ def checks(folder: Path) -> list[dict[str, float]]:
     except (OSError, ValueError, KeyError) as problem:
         raise BadInput(f"{path} cannot be read: {problem}.", "Train the run again.") from None
     if not found:
-        raise BadInput(
-            f"{path} holds no held-out quality.", "Train on a scene with test photos and held_out_checks > 0."
-        )
+        raise BadInput(f"{path} holds no held-out quality.", _how_to_check(folder))
     return found
+
+
+def _how_to_check(folder: Path) -> str:
+    _, settings, collection = read_config(folder)
+    saved = checkpoint.newest(folder)
+    if saved and settings.held_out_checks and collection.split("test") and checkpoint.read_facts(saved)["step"] < settings.steps:
+        return f"Its first check is to come; type: {command('wegs', 'train', '--resume', '-o', folder)}"
+    return "Train on a scene with test photos and held_out_checks > 0."
 
 
 def _points(course: Course) -> Iterator[Point]:

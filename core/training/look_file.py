@@ -4,6 +4,7 @@ from pathlib import Path
 
 import core
 import core.export
+from core.data.split import counted
 from core.errors import command
 from core.report import Report
 from core.training import run
@@ -26,13 +27,14 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
     written = len(splats) - dropped
     gone = []
     if trimmed.gaussians:
-        gone.append(f"{trimmed.gaussians} Gaussians ({path.stat().st_size / max(written, 1) * trimmed.gaussians / 1e6:.1f} MB)")
+        gone.append(f"{counted(trimmed.gaussians, 'Gaussian')} ({path.stat().st_size / max(written, 1) * trimmed.gaussians / 1e6:.1f} MB)")
     if trimmed.bands:
         # A row of a vanilla .ply is 248 bytes whatever the degree: some viewers count on it.
         gone.append(f"the SH bands above degree {splats.degree} (zeros in a .ply)")
-    if gone:
-        bound = f"no training view changes by more than {trimmed.largest:.2f} of 255"
-        report.say(f"{path.name} does without {' and '.join(gone)}: {bound}")
+    if gone and gone != trim.told:
+        trim.told = gone
+        bound = f"a pixel changes by at most {trimmed.largest:.2f} of 255; `wegs bake --prune off` keeps all"
+        report.say(f"No training view shows {' and '.join(gone)}: left out ({bound})")
     return written
 
 

@@ -37,6 +37,7 @@ class Trim:
     kept: (N,) Gaussians that stay in every look, unless one is so bright that it must keep all of `drawn`.
     drawn: (N,) Gaussians that reach any pixel of any view at all, and those that are not finite, which the writer of the
     file counts.
+    told: what was last said to be left out, so that a fade does not repeat it at every step.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Trim:
         progress: Callable[[int, int], None] = lambda done, total: None,
     ):
         self.cameras, self.rasterizer = cameras, rasterizer
+        self.told: list[str] = []
         strongest = largest_contributions(splats, cameras, rasterizer, progress)
         strongest[~splats.finite_rows()] = torch.inf
         self.drawn = strongest > 0

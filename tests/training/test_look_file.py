@@ -1,11 +1,13 @@
 """A look as a file: what is left out of it, and what is said about that."""
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from core.data.split import counted
 from core.export.ply import read_ply
 from core.training import run
 from core.training.look_file import next_step, write_look
@@ -37,11 +39,15 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     paths = [tmp_path / "all.ply", tmp_path / "fewer.ply"]
     assert write_look(trained, neutral, paths[0], heard, None) == len(trained.splats)
     assert heard.lines == []
-    written = write_look(trained, neutral, paths[1], heard, trim_of(trained, heard))
+    trim = trim_of(trained, heard)
+    written = write_look(trained, neutral, paths[1], heard, trim)
     gone = len(trained.splats) - written
     assert gone > 0  # the part of the dome behind the cameras, at least
     (line,) = heard.lines
-    assert line.startswith(f"fewer.ply does without {gone} Gaussians ({gone * ROW_BYTES / 1e6:.1f} MB)")
+    assert line.startswith(f"No training view shows {counted(gone, 'Gaussian')} ({gone * ROW_BYTES / 1e6:.1f} MB)")
+    assert re.search(r": left out \(a pixel changes by at most 0\.\d\d of 255; `wegs bake --prune off` keeps all\)$", line)
+    write_look(trained, neutral, paths[1], heard, trim)
+    assert heard.lines == [line]  # a fade says it once
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
     assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
 

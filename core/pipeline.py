@@ -36,7 +36,7 @@ from core.training.look_file import next_step, write_look
 from core.training.masks import write_masks
 from core.training.pictures import check_resolution
 from core.training.trained import Run, bake, blend, find_appearance, load_run
-from core.training.trainer import Trainer
+from core.training.trainer import StepReport, Trainer
 from core.training.trim import trim_of
 
 __all__ = [
@@ -138,11 +138,12 @@ def _train(trainer: Trainer, report: Report) -> Path:
     _tell_sizes(trainer, report)
     with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():
-            for message in step.messages:
-                report.warn(message)
-            if step.held_out_psnr is not None:
-                report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
-            report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
+            try:
+                _tell_step(step, settings.steps, report)
+            except OSError:  # nobody listens any more: a broken pipe, a closed terminal
+                if not stop.asked:
+                    trainer.save()
+                    raise
             if stop.asked and step.step < settings.steps:
                 trainer.save()
                 advice = command("wegs", "train", "--resume", "-o", folder)
@@ -186,6 +187,14 @@ def _tell_sizes(trainer: Trainer, report: Report) -> None:
     parts = [looks[settings.appearance]]
     parts += ["masks of passers-by"] * (settings.transients == "on") + ["a sky dome"] * (settings.sky == "dome")
     report.say(f"It learns {', '.join(parts)}; harmonics of degree {settings.sh_degree}")
+
+
+def _tell_step(step: StepReport, steps: int, report: Report) -> None:
+    for message in step.messages:
+        report.warn(message)
+    if step.held_out_psnr is not None:
+        report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
+    report.progress("Training", step.step, steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
 
 
 # --- trained run -> .ply and pictures

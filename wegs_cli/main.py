@@ -7,6 +7,7 @@ import signal
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import FrameType
 
 import click
 
@@ -133,6 +134,12 @@ def wegs(memory: float | None) -> None:
         hold_to(memory)
 
 
+def _hang_up(number: int, frame: FrameType | None) -> None:
+    """A closed terminal is a Ctrl-C, once: its shell and the system both send the signal."""
+    signal.signal(number, signal.SIG_IGN)
+    signal.default_int_handler(number, frame)
+
+
 def run() -> None:
     """The console command `wegs`."""
     try:
@@ -149,6 +156,8 @@ def run() -> None:
         stream.reconfigure(errors="backslashreplace")  # a terminal without a letter shows its code
     # What job schedulers and `kill` send is a Ctrl-C: half-written files and folders are removed, a training is kept.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
+        signal.signal(signal.SIGHUP, _hang_up)
     # Read once, when torch loads: OpenMP threads that spin while they wait keep the kernels' own threads from running.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     wegs(prog_name="wegs")

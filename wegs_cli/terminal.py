@@ -2,7 +2,8 @@
 
 import sys
 import time
-from typing import Self
+from contextlib import suppress
+from typing import NoReturn, Self
 
 import click
 from rich.console import Console
@@ -14,11 +15,18 @@ from core.report import Report
 PLAIN_SECONDS = 15.0  # between two progress lines in a log file
 
 
+class Pipe(Console):
+    """A rich console that leaves a broken pipe to the engine, which keeps the step first: rich ends the program."""
+
+    def on_broken_pipe(self) -> NoReturn:
+        raise sys.exception()
+
+
 class Terminal(Report):
     """A Report for people. Use as a context manager: leaving it clears the bar."""
 
     def __init__(self):
-        self.console = Console(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
+        self.console = Pipe(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
         self.bar: Progress | None = None
         self.task = None
         self.what = ""
@@ -28,7 +36,8 @@ class Terminal(Report):
         return self
 
     def __exit__(self, *_) -> None:
-        self._end_bar()
+        with suppress(OSError):  # a terminal that was closed
+            self._end_bar()
 
     def say(self, line: str) -> None:
         self.console.print(line, soft_wrap=True)

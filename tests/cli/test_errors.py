@@ -113,11 +113,13 @@ def test_a_command_to_type_can_be_pasted():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
-def test_sigterm_is_a_ctrl_c_also_once_the_engine_is_loaded(tmp_path):
-    """pycolmap, which core.data imports, sets a handler of its own."""
-    lines = ("import os, signal, click, core.data", "@click.command()", "def stop():", "    os.kill(os.getpid(), signal.SIGTERM)")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_signal_to_end_is_a_ctrl_c_also_once_the_engine_is_loaded(tmp_path, name):
+    """pycolmap, which core.data imports, sets a handler of its own for SIGTERM."""
+    lines = ("import os, signal, click, core.data", "@click.command()", "def stop():", f"    os.kill(os.getpid(), signal.{name})")
     (tmp_path / "stopped.py").write_text("\n".join(lines))
-    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    program += f"signal.signal(signal.{name}, signal.SIG_DFL)\n"  # nohup leaves SIGHUP ignored
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
     done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")

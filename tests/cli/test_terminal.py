@@ -1,5 +1,6 @@
 """Reports: plain lines in a log file, a bar and a table where someone watches."""
 
+import errno
 import io
 
 import pytest
@@ -73,3 +74,24 @@ def test_paths_are_shown_as_they_are(path, monkeypatch, capsys):
             assert watched.console.is_terminal
             way(watched)
         assert path in capsys.readouterr().out
+
+
+def test_a_broken_pipe_is_left_to_the_engine():
+    class Closed(io.StringIO):
+        def write(self, _):
+            raise BrokenPipeError
+
+    terminal = Terminal()
+    terminal.console.file = Closed()
+    with pytest.raises(BrokenPipeError):
+        terminal.say("Step 5: held-out PSNR 20.00 dB")
+
+
+def test_a_bar_on_a_terminal_that_was_closed_ends_without_a_word():
+    class Gone:
+        def stop(self):
+            raise OSError(errno.EIO, "Input/output error")
+
+    with pytest.raises(KeyboardInterrupt), Terminal() as watched:
+        watched.bar = Gone()
+        raise KeyboardInterrupt

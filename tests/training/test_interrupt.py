@@ -1,13 +1,13 @@
-"""Ctrl-C and SIGTERM: the step is finished first."""
+"""Ctrl-C, SIGTERM and SIGHUP: the step is finished first."""
 
 import signal
 
 import pytest
 
-from core.training.interrupt import STOPS, StopRequest
+from core.training.interrupt import HANG_UP, STOPS, StopRequest
 
 
-@pytest.mark.parametrize("number", STOPS)
+@pytest.mark.parametrize("number", [number for number in STOPS if number != HANG_UP])
 def test_the_first_signal_asks_and_the_second_does_what_it_always_did(number):
     heard = []
     former = {each: signal.signal(each, lambda *_: heard.append("former")) for each in STOPS}
@@ -22,6 +22,28 @@ def test_the_first_signal_asks_and_the_second_does_what_it_always_did(number):
             pass
         signal.raise_signal(number)
         assert heard == ["former", "former"]
+    finally:
+        for each, handler in former.items():
+            signal.signal(each, handler)
+
+
+@pytest.mark.skipif(HANG_UP is None, reason="Windows has no SIGHUP")
+def test_a_closed_terminal_asks_however_often_and_is_not_heard_under_nohup():
+    heard = []
+    former = {each: signal.signal(each, lambda *_: heard.append("former")) for each in STOPS}
+    try:
+        with StopRequest() as stop:
+            signal.raise_signal(HANG_UP)
+            signal.raise_signal(HANG_UP)  # by the shell, and by the system
+            assert stop.asked
+        with StopRequest():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(HANG_UP)
+        assert heard == []
+        signal.signal(HANG_UP, signal.SIG_IGN)
+        with StopRequest() as stop:
+            signal.raise_signal(HANG_UP)
+            assert not stop.asked
     finally:
         for each, handler in former.items():
             signal.signal(each, handler)

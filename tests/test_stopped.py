@@ -1,0 +1,58 @@
+"""Trainings that end early: nobody listens any more, or nothing was kept yet."""
+
+import signal
+
+import pytest
+
+from core import pipeline
+from core.training import checkpoint
+from core.training.interrupt import HANG_UP
+from tests.heard import Heard
+from tests.small import small_collection, small_settings
+
+STEPS = 12
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """A folder of which `pipeline` reads the small collection."""
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    collection = small_collection(folder)
+    monkeypatch.setattr(pipeline, "prepared", lambda *_: collection)
+    monkeypatch.setattr(pipeline, "load_collection", lambda path: collection)
+    return folder
+
+
+class Gone(Heard):
+    """Nobody listens from step 5 on."""
+
+    def __init__(self, problem, number=None):
+        super().__init__()
+        self.problem, self.number = problem, number
+
+    def progress(self, what, done, total, note=""):
+        super().progress(what, done, total, note)
+        if done == 5:
+            if self.number:
+                signal.raise_signal(self.number)
+            raise self.problem
+
+
+def test_a_broken_pipe_keeps_the_step(scene, tmp_path):
+    with pytest.raises(BrokenPipeError):
+        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Gone(BrokenPipeError()))
+    heard = Heard()
+    pipeline.resume(tmp_path / "run", heard)
+    assert heard.steps[0] == (6, STEPS)
+
+
+@pytest.mark.skipif(HANG_UP is None, reason="Windows has no SIGHUP")
+def test_a_closed_terminal_keeps_the_step_and_is_a_stop(scene, tmp_path):
+    former = signal.signal(HANG_UP, signal.default_int_handler)  # not ignored, as under nohup
+    try:
+        with pytest.raises(KeyboardInterrupt, match="Step 5 is kept"):
+            pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Gone(OSError(5, "closed"), HANG_UP))
+    finally:
+        signal.signal(HANG_UP, former)
+    assert checkpoint.read_facts(checkpoint.newest(tmp_path / "run"))["step"] == 5

@@ -107,13 +107,9 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
 def _go_on(folder: Path, report: Report) -> Path:
     _, settings, before = run.read_config(folder)
     path = checkpoint.newest(folder)
-    if path is None:
-        raise BadInput(
-            f"{folder} has no checkpoint to go on from.",
-            f"Type: {command('wegs', 'train', before.root, '-o', folder, '--force')}",
-        )
-    saved = checkpoint.load(path)
-    if saved.facts["step"] >= settings.steps and any(folder.glob(run.CLOUDS)):  # else it was stopped just before its last file
+    saved = None if path is None else checkpoint.load(path)
+    done = saved.facts["step"] if saved else 0
+    if done >= settings.steps and any(folder.glob(run.CLOUDS)):  # else it was stopped just before its last file
         raise BadInput(
             f"{folder} is finished: {settings.steps} steps.",
             f"Type: {command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
@@ -123,13 +119,15 @@ def _go_on(folder: Path, report: Report) -> Path:
     collection = with_masks_of(load_collection(before.root), before)
     trainer = Trainer(collection, settings, folder)
     names = {picture.photo.name for picture in trainer.pictures.pictures}
-    if changed := collection.changed_since(before) or sorted(names ^ set(saved.facts["photos"])):
+    if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
         what = f"The photos in {before.root} are not those that {folder} began with: {list_names(changed)} differ or are gone"
         raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
-    report.say(f"Going on with {folder} from step {saved.facts['step']}")
-    run.rewind_history(folder, saved.facts["step"])
-    with checkpoint.fitting(path):
-        trainer.resume(saved)
+    why = "" if saved else ", with its own settings: it has no checkpoint yet"
+    report.say(f"Going on with {folder} from step {done}{why}")
+    run.rewind_history(folder, done)
+    if saved:
+        with checkpoint.fitting(path):
+            trainer.resume(saved)
     return _train(trainer, report)
 
 

@@ -1,16 +1,20 @@
 """Trainings that end early: nobody listens any more, or nothing was kept yet."""
 
+import shutil
 import signal
 
+import cv2
+import numpy as np
 import pytest
 
 from core import pipeline
 from core.training import checkpoint
 from core.training.interrupt import HANG_UP
 from tests.heard import Heard
-from tests.small import small_collection, small_settings
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
 STEPS = 12
+CLOUD = f"point_cloud/iteration_{STEPS}/point_cloud.ply"
 
 
 @pytest.fixture
@@ -56,3 +60,21 @@ def test_a_closed_terminal_keeps_the_step_and_is_a_stop(scene, tmp_path):
     finally:
         signal.signal(HANG_UP, former)
     assert checkpoint.read_facts(checkpoint.newest(tmp_path / "run"))["step"] == 5
+
+
+def test_a_run_without_a_checkpoint_begins_anew_as_it_was_set(scene, tmp_path):
+    (tmp_path / "masks").mkdir()
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:, : WIDTH // 2] = 0
+    assert cv2.imwrite(str(tmp_path / "masks" / "photo_0.png"), mask)
+    settings = small_settings(steps=STEPS, checkpoints=1, sh_degree=-1)
+    folder = pipeline.train(scene, settings, tmp_path / "run", masks=tmp_path / "masks")
+    whole = (folder / CLOUD).read_bytes()
+    shutil.rmtree(folder / "point_cloud")  # as if it had been killed before its first checkpoint
+    checkpoint.newest(folder).unlink()
+    heard = Heard()
+    pipeline.resume(folder, heard)
+    assert f"Going on with {folder} from step 0, with its own settings: it has no checkpoint yet" in heard.lines
+    assert heard.steps[0] == (1, STEPS) and (folder / CLOUD).read_bytes() == whole
+    steps = [line.split(",")[0] for line in (folder / "history.csv").read_text().splitlines()]
+    assert steps == list(dict.fromkeys(steps))

@@ -44,8 +44,8 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
         os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         temporary.unlink(missing_ok=True)
-        again = f"type: {command('wegs', 'train', '--resume', '-o', folder)}" if newest(folder) else "train again."
-        raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then {again}") from None
+        again = command("wegs", "train", "--resume", "-o", folder)
+        raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then type: {again}") from None
     for old in folder.glob(PATTERN):
         if old != path:
             old.unlink()

@@ -1,5 +1,7 @@
 """What a look may depend on and how looks fade: nobody's clothes in it, no jump between frames."""
 
+import os
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -8,6 +10,8 @@ import pytest
 import torch
 
 import core.rasterizer
+from core.data import sfm
+from core.data.scene_folder import write_mark
 from core.errors import BadInput
 from core.training import run
 from core.training.trained import Run, bake, blend, find_appearance, load_run
@@ -103,3 +107,18 @@ def test_the_largest_step_of_a_fade_is_at_most_twice_the_mean_one(trained, tmp_p
         frames = [rendered(live, blend(*ends, share)) for share in np.linspace(0, 1, 10)]
         steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
         assert np.mean(steps) > 0.5 and max(steps) <= 2 * np.mean(steps)
+
+
+def test_the_file_that_a_training_photo_was_made_of_has_its_look(trained, tmp_path):
+    """Structure from motion undistorts and renames photos; a file that was changed since is another photo."""
+    photo, root = trained.collection.split("train")[0], tmp_path / "scene"
+    original = tmp_path / "original.png"
+    original.write_bytes(photo.path.read_bytes())
+    root.mkdir()
+    write_mark(root / sfm.MARK, sfm.files_of(tmp_path))
+    write_mark(root / sfm.NAMES, {str(original.resolve()): photo.name})
+    made = replace(trained, collection=replace(trained.collection, root=root))
+    look, by_name = find_appearance(made, str(original)), find_appearance(made, photo.name)
+    assert look.source == by_name.source and torch.equal(look.embedding, by_name.embedding)
+    os.utime(original, (0, 0))
+    assert "from outside" in find_appearance(made, str(original)).source

@@ -22,20 +22,21 @@ from core.data.photo_file import (
     without_orientation,
 )
 from core.data.photos import read
-from core.data.scene_folder import replacing, stamp, write_mark
+from core.data.scene_folder import read_mark, replacing, stamp, write_mark
 from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.report import Report
 
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 MARK = "photos.json"  # in a scene: the files it was made of
+NAMES = "names.json"  # in a scene: what it calls the photos of those files
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and MARK. It appears whole or not
-    at all. Two runs differ slightly, as COLMAP's threads do.
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), MARK and NAMES. It appears whole or
+    not at all. Two runs differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a place are left out and named.
 
@@ -69,6 +70,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
         write_mark(work / "scene" / MARK, made_of)
+        write_mark(work / "scene" / NAMES, {str(paths[int(copy[:-4]) - 1].resolve()): name for copy, name in copies.items()})
     for line in name_them("that fit nowhere, left out", sorted(set(copies.values()) - placed)):
         report.warn(line)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
@@ -78,6 +80,12 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
 def files_of(photos: Path) -> dict[str, list[int]]:
     """The photos in a folder, each with what tells whether it is the file it was."""
     return {str(path.resolve()): stamp(path) for path in list_photos(photos)}
+
+
+def name_in(scene: Path, path: Path) -> str | None:
+    """What the scene calls the photo that was made of the file `path`; None for any other file, or one changed since."""
+    original = str(path.resolve())
+    return read_mark(scene / NAMES).get(original) if read_mark(scene / MARK).get(original) == stamp(path) else None
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:

@@ -14,6 +14,7 @@ from core.appearance.encoder import shrink
 from core.appearance.model import AppearanceModel, interpolate
 from core.config import Settings
 from core.data import photos as files
+from core.data import sfm
 from core.data.collection import Collection, Photo
 from core.errors import BadInput
 from core.rasterizer import Rasterizer
@@ -129,7 +130,7 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all.
 
     Tried in this order: `neutral`; a look saved in the run (its name, or the path of its .json); the path of a photo,
-    which may be one of the collection; the name of a photo of the collection. A training photo is encoded with its
+    which may be one of the collection, or the file that structure from motion made it of; the name of a photo of the collection. A training photo is encoded with its
     predicted mask, any other with M := 1. Raises BadInput naming what is near, if nothing fits, and for the mask of a
     look that comes from no photo.
     """
@@ -146,6 +147,7 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     photos = {photo.name: photo for photo in trained.collection.photos}
     if path.is_file():
         photo = next((photo for photo in photos.values() if _same_file(photo.path, path)), None)
+        photo = photo or photos.get(sfm.name_in(trained.collection.root, path))
         return _of_outside(trained, path, mask) if photo is None else _of_photo(trained, photo, mask)
     if word in photos:
         return _of_photo(trained, photos[word], mask)

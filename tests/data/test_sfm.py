@@ -10,7 +10,7 @@ import pytest
 from core.data import load_collection
 from core.data.photos import load
 from core.data.scene_folder import replacing
-from core.data.sfm import reconstruct
+from core.data.sfm import name_in, reconstruct
 from core.errors import BadInput, WegsError
 from core.report import Report
 from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
@@ -65,9 +65,10 @@ def test_cameras_are_found_again(tmp_path):
     assert "1 photo turned upright, as EXIF says." in listener.lines
     assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
-    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "photos.json", "sparse"]
+    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "names.json", "photos.json", "sparse"]
 
     collection = load_collection(scene)
+    assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
     assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg"]
     assert all(photo.lens is None and photo.camera.width > photo.camera.height for photo in collection.photos)
     found = aligned(np.array([photo.camera.centre for photo in collection.photos]), np.array(centres))

@@ -25,7 +25,7 @@ from core.evaluation.results import Results
 from core.evaluation.sheet import picture_sheet
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
-from core.export.atomic import check_file, check_folder, filling
+from core.export.atomic import check_file, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
 from core.training import checkpoint, run, saved_look
@@ -285,7 +285,7 @@ def interpolate(
 def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True) -> Results:
     """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png into the run."""
     trained = load_run(run.find_run(folder))
-    check_folder(trained.folder)
+    run.check_writable(trained.folder)
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train on a scene whose split has test photos.")

@@ -343,6 +343,6 @@ def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tm
         lambda: pipeline.export(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
         lambda: suite.curves((trained[0],), ("half",), True, Heard()),
     ):
-        with pytest.raises(BadInput, match="may not be written in"):
+        with pytest.raises(BadInput, match="may not be written in. Make it writable, or copy the run"):
             need()
     assert list(tmp_path.iterdir()) == []

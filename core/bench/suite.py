@@ -17,7 +17,6 @@ from core.data.collection import Collection, spread_over
 from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation.protocols import PROTOCOLS
-from core.export.atomic import check_folder
 from core.report import Report
 from core.training import run
 from core.training.trained import Run, bake, find_appearance, load_run
@@ -112,7 +111,7 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     run_folders: none for the newest run. refine: without it only the training is drawn.
     """
     folders = [run.find_run(path) for path in run_folders or (None,)]
-    check_folder(folders[0] / CURVES)
+    run.check_writable(folders[0] / CURVES)
     courses = [_course_of(folder) for folder in folders]
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]

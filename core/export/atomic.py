@@ -19,13 +19,13 @@ _REFUSED = (
 )
 
 
-def check_folder(folder: Path) -> None:
-    """Raise BadInput unless `folder` can be written in, or be made."""
+def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
+    """Raise BadInput unless `folder` can be written in, or be made. fix: what to do where it is read-only."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     if not os.access(there, os.W_OK):
-        raise BadInput(f"The folder {there} may not be written in.", "Write to another folder.")
+        raise BadInput(f"The folder {there} may not be written in.", fix)
 
 
 def check_file(path: Path) -> None:

@@ -103,6 +103,11 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     return output
 
 
+def check_writable(folder: Path) -> None:
+    """Raise BadInput unless `folder`, a run or one in it, can be written in: no option leads what it holds elsewhere."""
+    check_folder(folder, "Make it writable, or copy the run and name the copy by --run.")
+
+
 def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
     """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
 

@@ -12,7 +12,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.errors import BadInput, BadSetting
-from core.export.atomic import check_folder, write_json
+from core.export.atomic import write_json
+from core.training.run import check_writable
 
 FOLDER = "appearance"
 NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
@@ -48,7 +49,7 @@ def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) ->
     path = path_of(folder, name)
     if path.stem in photos:
         raise BadSetting(f"{path.stem!r} is the name of a photo of this run.", "Choose another name.")
-    check_folder(path.parent)
+    check_writable(path.parent)
     if path.exists() and not force:
         raise BadInput(f"{path} exists.", "Add --force to replace it, or choose another name.")
 

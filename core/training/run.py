@@ -18,7 +18,7 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.data.scene_folder import CONFIG
+from core.data.scene_folder import CONFIG, is_of_run, read_mark
 from core.errors import BadInput, BadSetting, not_made
 from core.export.atomic import check_folder, write_json, write_text
 from core.export.ply import write_points
@@ -43,13 +43,8 @@ OURS = (
 
 def is_run(folder: Path) -> bool:
     """Whether `folder` holds a run: its config.json names wegs, as no other program's does, or is garbled beside a checkpoint."""
-    try:
-        facts = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
-    except OSError:
-        return False
-    except ValueError:
-        return checkpoint.newest(folder) is not None
-    return isinstance(facts, dict) and "wegs" in facts
+    garbled = (folder / CONFIG).is_file() and not read_mark(folder / CONFIG)
+    return is_of_run(folder) or (garbled and checkpoint.newest(folder) is not None)
 
 
 def newest_run(folder: Path = Path(".")) -> Path:

@@ -130,9 +130,9 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all.
 
     Tried in this order: `neutral`; a look saved in the run (its name, or the path of its .json); the path of a photo,
-    which may be one of the collection, or the file that structure from motion made it of; the name of a photo of the collection. A training photo is encoded with its
-    predicted mask, any other with M := 1. Raises BadInput naming what is near, if nothing fits, and for the mask of a
-    look that comes from no photo.
+    which may be one of the collection, or the file that structure from motion made it of; the name of a photo of the
+    collection. A training photo is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is
+    near, if nothing fits, and for the mask of a look that comes from no photo.
     """
     path = Path(word)
     kept = path if path.name != word else trained.folder / saved_look.FOLDER / f"{word.removesuffix('.json')}.json"

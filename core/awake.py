@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from core.threads import threads
@@ -33,9 +33,11 @@ def cores_awake() -> Iterator[None]:
     """Keep every core of this machine awake meanwhile, if it has few, all of them virtual and all for our threads. A decorator too."""
     # A process group of their own: Ctrl-C is not for them. No session of their own: Linux shares time between sessions first.
     command, nowhere = [sys.executable, "-I", "-S", "-c", CIRCLES, str(os.getpid())], subprocess.DEVNULL
-    count = threads() if worthwhile(threads()) else 0
-    walkers = [subprocess.Popen(command, process_group=0, stdin=nowhere, stdout=nowhere) for _ in range(count)]
+    walkers = []
     try:
+        with suppress(OSError):  # where no more processes are allowed, it goes without
+            for _ in range(threads() if worthwhile(threads()) else 0):
+                walkers.append(subprocess.Popen(command, process_group=0, stdin=nowhere, stdout=nowhere))
         yield
     finally:
         for walker in walkers:

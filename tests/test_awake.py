@@ -116,6 +116,17 @@ def test_they_do_not_outlive_a_process_that_was_killed():
     assert come_true(lambda: not walker.exists())
 
 
+def test_where_no_more_processes_are_allowed_the_work_is_done_all_the_same(monkeypatch):
+    def refused(*_, **__):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(awake, "worthwhile", lambda wanted: True)
+    monkeypatch.setattr(subprocess, "Popen", refused)
+    with awake.cores_awake():
+        done = True
+    assert done
+
+
 def test_none_where_they_do_not_serve(monkeypatch):
     monkeypatch.setattr(awake, "worthwhile", lambda wanted: False)
     monkeypatch.setattr(subprocess, "Popen", None)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from pytest import MonkeyPatch
 
 from core.config import LEAST, Settings
 from core.data.collection import Collection, Photo
@@ -45,6 +46,12 @@ def small_collection(folder: Path, photos: int = 6) -> Collection:
         split = "test" if index % 3 == 2 else "train"
         made.append(Photo(path.name, path, camera, split, np.arange(len(points))))
     return Collection("small", folder, "test", tuple(made), points, colours, SceneFrame(np.zeros(3), 1.0))
+
+
+def give_to_pipeline(collection: Collection, patch: MonkeyPatch) -> None:
+    """Let `core.pipeline` read this collection, whatever folder it is asked for."""
+    patch.setattr("core.pipeline.prepared", lambda *_: collection)
+    patch.setattr("core.pipeline.load_collection", lambda path: collection)
 
 
 def ring_camera(angle: float, distance: float = 3.0) -> Camera:

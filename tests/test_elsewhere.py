@@ -17,7 +17,7 @@ from core.training import pictures
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
 from tests.heard import Heard
-from tests.small import small_collection, small_settings
+from tests.small import give_to_pipeline, small_collection, small_settings
 
 # Not so: tests.elsewhere copies the numbers.
 pytestmark = pytest.mark.filterwarnings("ignore:for .* copying from a non-meta parameter")
@@ -71,9 +71,7 @@ def scene(tmp_path, monkeypatch):
     """A folder of which `pipeline` reads the small collection; one of its photos has a rim without picture."""
     folder = tmp_path / "scene"
     folder.mkdir()
-    collection = small_collection(folder)
-    monkeypatch.setattr(pipeline, "prepared", lambda *_: collection)
-    monkeypatch.setattr(pipeline, "load_collection", lambda path: collection)
+    give_to_pipeline(small_collection(folder), monkeypatch)
     return folder
 
 

@@ -18,7 +18,7 @@ from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
 from core.training import run
 from tests.heard import Heard
-from tests.small import damage, small_collection, small_settings
+from tests.small import damage, give_to_pipeline, small_collection, small_settings
 
 STEPS = 12
 
@@ -29,8 +29,7 @@ def small_scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     collection = replace(small_collection(folder), notes=("photo_7.png was dropped: it is empty.",))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "prepared", lambda *_: collection)
-        patch.setattr(pipeline, "load_collection", lambda path: collection)
+        give_to_pipeline(collection, patch)
         yield folder
 
 

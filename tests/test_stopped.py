@@ -11,7 +11,7 @@ from core import pipeline
 from core.training import checkpoint
 from core.training.interrupt import HANG_UP
 from tests.heard import Heard
-from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
 
 STEPS = 12
 CLOUD = f"point_cloud/iteration_{STEPS}/point_cloud.ply"
@@ -22,9 +22,7 @@ def scene(tmp_path, monkeypatch):
     """A folder of which `pipeline` reads the small collection."""
     folder = tmp_path / "scene"
     folder.mkdir()
-    collection = small_collection(folder)
-    monkeypatch.setattr(pipeline, "prepared", lambda *_: collection)
-    monkeypatch.setattr(pipeline, "load_collection", lambda path: collection)
+    give_to_pipeline(small_collection(folder), monkeypatch)
     return folder
 
 

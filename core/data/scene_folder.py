@@ -11,7 +11,7 @@ from pathlib import Path
 from core.errors import BadInput, WegsError, not_made
 
 CONFIG = "config.json"  # of a run
-FADE = ("frame_000.png", "sheet.png")  # of an interpolation
+FADE_SHOWS = ("frame_000.png", "sheet.png")  # what every interpolation leaves
 
 
 @contextmanager
@@ -89,7 +89,7 @@ def is_of_run(folder: Path) -> bool:
 
 def is_of_wegs(folder: Path) -> bool:
     """Whether the folder is a run, or holds the frames of an interpolation."""
-    return is_of_run(folder) or all((folder / name).is_file() for name in FADE)
+    return is_of_run(folder) or all((folder / name).is_file() for name in FADE_SHOWS)
 
 
 def stamp(path: Path) -> list[int]:

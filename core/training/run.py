@@ -43,8 +43,10 @@ OURS = (
 
 def is_run(folder: Path) -> bool:
     """Whether `folder` holds a run: its config.json names wegs, as no other program's does, or is garbled beside a checkpoint."""
-    garbled = (folder / CONFIG).is_file() and not read_mark(folder / CONFIG)
-    return is_of_run(folder) or (garbled and checkpoint.newest(folder) is not None)
+    if is_of_run(folder):
+        return True
+    config = folder / CONFIG
+    return config.is_file() and not read_mark(config) and checkpoint.newest(folder) is not None
 
 
 def newest_run(folder: Path = Path(".")) -> Path:

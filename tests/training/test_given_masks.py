@@ -14,7 +14,7 @@ from core.training import run
 from core.training.pictures import Pictures
 from core.training.trainer import Trainer
 from tests.heard import Heard
-from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
 
 HIDDEN = np.s_[20:, 8:28]
 STEPS = 12
@@ -71,8 +71,7 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
 def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatch):
     scene = tmp_path / "scene"
     collection = crowded(scene, (20, 120, 240))
-    monkeypatch.setattr(pipeline, "prepared", lambda *_: replace(collection, root=scene))
-    monkeypatch.setattr(pipeline, "load_collection", lambda path: replace(collection, root=scene))
+    give_to_pipeline(replace(collection, root=scene), monkeypatch)
     heard = Heard()
     settings = small_settings(steps=STEPS, checkpoints=2)
     whole = pipeline.train(scene, settings, tmp_path / "whole", heard, masks=scene / "masks")

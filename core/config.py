@@ -240,7 +240,7 @@ DECIDED = ("appearance", "transients", "sh_degree", *LEAST, *SCHEDULE_WITHOUT)  
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
-    "quick": {"steps": 1200, "max_gaussians": 20_000, "embedding_size": 16, "latent_size": 0, "transfer_width": 32},
+    "quick": {"steps": 1200, "max_gaussians": 20_000},
     "paper": {
         "steps": 150_000,
         "max_gaussians": 3_000_000,

@@ -21,7 +21,7 @@ from core.data.split import counted, list_names, name_them
 from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
-from core.evaluation.results import Results
+from core.evaluation.results import PER_VIEW, RESULTS, SHEET, Results, file_of
 from core.evaluation.sheet import picture_sheet
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
@@ -207,10 +207,11 @@ def export(
     save_as: str | None = None,
     prune: bool = True,
     mask: Path | None = None,
+    sky: bool = True,
 ) -> Path:
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
-    prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used.
+    prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. sky: write the dome, too.
     """
     core.export.check_format(output)
     check_file(output)
@@ -226,7 +227,7 @@ def export(
     if trained.settings.appearance == "off":
         report.warn(ONE_LOOK)
     start = time.perf_counter()
-    written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None)
+    written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None, sky)
     if save_as is not None:
         look = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity)
         report.say(f"Look kept as {saved_look.save(trained.folder, look)}")
@@ -283,7 +284,7 @@ def interpolate(
 
 @cores_awake()
 def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True) -> Results:
-    """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png into the run."""
+    """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png of the protocol into the run."""
     trained = load_run(run.find_run(folder))
     run.check_writable(trained.folder)
     photos = trained.collection.split("test")
@@ -327,9 +328,10 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     )
     results.save(trained.folder)
     notes = [", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views]
-    write_png(trained.folder / "sheet.png", picture_sheet(pictures, notes, protocol))
+    names = [file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)]
+    write_png(trained.folder / names[-1], picture_sheet(pictures, notes, protocol))
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
-    report.say(f"{trained.folder}: results.json, per_view.json, sheet.png")
+    report.say(f"{trained.folder}: {', '.join(names)}")
     return results
 
 

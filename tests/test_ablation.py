@@ -69,7 +69,7 @@ def test_a_table_of_embeddings_starts_from_its_mean(runs):
 
 
 def test_figures_are_taken_once_and_killed_runs_go_on(small_scene, tmp_path, monkeypatch):
-    settings, folder = small_settings(**TINY), tmp_path / "run"
+    settings, folder = small_settings(**TINY, device="auto"), tmp_path / "run"
 
     class Killed(Exception):
         pass
@@ -81,7 +81,7 @@ def test_figures_are_taken_once_and_killed_runs_go_on(small_scene, tmp_path, mon
 
     with pytest.raises(Killed):
         finished.measured(small_scene, settings, folder, ("full",), Killer())
-    assert not (tmp_path / "run.json").exists()
+    assert not json.loads((tmp_path / "run.json").read_text())["results"]
     heard = Heard()
     first = finished.measured(small_scene, settings, folder, ("full",), heard)
     assert any(line.startswith(f"Going on with {folder} from step 2") for line in heard.lines)
@@ -124,8 +124,17 @@ def test_the_program_writes_tables_and_figures(small_scene, tmp_path, monkeypatc
     assert {(row["variant"], row["seed"], row["embedding"]) for row in rows} == {
         (name, seed, whose) for name in (FULL, "no mask") for seed in "01" for whose in ("zero_shot", "refined")
     }
-    result = CliRunner().invoke(compare.main, [str(small_scene), "-o", str(tmp_path), "--protocol", "full"], catch_exceptions=False)
-    assert [line.split(" | ")[0] for line in result.output.splitlines()[-3:]] == ["| wegs", "| affine exposure", "| plain 3DGS"]
+
+
+def test_the_rivals_stand_in_one_table(small_scene, tmp_path, monkeypatch):
+    monkeypatch.setitem(PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"})
+    line = [str(small_scene), "--seeds", "2", "-o", str(tmp_path), "--protocol", "full"]
+    result = CliRunner().invoke(compare.main, line, catch_exceptions=False)
+    rows = [row.strip("| ").split(" | ") for row in result.output.splitlines()[-3:]]
+    assert [row[:2] for row in rows] == [[name, "full"] for name in ("wegs", "affine exposure", "plain 3DGS")]
+    runs = json.loads((tmp_path / f"{small_scene.name}.json").read_text())["wegs"]
+    values = [one["results"]["full"]["means"]["photo"]["zero_shot"]["psnr"] for one in runs]
+    assert rows[0][2].startswith(f"{sum(values) / 2:.2f} ± ") and values[0] != values[1] and rows[2][3] == "-"
 
 
 def test_another_split_holds_out_other_photos(tmp_path):

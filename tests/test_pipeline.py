@@ -260,6 +260,10 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
     assert len(json.loads((trained[0] / "per_view.json").read_text())) == 2
     assert cv2.imread(str(trained[0] / "sheet.png")).shape[1] > 4 * 48  # photo | render | mask | error
     assert heard.steps[-1] == (2, 2) and any("photo, zero_shot: PSNR" in line for line in heard.lines)
+    pipeline.evaluate(trained[0], "full", refine=False)  # neither protocol's figures replace the other's
+    for name, protocol in (("results.json", "half"), ("results_full.json", "full")):
+        assert json.loads((trained[0] / name).read_text())["protocol"] == protocol
+    assert {"per_view_full.json", "sheet_full.png"} <= {path.name for path in trained[0].iterdir()}
 
 
 def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):

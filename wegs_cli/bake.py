@@ -24,7 +24,8 @@ import click
     show_default=True,
     help="Leave out Gaussians and SH bands that change no training view by more than half an 8-bit step, or keep all.",
 )
-def bake(appearance, output, run_folder, force, mask, save_appearance, prune) -> None:
+@click.option("--sky/--no-sky", default=True, show_default=True, help="Write the sky, a dome far around the place, too.")
+def bake(appearance, output, run_folder, force, mask, save_appearance, prune, sky) -> None:
     """Write the scene in the light of a photo, as a .ply that every 3DGS viewer opens.
 
     \b
@@ -37,4 +38,4 @@ def bake(appearance, output, run_folder, force, mask, save_appearance, prune) ->
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance, prune == "auto", mask)
+        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance, prune == "auto", mask, sky)

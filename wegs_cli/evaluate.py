@@ -28,8 +28,8 @@ PROTOCOLS = ("half", "full")
 def evaluate(run_folders, protocol, no_refine, curve) -> None:
     """Measure a run on the photos it was not trained on: PSNR, SSIM and, where its weights are found, LPIPS.
 
-    Writes results.json, per_view.json and a picture sheet into the run; --curve writes figures into its curves/ (of the
-    first run, where several are drawn in one picture).
+    Writes results.json, per_view.json and sheet.png into the run, for the protocol `full` results_full.json and so on; --curve
+    writes figures into its curves/ (of the first run, where several are drawn in one picture).
 
     \b
     Examples:

@@ -74,11 +74,12 @@ class AppearanceModel(nn.Module):
         """The look of a picture ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
 
         photo: its row in `photo_names`, or None for one that was not trained on. masked: whether the embedding heeds the
-        predicted mask; a photo from outside the collection is encoded with M := 1 instead (paper, unseen appearance
-        transfer), and its mask is only for looking at. The embedding of a photo without a row is held within what training
-        photos reach: beyond it the SH transfer was never asked, and makes up colours. A GLO table knows nothing of such a
-        photo: its embedding is the mean, the place to start a refinement. Without appearance the embedding is the mean
-        too (zeros). Raises BadInput for a row that does not exist.
+        predicted mask, as for all photos of the collection, held-out ones too. A photo from outside is encoded with M := 1
+        instead (paper, unseen appearance transfer; of another place the mask may hide the night sky), and its mask is
+        only for looking at. The embedding of a photo without a row is held within what training photos reach: beyond it
+        the SH transfer was never asked, and makes up colours. A GLO table knows nothing of such a photo: its embedding
+        is the mean, the place to start a refinement. Without appearance the embedding is the mean too (zeros). Raises
+        BadInput for a row that does not exist.
         """
         if photo is not None and not 0 <= photo < len(self.photo_names):
             raise BadInput(f"There is no photo {photo} among {len(self.photo_names)}.", "Count from 0.")

@@ -57,6 +57,8 @@ def checks(folder: Path) -> list[dict[str, float]]:
         with path.open(encoding="utf-8", newline="") as file:
             rows = [row for row in csv.DictReader(file) if row.get("held_out_psnr")]
         found = [{name: float(row[column]) for name, column in COLUMNS.items() if row.get(column)} for row in rows]
+    except FileNotFoundError:  # stopped before its first line
+        found = []
     except (OSError, ValueError, KeyError) as problem:
         raise BadInput(f"{path} cannot be read: {problem}.", "Train the run again.") from None
     if not found:
@@ -67,7 +69,8 @@ def checks(folder: Path) -> list[dict[str, float]]:
 def _how_to_check(folder: Path) -> str:
     _, settings, collection = read_config(folder)
     saved = checkpoint.newest(folder)
-    if saved and settings.held_out_checks and collection.split("test") and checkpoint.read_facts(saved)["step"] < settings.steps:
+    step = checkpoint.read_facts(saved)["step"] if saved else 0
+    if step < settings.steps and settings.held_out_checks and collection.split("test"):
         return f"Its first check is to come; type: {command('wegs', 'train', '--resume', '-o', folder)}"
     return "Train on a scene with test photos and held_out_checks > 0."
 

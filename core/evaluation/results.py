@@ -1,4 +1,4 @@
-"""The result of an evaluation as files: results.json for the table, per_view.json for each photo."""
+"""The result of an evaluation as files: results.json for the table, per_view.json for each photo; of `full` results_full.json and so on."""
 
 import math
 from collections.abc import Sequence
@@ -14,6 +14,13 @@ from core.export.atomic import write_json
 
 RESULTS = "results.json"
 PER_VIEW = "per_view.json"
+SHEET = "sheet.png"
+
+
+def file_of(name: str, protocol: str) -> str:
+    """The name of one of these files, where figures of one protocol leave those of the other alone."""
+    stem, ending = name.split(".")
+    return name if protocol == "half" else f"{stem}_{protocol}.{ending}"
 
 
 @dataclass(frozen=True)
@@ -89,9 +96,9 @@ class Results:
         }
 
     def save(self, folder: Path) -> None:
-        """Write results.json and per_view.json into `folder`, each whole or not at all."""
-        write_json(folder / RESULTS, _plain(self.to_json()))
-        write_json(folder / PER_VIEW, _plain([asdict(view) for view in self.views]))
+        """Write RESULTS and PER_VIEW of this protocol into `folder`, each whole or not at all."""
+        write_json(folder / file_of(RESULTS, self.protocol), _plain(self.to_json()))
+        write_json(folder / file_of(PER_VIEW, self.protocol), _plain([asdict(view) for view in self.views]))
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -14,7 +14,7 @@ from core.training.pictures import Pictures
 
 @torch.no_grad()
 def quality(pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer) -> tuple[float, float] | tuple[None, None]:
-    """Mean PSNR (dB) and SSIM (the loss's) of the pictures, each in its whole photo's look, without masks; None of none."""
+    """Mean PSNR (dB) and SSIM (the loss's) of the pictures where these are valid, each in its whole photo's look; None of none."""
     decibels, similarities = [], []
     for index in range(len(pictures)):
         picture = pictures[index]
@@ -22,6 +22,8 @@ def quality(pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, ra
         splats = model.bake(gaussians.splats, look.embedding, gaussians.latents)
         image = rasterizer.render(splats, picture.camera).image.clamp(0, 1)
         photo = torch.from_numpy(picture.pixels).to(image.device).float() / 255
-        decibels.append(-10 * math.log10(max(float(((image - photo) ** 2).mean()), 1e-10)))
-        similarities.append(1 - float(photometric(image, Target(photo), None, 1.0)))
+        valid = None if picture.valid is None else torch.from_numpy(picture.valid).to(image.device)
+        errors = (image - photo) ** 2
+        decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))
+        similarities.append(1 - float(photometric(image, Target(photo, valid), None, 1.0)))
     return (fmean(decibels), fmean(similarities)) if decibels else (None, None)

@@ -12,11 +12,11 @@ from core.training.trained import Appearance, Run, bake
 from core.training.trim import Trim, Trimmed
 
 
-def write_look(trained: Run, appearance: Appearance, path: Path, report: Report, trim: Trim | None) -> int:
-    """Bake and write one look, trimmed unless that is None; returns how many Gaussians it has."""
+def write_look(trained: Run, appearance: Appearance, path: Path, report: Report, trim: Trim | None, sky: bool = True) -> int:
+    """Bake and write one look, trimmed unless that is None, with its sky or without; returns how many Gaussians it has."""
     look = bake(trained, appearance)
     trimmed = Trimmed(look, 0, 0, 0.0) if trim is None else trim(look)
-    splats = trimmed.splats
+    splats = trimmed.splats if sky else trimmed.splats[: len(trimmed.splats) - trained.sky]
     frame = trained.collection.frame
     maker = f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}"
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))

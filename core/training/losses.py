@@ -71,8 +71,8 @@ def transient_rows(
     safe = torch.where(depth.abs() > 1e-12, depth, 1e-12)
     x, y = camera.fx * x / safe + camera.cx, camera.fy * y / safe + camera.cy  # as `camera.project`
     h, w = mask.shape[-2:]
-    columns: Int[Tensor, " v"] = (x * w / camera.width).clamp(-1, w).long()
-    rows: Int[Tensor, " v"] = (y * h / camera.height).clamp(-1, h).long()
+    columns: Int[Tensor, " v"] = (x * w / camera.width).floor().clamp(-1, w).long()
+    rows: Int[Tensor, " v"] = (y * h / camera.height).floor().clamp(-1, h).long()
     inside = (columns >= 0) & (columns < w) & (rows >= 0) & (rows < h) & (depth > 0)
     hidden = mask.detach()[0, rows.clamp(0, h - 1), columns.clamp(0, w - 1)] < 0.5
     return inside & hidden & (contributions > 0.1)

@@ -1,7 +1,7 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, masks/, curves/, results.json and per_view.json are ours.
+history.csv, masks/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a train
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance"),
-    *(HISTORY, "masks", "results.json", "per_view.json", "sheet.png", "curves"),
+    *(HISTORY, "masks", "results*.json", "per_view*.json", "sheet.png", "sheet_full.png", "curves"),
 )
 
 

@@ -32,7 +32,8 @@ SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that 
 class Run:
     """What `load_run` finds in a run folder.
 
-    splats: base Gaussians, scene frame. latents: theirs, where the run has any. seconds: spent on training.
+    splats: base Gaussians, scene frame; the last `sky` are the dome. latents: theirs, where the run has any. seconds: spent
+    on training.
     """
 
     folder: Path
@@ -42,6 +43,7 @@ class Run:
     step: int
     seconds: float
     splats: Splats
+    sky: int
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
 
@@ -107,7 +109,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> Run:
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
     model.eval()
-    return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.latents, model)
+    return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model)
 
 
 def bake(trained: Run, appearance: Appearance) -> Splats:
@@ -131,7 +133,7 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
 
     Tried in this order: `neutral`; a look saved in the run (its name, or the path of its .json); the path of a photo,
     which may be one of the collection, or the file that structure from motion made it of; the name of a photo of the
-    collection. A training photo is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is
+    collection. A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is
     near, if nothing fits, and for the mask of a look that comes from no photo.
     """
     path = Path(word)

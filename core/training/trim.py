@@ -1,4 +1,4 @@
-"""What a baked look can do without: Gaussians and SH bands whose absence no training view shows."""
+"""What a baked look can do without: Gaussians and SH bands whose absence no training view shows. The sky stays whole."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,9 +34,10 @@ class Trim:
     Which Gaussians go follows from the geometry alone, so that all looks keep the same ones in the same order (viewers
     fade between them, and a fade begins and ends with the two bakes bit for bit). Which bands go follows from the look.
 
+    sky: how many of the last Gaussians are the dome. A viewer turns where no photo looked, and would see holes in it.
     kept: (N,) Gaussians that stay in every look, unless one is so bright that it must keep all of `drawn`.
-    drawn: (N,) Gaussians that reach any pixel of any view at all, and those that are not finite, which the writer of the
-    file counts.
+    drawn: (N,) Gaussians that reach any pixel of any view at all, the dome, and those that are not finite, which the writer
+    of the file counts.
     told: what was last said to be left out, so that a fade does not repeat it at every step.
     """
 
@@ -45,12 +46,14 @@ class Trim:
         splats: Splats,
         cameras: Sequence[Camera],
         rasterizer: Rasterizer,
+        sky: int = 0,
         progress: Callable[[int, int], None] = lambda done, total: None,
     ):
         self.cameras, self.rasterizer = cameras, rasterizer
         self.told: list[str] = []
         strongest = largest_contributions(splats, cameras, rasterizer, progress)
         strongest[~splats.finite_rows()] = torch.inf
+        strongest[len(splats) - sky :] = torch.inf
         self.drawn = strongest > 0
         self.kept = self._kept(splats, strongest)
 
@@ -108,4 +111,5 @@ class Trim:
 def trim_of(trained: Run, report: Report) -> Trim:
     """The Trim of a run, over its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
-    return Trim(trained.splats, cameras, trained.rasterizer, lambda done, total: report.progress("Training views", done, total))
+    given = trained.splats, cameras, trained.rasterizer, trained.sky
+    return Trim(*given, lambda done, total: report.progress("Training views", done, total))

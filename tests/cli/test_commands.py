@@ -55,16 +55,17 @@ def invoke(*arguments: str):
         ),
         ("train --resume", ("resume", None)),
         ("train --resume -o runs/a", ("resume", Path("runs/a"))),
-        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None, True, None)),
+        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None, True, None, True)),
+        ("bake --appearance a.jpg -o a.ply --no-sky", ("export", None, "a.jpg", Path("a.ply"), False, None, True, None, False)),
         (
             "bake --appearance a.jpg -o a.ply --prune off",
-            ("export", None, "a.jpg", Path("a.ply"), False, None, False, None),
+            ("export", None, "a.jpg", Path("a.ply"), False, None, False, None, True),
         ),
         (
             "bake --appearance neutral -o a.ply --run r --force --save-appearance x",
-            ("export", Path("r"), "neutral", Path("a.ply"), True, "x", True, None),
+            ("export", Path("r"), "neutral", Path("a.ply"), True, "x", True, None, True),
         ),
-        ("bake --appearance a.jpg -o a.ply --mask m.png", ("export", None, "a.jpg", Path("a.ply"), False, None, True, Path("m.png"))),
+        ("bake --appearance a.jpg -o a.ply --mask m.png", ("export", None, "a.jpg", Path("a.ply"), False, None, True, Path("m.png"), True)),
         ("interpolate a b", ("interpolate", None, "a", "b", 10, None, None, False, False)),
         (
             "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from core.data.split import counted
 from core.export.ply import read_ply
@@ -35,6 +36,9 @@ def trained(tmp_path) -> Run:
 
 
 def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photos(trained, tmp_path):
+    faded = trained.splats.map(torch.clone)
+    faded.logit_opacities[:7] = -20
+    trained = replace(trained, splats=faded)
     heard, neutral = Heard(), find_appearance(trained, "neutral")
     paths = [tmp_path / "all.ply", tmp_path / "fewer.ply"]
     assert write_look(trained, neutral, paths[0], heard, None) == len(trained.splats)
@@ -42,7 +46,7 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     trim = trim_of(trained, heard)
     written = write_look(trained, neutral, paths[1], heard, trim)
     gone = len(trained.splats) - written
-    assert gone > 0  # the part of the dome behind the cameras, at least
+    assert gone >= 7 and trim.kept[-trained.sky :].all()
     (line,) = heard.lines
     assert line.startswith(f"No training view shows {counted(gone, 'Gaussian')} ({gone * ROW_BYTES / 1e6:.1f} MB)")
     assert re.search(r": left out \(a pixel changes by at most 0\.\d\d of 255; `wegs bake --prune off` keeps all\)$", line)
@@ -50,6 +54,14 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     assert heard.lines == [line]  # a fade says it once
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
     assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
+
+
+def test_a_look_can_be_written_without_the_sky(trained, tmp_path):
+    paths, neutral = [tmp_path / "all.ply", tmp_path / "place.ply"], find_appearance(trained, "neutral")
+    counts = [write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)]
+    assert trained.sky > 0 and counts == [len(trained.splats), len(trained.splats) - trained.sky]
+    whole, place = (read_ply(path) for path in paths)
+    assert all(torch.equal(part[: len(place)], other) for part, other in zip(whole.tensors().values(), place.tensors().values()))
 
 
 @pytest.mark.parametrize(

@@ -170,6 +170,11 @@ def test_transient_rows_are_those_in_front_inside_the_mask():
     mask[:, :, :6] = 0  # the left half of the picture
     rows = losses.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, camera)
     assert rows.tolist() == [True, False, False, False, False]
+    beside = torch.zeros(200, 3)
+    beside[:, 0] = torch.linspace(-4.0, 0.0, 200)
+    shown = torch.from_numpy(camera.project(beside.double().numpy())[0][:, 0] >= 0)
+    assert 0 < int(shown.sum()) < 200 - 10  # some lie less than a cell of the mask beyond the edge
+    assert torch.equal(losses.transient_rows(beside, torch.ones(200), torch.zeros(1, 9, 12), camera), shown)
 
 
 @pytest.mark.parametrize("where", ["cpu", "meta"])

@@ -167,3 +167,8 @@ def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
     trainer.gaussians.parameters["sh"][:, 0] = float(dc_of_colour(torch.tensor(3.0)))
     psnr, ssim = trainer.held_out_quality()
     assert psnr > 60 and ssim > 0.999
+    # What a photo does not show is not compared.
+    seen = np.arange(white[0].pixels.shape[1]) >= 20
+    half = [replace(picture, pixels=picture.pixels * seen[:, None].astype(np.uint8), valid=np.tile(seen, (len(picture.pixels), 1))) for picture in white]
+    trainer.held_out.pictures[:] = half
+    assert trainer.held_out_quality() == pytest.approx((psnr, ssim), abs=1e-3)

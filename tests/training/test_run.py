@@ -136,7 +136,7 @@ def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
 def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):
     folder = tmp_path / "run"
     (folder / "masks").mkdir(parents=True)
-    for name in ("masks/a.png", "checkpoint_000100.safetensors", "results.json", "dusk.ply"):
+    for name in ("masks/a.png", "checkpoint_000100.safetensors", "results_full.json", "sheet_full.png", "dusk.ply"):
         (folder / name).write_text("old")
     run.create(folder, collection, small_settings())
     assert sorted(path.name for path in folder.iterdir()) == [

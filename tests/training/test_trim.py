@@ -50,6 +50,13 @@ def test_what_no_view_draws_goes_and_changes_no_bit():
     assert trimmed.largest == largest_change(look, trimmed.splats) * 255 == 0.0
 
 
+def test_the_sky_stays_whole():
+    """Who looks where no photo did would see holes in it."""
+    look = Splats.concatenate([ball(200), gaussians([[0.0, 0.0, -40.0], [0.0, 0.0, -50.0]], 0.1, 0.9, 1.0)])
+    for sky in (0, 1, 2):
+        assert Trim(look, CAMERAS, RASTERIZER, sky).kept[-2:].tolist() == [sky == 2, sky > 0]
+
+
 def hidden(count: int) -> Splats:
     """Gaussians in the middle of an opaque ball: each all but invisible, all together not."""
     shell = torch.nn.functional.normalize(torch.randn(3000, 3, generator=torch.Generator().manual_seed(2)), dim=1)

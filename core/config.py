@@ -59,6 +59,7 @@ class Settings:
         f"{AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
         low=-1,
     )
+    all_photos: bool = setting(False, "Train on held-out photos, too: the best scene, and no figures of it.")
     max_gaussians: int = setting(
         UNDECIDED,
         f"Never more Gaussians than this (without the sky's). auto: one for {PIXELS_A_GAUSSIAN} pixels of all photos or "

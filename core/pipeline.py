@@ -12,12 +12,12 @@ from core import device
 from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm
-from core.data.collection import Collection, Photo
+from core.data.collection import Photo
 from core.data.given_masks import with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
 from core.data.photo_file import named_with_fault
 from core.data.prepare import prepared
-from core.data.split import counted, list_names, name_them
+from core.data.split import list_names, name_them
 from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
@@ -35,8 +35,9 @@ from core.training.interrupt import StopRequest
 from core.training.look_file import next_step, write_look
 from core.training.masks import write_masks
 from core.training.pictures import check_resolution
+from core.training.tell import tell_collection, tell_plan, tell_step
 from core.training.trained import Run, bake, blend, find_appearance, load_run
-from core.training.trainer import StepReport, Trainer
+from core.training.trainer import Trainer
 from core.training.trim import trim_of
 
 __all__ = [
@@ -91,7 +92,9 @@ def train(
         collection = prepared(scene, folder.parent / f"{name}-scene", report)
         if masks is not None:
             collection = with_masks(collection, masks)
-        _tell_collection(collection, report)
+        if settings.all_photos:
+            collection = collection.undivided()
+        tell_collection(collection, report)
         trainer = Trainer(collection, settings, folder)
         run.create(folder, collection, trainer.settings, trainer.decisions)
         return _train(trainer, report)
@@ -117,6 +120,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     if not before.root.is_dir():
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
     collection = with_masks_of(load_collection(before.root), before)
+    collection = collection.undivided() if settings.all_photos else collection
     trainer = Trainer(collection, settings, folder)
     names = {picture.photo.name for picture in trainer.pictures.pictures}
     if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
@@ -133,11 +137,11 @@ def _go_on(folder: Path, report: Report) -> Path:
 
 def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
-    _tell_sizes(trainer, report)
+    tell_plan(trainer, report)
     with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():
             try:
-                _tell_step(step, settings.steps, report)
+                tell_step(step, settings.steps, report)
             except OSError:  # nobody listens any more: a broken pipe, a closed terminal
                 if not stop.asked:
                     trainer.save()
@@ -161,38 +165,6 @@ def _train(trainer: Trainer, report: Report) -> Path:
     report.table("Done", rows)
     report.say(f"Next: {next_step(trained, neutral)}")
     return folder
-
-
-def _tell_collection(collection: Collection, report: Report) -> None:
-    splits = ", ".join(f"{len(collection.split(name))} {name}" for name in ("train", "test"))
-    photos, points = len(collection.photos), len(collection.points)
-    report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {points} points")
-    for note in collection.notes:
-        report.warn(note)
-
-
-def _tell_sizes(trainer: Trainer, report: Report) -> None:
-    for note in trainer.pictures.notes + trainer.held_out.notes:
-        report.warn(note)
-    sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures.pictures})
-    spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
-    settings = trainer.settings
-    on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
-    report.say(f"Training {settings.steps} steps{on_gpu} at {spread} px, at most {settings.max_gaussians} Gaussians")
-    for decision in trainer.decisions:
-        report.say(f"{decision.setting}={decision.value}: {decision.because}")
-    looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
-    parts = [looks[settings.appearance]]
-    parts += ["masks of passers-by"] * (settings.transients == "on") + ["a sky dome"] * (settings.sky == "dome")
-    report.say(f"It learns {', '.join(parts)}; harmonics of degree {settings.sh_degree}")
-
-
-def _tell_step(step: StepReport, steps: int, report: Report) -> None:
-    for message in step.messages:
-        report.warn(message)
-    if step.held_out_psnr is not None:
-        report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
-    report.progress("Training", step.step, steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
 
 
 # --- trained run -> .ply and pictures
@@ -289,7 +261,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     run.check_writable(trained.folder)
     photos = trained.collection.split("test")
     if not photos:
-        raise BadInput(f"{trained.folder} has no held-out photos.", "Train on a scene whose split has test photos.")
+        raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: {len(photos)} held-out photos, protocol {protocol}")
     subject = subject_of(trained)
     distance = lpips.load()

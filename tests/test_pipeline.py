@@ -220,7 +220,6 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
     for word, step in zip(ends, (0, 2), strict=True):
         pipeline.export(folder, word, tmp_path / "end.ply", force=True)
         assert (tmp_path / "end.ply").read_bytes() == (output / f"step_{step:03d}.ply").read_bytes()
-        assert len(read_ply(tmp_path / "end.ply")) < len(live.splats)  # both without what no view shows
         baked = pipeline.bake(live, pipeline.find_appearance(live, word))
         image = core.rasterizer.create("auto").render(baked, camera).image
         frame = cv2.imread(str(output / f"frame_{step:03d}.png"))[..., ::-1]

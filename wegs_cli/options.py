@@ -16,6 +16,7 @@ FIELDS = {item.name: item for item in fields(Settings)}
 FLAGS = {
     "steps": ("--steps",),
     "resolution": ("-r", "--resolution"),
+    "all_photos": ("--all-photos",),
     "max_gaussians": ("--max-gaussians",),
     "sh_degree": ("--sh-degree",),
     "appearance": ("--appearance",),
@@ -40,6 +41,8 @@ def setting_option(name: str, *flags: str) -> Callable:
     """A click option for the field `name` of Settings. It is None unless typed, so that a preset can show through."""
     item = FIELDS[name]
     rules = item.metadata
+    if item.type is bool:
+        return click.option(*flags, name, is_flag=True, default=None, help=rules["help"])
     if rules["choices"]:
         kind = click.Choice(rules["choices"])
     elif rules["auto"]:

@@ -1,7 +1,7 @@
 """What every kind of photo collection is read into."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -54,6 +54,11 @@ class Collection:
     def split(self, name: str) -> tuple[Photo, ...]:
         """The photos of one split, in order of name."""
         return tuple(photo for photo in self.photos if photo.split == name)
+
+    def undivided(self) -> "Collection":
+        """The same with no photo held out."""
+        photos = tuple(replace(photo, split="train") for photo in self.photos)
+        return replace(self, photos=photos, notes=(*self.notes, "All photos are trained on: there will be no held-out quality."))
 
     def changed_since(self, before: "Collection") -> list[str]:
         """The photos of either that are not in both with the same split and place: with them a run cannot go on."""

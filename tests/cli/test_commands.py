@@ -47,6 +47,7 @@ def invoke(*arguments: str):
             "train plaza -o out --preset quick --steps 9 -r 2 --force",
             ("train", Path("plaza"), Settings(**PRESETS["quick"]).changed(steps=9, resolution=2), Path("out"), True, None),
         ),
+        ("train --all-photos", ("train", Path("."), Settings(all_photos=True), None, False, None)),
         ("train plaza --masks people", ("train", Path("plaza"), Settings(), None, False, Path("people"))),
         ("train --set sky=none --sh-degree 0", ("train", Path("."), Settings(sky="none", sh_degree=0), None, False, None)),
         (

@@ -1,0 +1,42 @@
+"""What the user reads of a training: what was found, what is decided, how it goes."""
+
+from core import device
+from core.data.collection import Collection
+from core.data.split import counted
+from core.report import Report
+from core.training.trainer import StepReport, Trainer
+
+
+def tell_collection(collection: Collection, report: Report) -> None:
+    """What was found, and what of it is not used."""
+    splits = ", ".join(f"{len(collection.split(name))} {name}" for name in ("train", "test"))
+    photos, points = len(collection.photos), len(collection.points)
+    report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {points} points")
+    for note in collection.notes:
+        report.warn(note)
+
+
+def tell_plan(trainer: Trainer, report: Report) -> None:
+    """What the training will do, and why."""
+    for note in trainer.pictures.notes + trainer.held_out.notes:
+        report.warn(note)
+    sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures.pictures})
+    spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
+    settings = trainer.settings
+    on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
+    report.say(f"Training {settings.steps} steps{on_gpu} at {spread} px, at most {settings.max_gaussians} Gaussians")
+    for decision in trainer.decisions:
+        report.say(f"{decision.setting}={decision.value}: {decision.because}")
+    looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
+    parts = [looks[settings.appearance]]
+    parts += ["masks of passers-by"] * (settings.transients == "on") + ["a sky dome"] * (settings.sky == "dome")
+    report.say(f"It learns {', '.join(parts)}; harmonics of degree {settings.sh_degree}")
+
+
+def tell_step(step: StepReport, steps: int, report: Report) -> None:
+    """How far it is, and what befell it."""
+    for message in step.messages:
+        report.warn(message)
+    if step.held_out_psnr is not None:
+        report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
+    report.progress("Training", step.step, steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")

@@ -1,0 +1,29 @@
+"""`--all-photos`: what the split holds out is trained on, in a run that went on as in one that never stopped."""
+
+import pytest
+
+from core import pipeline
+from core.errors import BadInput
+from core.training import run
+from tests.heard import Heard
+from tests.small import give_to_pipeline, small_collection, small_settings
+
+
+def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):
+    class Impatient(Heard):
+        def progress(self, what, done, total, note=""):
+            super().progress(what, done, total, note)
+            if what == "Training" and done == 2:
+                raise OSError  # nobody listens any more
+
+    give_to_pipeline(small_collection(tmp_path), monkeypatch)
+    heard, folder = Impatient(), tmp_path / "run"
+    with pytest.raises(OSError):
+        pipeline.train(tmp_path, small_settings(steps=3, all_photos=True), folder, heard)
+    said = "\n".join(heard.lines)
+    assert "6 photos (6 train, 0 test)" in said and "! All photos are trained on" in said
+    pipeline.resume(folder)
+    trained = pipeline.load_run(folder)
+    assert len(trained.model.photo_names) == 6 and not run.read_config(folder)[2].split("test")
+    with pytest.raises(BadInput, match="has no held-out photos. .*without --all-photos"):
+        pipeline.evaluate(folder)

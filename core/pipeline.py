@@ -17,12 +17,13 @@ from core.data.given_masks import with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
 from core.data.photo_file import named_with_fault
 from core.data.prepare import prepared
+from core.data.scene_folder import FADE
 from core.data.split import list_names, name_them
 from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
-from core.evaluation.results import PER_VIEW, RESULTS, SHEET, Results, file_of
-from core.evaluation.sheet import picture_sheet
+from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
+from core.evaluation.sheet import picture_sheet, write_views
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
 from core.export.atomic import check_file, filling
@@ -54,7 +55,6 @@ __all__ = [
 ]
 QUIET = Report()
 ONE_LOOK = "This run was trained without appearance: all its looks are one."
-FADE = ("frame_*.png", "step_*.ply", "sheet.png", "video.mp4")  # what an interpolation writes
 
 
 # --- photos -> scene
@@ -255,8 +255,13 @@ def interpolate(
 
 
 @cores_awake()
-def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True) -> Results:
-    """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png of the protocol into the run."""
+def evaluate(
+    folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True, keep_pictures: bool = False
+) -> Results:
+    """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png of the protocol into the run.
+
+    keep_pictures: also every render and photo, as they were compared, into its pictures/.
+    """
     trained = load_run(run.find_run(folder))
     run.check_writable(trained.folder)
     photos = trained.collection.split("test")
@@ -302,6 +307,9 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     notes = [", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views]
     names = [file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)]
     write_png(trained.folder / names[-1], picture_sheet(pictures, notes, protocol))
+    if keep_pictures:
+        names.append(f"{PICTURES}/{protocol}/")
+        write_views(trained.folder / names[-1], pictures)
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import click
 
 from core.config import PRESETS, preset
-from core.evaluation.protocols import PROTOCOLS
+from core.evaluation import PROTOCOLS
 from core.export.atomic import write_text
 from samples.measurements.finished import measured, with_split
 from samples.measurements.seeds import cell, folder_name

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import click
 
 from core.config import PRESETS, preset
-from core.evaluation.protocols import PROTOCOLS
+from core.evaluation import PROTOCOLS
 from samples.measurements.finished import measured
 from samples.measurements.seeds import cell
 from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS

@@ -47,13 +47,7 @@ def trained(small_scene, tmp_path_factory):
 def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained):
     folder, heard = trained
     said = "\n".join(heard.lines)
-    for words in (
-        "6 photos (4 train, 2 test)",
-        "! photo_7.png was dropped",
-        "48x36 px",
-        "held-out PSNR",
-        "Next: wegs bake",
-    ):
+    for words in ("6 photos (4 train, 2 test)", "! photo_7.png was dropped", "48x36 px", "held-out PSNR", "Next: wegs bake"):
         assert words in said
     assert heard.steps[:STEPS] == [(step + 1, STEPS) for step in range(STEPS)]
     names = {path.name for path in folder.iterdir()}
@@ -259,10 +253,11 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
     assert len(json.loads((trained[0] / "per_view.json").read_text())) == 2
     assert cv2.imread(str(trained[0] / "sheet.png")).shape[1] > 4 * 48  # photo | render | mask | error
     assert heard.steps[-1] == (2, 2) and any("photo, zero_shot: PSNR" in line for line in heard.lines)
-    pipeline.evaluate(trained[0], "full", refine=False)  # neither protocol's figures replace the other's
+    pipeline.evaluate(trained[0], "full", refine=False, keep_pictures=True)  # neither protocol's figures replace the other's
     for name, protocol in (("results.json", "half"), ("results_full.json", "full")):
         assert json.loads((trained[0] / name).read_text())["protocol"] == protocol
-    assert {"per_view_full.json", "sheet_full.png"} <= {path.name for path in trained[0].iterdir()}
+    assert {path.name for path in trained[0].glob("*_full.*")} == {"per_view_full.json", "results_full.json", "sheet_full.png"}
+    assert {path.name for path in (trained[0] / "pictures/full/gt-color").iterdir()} == {"photo_2.png", "photo_5.png"}
 
 
 def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):

@@ -5,8 +5,7 @@ from pathlib import Path
 import click
 
 from core.errors import BadSetting
-
-PROTOCOLS = ("half", "full")
+from core.evaluation import PROTOCOLS
 
 
 @click.command("eval", short_help="Measure a run on its held-out photos.")
@@ -19,13 +18,14 @@ PROTOCOLS = ("half", "full")
 )
 @click.option(
     "--protocol",
-    type=click.Choice(PROTOCOLS),
+    type=click.Choice(list(PROTOCOLS)),
     help="half: look from the left half of a test photo, figures from the right; full: both from the whole.  "
     "[default: half; with --curve, both]",
 )
 @click.option("--no-refine", is_flag=True, help="Take the encoder's embedding as it is.")
+@click.option("--pictures", is_flag=True, help="Keep every render and photo as PNG, in the run's pictures/.")
 @click.option("--curve", is_flag=True, help="Draw quality over time instead: of the training, and of the refinement.")
-def evaluate(run_folders, protocol, no_refine, curve) -> None:
+def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
     """Measure a run on the photos it was not trained on: PSNR, SSIM and, where its weights are found, LPIPS.
 
     Writes results.json, per_view.json and sheet.png into the run, for the protocol `full` results_full.json and so on; --curve
@@ -46,6 +46,6 @@ def evaluate(run_folders, protocol, no_refine, curve) -> None:
 
     with Terminal() as terminal:
         if curve:
-            suite.curves(run_folders, (protocol,) if protocol else PROTOCOLS, not no_refine, terminal)
+            suite.curves(run_folders, (protocol,) if protocol else tuple(PROTOCOLS), not no_refine, terminal)
         else:
-            pipeline.evaluate(next(iter(run_folders), None), protocol or "half", terminal, refine=not no_refine)
+            pipeline.evaluate(next(iter(run_folders), None), protocol or "half", terminal, not no_refine, pictures)

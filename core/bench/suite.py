@@ -16,7 +16,7 @@ from core.config import LEAST, PRESETS, Settings, preset
 from core.data.collection import Collection, spread_over
 from core.data.prepare import prepared
 from core.errors import BadInput
-from core.evaluation.protocols import PROTOCOLS
+from core.evaluation import PROTOCOLS
 from core.report import Report
 from core.training import run
 from core.training.trained import Run, bake, find_appearance, load_run

@@ -6,7 +6,7 @@ from core.data.collection import Collection
 from core.data.colmap import read_points
 from core.data.model_file import read_model
 from core.data.posed import Points
-from core.data.scene_folder import kept, read_mark, replacing, stamp, write_mark
+from core.data.scene_folder import kept, read_mark, replacing_folder, stamp, write_mark
 from core.data.split import counted
 from core.data.triangulate import triangulate
 from core.errors import BadInput
@@ -36,7 +36,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     report.say(
         f"{collection.root} has cameras but no points: they are triangulated from {counted(len(training), 'photo')}."
     )
-    with replacing(folder) as work:
+    with replacing_folder(folder) as work:
         model = triangulate(training, work, report)
         if not model.num_points3D():
             what = f"No point could be triangulated from the photos and cameras of {collection.root}"

@@ -11,11 +11,11 @@ from pathlib import Path
 from core.errors import BadInput, WegsError, not_made
 
 CONFIG = "config.json"  # of a run
-FADE_SHOWS = ("frame_000.png", "sheet.png")  # what every interpolation leaves
+FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interpolation writes, the first two always
 
 
 @contextmanager
-def replacing(output: Path) -> Iterator[Path]:
+def replacing_folder(output: Path) -> Iterator[Path]:
     """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
 
     It lies beside `output`, or inside where that is there, empty: it may be a disk of its own (a container's volume).
@@ -89,7 +89,7 @@ def is_of_run(folder: Path) -> bool:
 
 def is_of_wegs(folder: Path) -> bool:
     """Whether the folder is a run, or holds the frames of an interpolation."""
-    return is_of_run(folder) or all((folder / name).is_file() for name in FADE_SHOWS)
+    return is_of_run(folder) or all(any(folder.glob(pattern)) for pattern in FADE[:2])
 
 
 def stamp(path: Path) -> list[int]:

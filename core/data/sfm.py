@@ -22,7 +22,7 @@ from core.data.photo_file import (
     without_orientation,
 )
 from core.data.photos import read
-from core.data.scene_folder import read_mark, replacing, stamp, write_mark
+from core.data.scene_folder import read_mark, replacing_folder, stamp, write_mark
 from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.report import Report
@@ -55,7 +55,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
         report.warn(line)
     made_of = files_of(photos)
-    with replacing(output) as work, quiet():
+    with replacing_folder(output) as work, quiet():
         copies = _copy_upright(paths, work / PHOTOS, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:

@@ -1,1 +1,6 @@
 """Renders against photos: metrics, protocols, result files and picture sheets."""
+
+PROTOCOLS = {
+    "half": "embedding from the left half of a test photo (W - W//2 columns), figures from the right half",
+    "full": "embedding and figures from the whole test photo",
+}

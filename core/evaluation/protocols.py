@@ -14,17 +14,13 @@ from numpy import ndarray
 from torch import Tensor
 
 from core.errors import BadInput, BadSetting
-from core.evaluation import metrics
+from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
 from core.evaluation.truth import UNKNOWN, Truth
 from core.export.pictures import to_8_bit
 from core.scene.camera import Camera
 from core.threads import threads_for_blocks
 
-PROTOCOLS = {
-    "half": "embedding from the left half of a test photo (W - W//2 columns), figures from the right half",
-    "full": "embedding and figures from the whole test photo",
-}
 # The refinement of WildGaussians and nerfbaselines.
 REFINE_STEPS = 128
 REFINE_RATE = 0.1

@@ -7,14 +7,15 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from core.evaluation import lpips
+from core.evaluation import PROTOCOLS, lpips
 from core.evaluation.metrics import SSIM_KIND
-from core.evaluation.protocols import PROTOCOLS, REFINE_RATE, REFINE_STEPS, ViewResult
+from core.evaluation.protocols import REFINE_RATE, REFINE_STEPS, ViewResult
 from core.export.atomic import write_json
 
 RESULTS = "results.json"
 PER_VIEW = "per_view.json"
 SHEET = "sheet.png"
+PICTURES = "pictures"  # a folder for each protocol
 
 
 def file_of(name: str, protocol: str) -> str:

@@ -1,12 +1,15 @@
-"""The picture sheet: a row a photo, photo | render | mask | error."""
+"""What to look at of an evaluation: a sheet with a row a photo, photo | render | mask | error; and the pictures one by one."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from core.data.collection import place_of
 from core.evaluation.protocols import ViewPictures
+from core.export.pictures import write_png
 
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 LABEL_PX = 22  # height of a line of text
@@ -42,6 +45,15 @@ def picture_sheet(rows: Sequence[ViewPictures], notes: Sequence[str], protocol: 
         parts.append(_row(row, widest))
         parts.append(_line(step * len(columns), (f"{row.name}  {note}",)))
     return np.concatenate(parts)
+
+
+def write_views(folder: Path, views: Sequence[ViewPictures]) -> None:
+    """The renders as PNG in color/ of `folder`, the photos in gt-color/, named as the photos: as nerfbaselines lays them out."""
+    for view in views:
+        for part, pixels in (("color", view.render), ("gt-color", view.photo)):
+            path = folder / part / place_of(view.name).with_suffix(".png")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_png(path, pixels)
 
 
 def _row(row: ViewPictures, widest: int) -> np.ndarray:

@@ -34,7 +34,7 @@ CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a train
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance"),
-    *(HISTORY, "masks", "results*.json", "per_view*.json", "sheet.png", "sheet_full.png", "curves"),
+    *(HISTORY, "masks", "results*.json", "per_view*.json", "sheet.png", "sheet_full.png", "pictures", "curves"),
 )
 
 

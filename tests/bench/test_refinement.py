@@ -8,7 +8,8 @@ import core.rasterizer
 from core.bench.refinement import MEASURED, refinement_figure
 from core.data.collection import spread_over
 from core.errors import BadInput
-from core.evaluation.protocols import PROTOCOLS, REFINE_STEPS, measure
+from core.evaluation import PROTOCOLS
+from core.evaluation.protocols import REFINE_STEPS, measure
 from core.evaluation.subject import TrainedScene
 from core.pipeline import held_out_view
 from core.report import Report

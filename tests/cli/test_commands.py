@@ -5,12 +5,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-import wegs_cli.evaluate
 from core import pipeline
 from core.bench import FIGURES, suite
 from core.config import PRESETS, Settings
 from core.errors import BadInput
-from core.evaluation import protocols
 from core.report import Report
 from wegs_cli.main import wegs
 
@@ -72,8 +70,8 @@ def invoke(*arguments: str):
             "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",
             ("interpolate", Path("r"), "a", "b", 3, Path("d"), "v.jpg", True, True),
         ),
-        ("eval", ("evaluate", None, "half", True)),
-        ("eval --run r --protocol full --no-refine", ("evaluate", Path("r"), "full", False)),
+        ("eval", ("evaluate", None, "half", True, False)),
+        ("eval --run r --protocol full --no-refine --pictures", ("evaluate", Path("r"), "full", False, True)),
         ("eval --curve", ("curves", (), ("half", "full"), True)),
         (
             "eval --curve --run a --run b --protocol full --no-refine",
@@ -101,10 +99,6 @@ def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     result = invoke("train", "--resume", *extra.split())
     assert result.exit_code == 1 and "resumed run keeps" in result.stderr
     assert asked == []
-
-
-def test_the_protocols_are_those_of_the_evaluation():
-    assert wegs_cli.evaluate.PROTOCOLS == tuple(protocols.PROTOCOLS)  # written twice, as the latter needs torch
 
 
 def test_several_runs_are_measured_one_at_a_time(asked):

@@ -9,7 +9,7 @@ import pytest
 
 from core.data import load_collection
 from core.data.photos import load
-from core.data.scene_folder import replacing
+from core.data.scene_folder import replacing_folder
 from core.data.sfm import name_in, reconstruct
 from core.errors import BadInput, WegsError
 from core.report import Report
@@ -115,7 +115,7 @@ def test_an_output_that_exists_is_left_alone(tmp_path):
 
 def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
     theirs = tmp_path / "scene" / "theirs.txt"
-    with pytest.raises(BadInput, match="scene was made by another program meanwhile"), replacing(theirs.parent) as work:
+    with pytest.raises(BadInput, match="scene was made by another program meanwhile"), replacing_folder(theirs.parent) as work:
         (work / "scene").mkdir()
         theirs.parent.mkdir()
         theirs.write_text("precious")
@@ -124,7 +124,7 @@ def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
 
 def test_an_empty_folder_is_filled_from_within(tmp_path):
     """It may be a disk of its own: it can be neither removed nor moved onto."""
-    with replacing(tmp_path) as work:
+    with replacing_folder(tmp_path) as work:
         assert work.parent == tmp_path
         for part in ("images", "sparse"):
             (work / "scene" / part).mkdir(parents=True)

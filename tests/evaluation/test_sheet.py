@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from core.evaluation.protocols import ViewPictures
-from core.evaluation.sheet import BLANK, GAP_PX, LABEL_PX, TILE_PX, error_picture, picture_sheet, titles
+from core.evaluation.sheet import BLANK, GAP_PX, LABEL_PX, TILE_PX, error_picture, picture_sheet, titles, write_views
 
 
 def row(height, width, mask=None, name="photo.jpg"):
@@ -61,3 +62,11 @@ def test_errors_brighten_from_black_and_saturate():
 def test_every_row_has_its_note():
     with pytest.raises(ValueError, match="zip"):
         picture_sheet([row(4, 4), row(4, 4)], ["only one"], "half")
+
+
+def test_views_are_kept_one_by_one_under_their_names(tmp_path):
+    write_views(tmp_path, [row(4, 6, name="day/a.jpg"), row(5, 4, name="b.png")])
+    names = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png"))
+    assert names == ["color/b.png", "color/day/a.png", "gt-color/b.png", "gt-color/day/a.png"]
+    assert cv2.imread(str(tmp_path / "color/day/a.png"))[0, 0].tolist() == [25, 50, 100]
+    assert cv2.imread(str(tmp_path / "gt-color/b.png")).shape == (5, 4, 3)

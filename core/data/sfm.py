@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
+from core.data.likely_pairs import likely_pairs
 from core.data.model_file import quiet
 from core.data.photo_file import (
     JPEG_EXIF,
@@ -65,7 +66,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
             )
         pycolmap.set_random_seed(SEED)
         extract(work, names, report)
-        match(work, [(first, second) for index, first in enumerate(names) for second in names[:index]], report)
+        match(work, likely_pairs(work, names, report), report)
         model = _map(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)

@@ -7,6 +7,7 @@ too large stops them from learning for a thousand steps.
 import math
 from collections.abc import Iterable
 from statistics import median
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
@@ -36,18 +37,32 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: floa
     return (total.abs() < math.inf) & (picture_loss <= max(SPIKE * usual, LEAST_SPIKE))
 
 
-def fault(total: float, picture_loss: float, usual: float, sound: bool, taken: bool, learnt: bool) -> str | None:
-    """Why a step was of no use, in words that follow "its"; None if it was not.
+class StepFacts(NamedTuple):
+    """What is told of a step: scalars of the device that computes it, numbers once they have arrived.
 
-    taken: whether the Gaussians' gradient was finite as well. learnt: and the networks'.
+    loss: all but the gauge's. residual_size: mean absolute residual. sound: whether the losses were in order; taken: and the
+    Gaussians' gradient finite; learnt: and the networks'.
     """
-    if not sound and not math.isfinite(total):
+
+    loss: Tensor | float
+    gauge_loss: Tensor | float
+    picture_loss: Tensor | float
+    residual_size: Tensor | float
+    mask_mean: Tensor | float
+    sound: Tensor | float
+    taken: Tensor | float
+    learnt: Tensor | float
+
+
+def fault(facts: StepFacts, usual: float) -> str | None:
+    """Why a step was of no use, in words that follow "its"; None if it was not. facts: as numbers."""
+    if not facts.sound and not math.isfinite(facts.loss):
         return "loss was not finite"
-    if not sound:
-        return f"picture loss of {picture_loss:.3g} was a spike; usual is {usual:.3g}"
-    if not taken:
+    if not facts.sound:
+        return f"picture loss of {facts.picture_loss:.3g} was a spike; usual is {usual:.3g}"
+    if not facts.taken:
         return "gradient was not finite"
-    return None if learnt else "encoder's gradient was not finite"
+    return None if facts.learnt else "encoder's gradient was not finite"
 
 
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:

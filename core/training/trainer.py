@@ -21,12 +21,13 @@ from core.device import OnTheWay
 from core.errors import BadInput, TrainingStopped
 from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
-from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
 from core.training import checkpoint, densify, guards, held_out, losses, needs, networks, schedule, strangers
+from core.training.drawn import Drawn
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
+from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
 from core.training.photometric import Target, photometric, photometric_paper
 from core.training.pictures import Pictures, auto_factor
@@ -133,68 +134,76 @@ class Trainer:
     @threads_for_blocks()
     def step(self) -> StepReport:
         """One photo, one update of everything."""
-        settings, progress = self.settings, self.done / self.settings.steps
+        progress = self.done / self.settings.steps
         index = self._next_photo()
         self.order.pop()
-        camera, target = self.pictures.target(index, schedule.shrink_factor(settings, progress))
-        gain = draw_gain(settings, self.generator)
-        looking = beside(lambda: self._look(index, target, gain))
-        visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
-        rows = visible.rows
-        leaves = self.gaussians.leaves(rows)
-        gauge_loss = self._gauge() if settings.gauge else self.nothing
-        look, target = looking()
-        embedding = look.embedding.detach().requires_grad_()
-        latents = leaves.get("latents")
-        sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, latents)
-        regularising = beside(lambda: self._residual_loss(residual))
-        seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
-        probe = torch.zeros(len(rows), 2, requires_grad=True, device=self.device)
-        image = self.rasterizer.render(seen, camera, probe=probe, pairs=visible.pairs).image
-
-        judging = beside(lambda: self._mask_loss(look, image, target, progress))
-        picture_loss = self._picture_loss(image, target, look, progress)
-        loss = picture_loss + self._transient_loss(look, seen, camera, progress, visible.pairs)
-        residual_loss, residual_gradient, residual_size = regularising()
-        mask_loss = judging()
-        self.done += 1
-        total = loss.detach() + residual_loss + mask_loss.detach()
         usual = guards.usual_loss(index, self.last_losses)
-        sound = guards.sound(total + gauge_loss, picture_loss.detach(), usual)
-        taken = learnt = sound
-        if not guards.refused(sound):
-            teaching = networks.teaching(lambda: self._teach_encoder(look, embedding, mask_loss), embedding)
-            losses.backward((loss, None), (residual, residual_gradient))
-            reached = *leaves.values(), embedding, *self.model.transfer_parameters()
-            taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
-            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, teaching(), taken))
-            if not guards.refused(taken):
-                # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
-                densify.gather(self.gaussians, rows, probe.grad, camera.width, camera.height, taken)
-                self._update_gaussians(rows, leaves, progress, taken)
-            learnt = updating()
-        mask_mean = self.nothing if look.mask is None else look.mask.detach().mean()
-        facts = total, gauge_loss, picture_loss.detach(), residual_size, mask_mean, sound, taken, learnt
-        facts = OnTheWay(torch.stack([fact.float() for fact in facts]))
+        drawn = self._draw(index, progress)
+        on_the_way = self._learn(drawn, usual, progress)
+        self.done += 1
         self._look_ahead()
-        total, gauge_loss, shown_loss, residual_size, mask_mean, *verdicts = facts.arrived()
-        fault = guards.fault(total, shown_loss, usual, *verdicts)
+        facts = StepFacts(*on_the_way.arrived())
+        fault = guards.fault(facts, usual)
         if fault is None:
             self.skipped_in_a_row = 0
-            self.last_losses[index] = shown_loss
-            messages = self._remember(look, index, mask_mean, progress)
+            self.last_losses[index] = facts.picture_loss
+            messages = self._remember(drawn.look, index, facts.mask_mean, progress)
         else:
             messages = [self._skip(index, fault)]
         return StepReport(
             step=self.done,
             seconds=self.seconds,
             gaussians=self.gaussians.solid,
-            loss=total + gauge_loss,
-            picture_loss=shown_loss,
+            loss=facts.loss + facts.gauge_loss,
+            picture_loss=facts.picture_loss,
             mask_mean=self.mask_mean,
-            residual=residual_size,
+            residual=facts.residual_size,
             messages=tuple(messages),
         )
+
+    def _draw(self, index: int, progress: float) -> Drawn:
+        """The way there. The encoder is at work beside the projection, and L_regSH beside the rasterizer."""
+        settings = self.settings
+        camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
+        gain = draw_gain(settings, self.generator)
+        looking = beside(lambda: self._look(index, photo, gain))
+        visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
+        leaves = self.gaussians.leaves(visible.rows)
+        gauge_loss = self._gauge() if settings.gauge else self.nothing
+        look, target = looking()
+        embedding = look.embedding.detach().requires_grad_()
+        sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
+        regularising = beside(lambda: self._residual_loss(residual))
+        seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
+        probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=self.device)
+        image = self.rasterizer.render(seen, camera, probe=probe, pairs=visible.pairs).image
+        return Drawn(camera, target, look, embedding, visible, leaves, seen, probe, image, residual, regularising, gauge_loss)
+
+    def _learn(self, drawn: Drawn, usual: float, progress: float) -> OnTheWay:
+        """The way back, and the update of what is sound; the StepFacts come of it. The networks learn beside the Gaussians."""
+        judging = beside(lambda: self._mask_loss(drawn, progress))
+        picture_loss = self._picture_loss(drawn, progress)
+        rendered_loss = picture_loss + self._transient_loss(drawn, progress)
+        residual_loss, residual_gradient, residual_size = drawn.regularising()
+        mask_loss = judging()
+        loss = rendered_loss.detach() + residual_loss + mask_loss.detach()
+        sound = guards.sound(loss + drawn.gauge_loss, picture_loss.detach(), usual)
+        taken = learnt = sound
+        if not guards.refused(sound):
+            teaching = networks.teaching(lambda: self._teach_encoder(drawn, mask_loss), drawn.embedding)
+            losses.backward((rendered_loss, None), (drawn.residual, residual_gradient))
+            reached = *drawn.leaves.values(), drawn.embedding, *self.model.transfer_parameters()
+            taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
+            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, teaching(), taken))
+            if not guards.refused(taken):
+                # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
+                rows, camera = drawn.visible.rows, drawn.camera
+                densify.gather(self.gaussians, rows, drawn.probe.grad, camera.width, camera.height, taken)
+                self._update_gaussians(rows, drawn.leaves, progress, taken)
+            learnt = updating()
+        mask_mean = self.nothing if drawn.look.mask is None else drawn.look.mask.detach().mean()
+        facts = StepFacts(loss, drawn.gauge_loss, picture_loss.detach(), residual_size, mask_mean, sound, taken, learnt)
+        return OnTheWay(torch.stack([fact.float() for fact in facts]))
 
     def _look_ahead(self) -> None:
         """On a GPU, ask what the next photo shows before the facts of this step are read: the host then waits once for both."""
@@ -207,32 +216,33 @@ class Trainer:
         shown, target = jittered(self.pictures[index].encoder_input, target, gain)
         return self.model.look(shown, index), target
 
-    def _picture_loss(self, image: Tensor, target: Target, look: Look, progress: float) -> Tensor:
-        settings = self.settings
-        if look.mask is None or progress < settings.mask_apply:
+    def _picture_loss(self, drawn: Drawn, progress: float) -> Tensor:
+        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
+        if mask is None or progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
-        weight = losses.pixel_weights(look.mask, *image.shape[:2], self.mask_mean)
+        weight = losses.pixel_weights(mask, *image.shape[:2], self.mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
-    def _mask_loss(self, look: Look, image: Tensor, target: Target, progress: float) -> Tensor:
-        if look.mask is None or progress < self.settings.mask_start:
+    def _mask_loss(self, drawn: Drawn, progress: float) -> Tensor:
+        image, target, mask = drawn.image, drawn.target, drawn.look.mask
+        if mask is None or progress < self.settings.mask_start:
             return self.nothing
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
-        return strangers.mask_loss(look.mask, image, target.planes, self.settings.mask_regularisation)
+        return strangers.mask_loss(mask, image, target.planes, self.settings.mask_regularisation)
 
     def _residual_loss(self, residual: Tensor | None) -> tuple[Tensor, Tensor | None, Tensor]:
         if residual is None:
             return self.nothing, None, self.nothing
         return losses.residual_loss(residual, self.settings.sh_regularisation)
 
-    def _transient_loss(self, look: Look, seen: Splats, camera: Camera, progress: float, pairs: int | None) -> Tensor:
-        settings = self.settings
-        if look.mask is None or progress < settings.mask_apply or self.done % TRANSIENT_EVERY:
+    def _transient_loss(self, drawn: Drawn, progress: float) -> Tensor:
+        settings, seen, camera, mask = self.settings, drawn.seen, drawn.camera, drawn.look.mask
+        if mask is None or progress < settings.mask_apply or self.done % TRANSIENT_EVERY:
             return self.nothing
-        front = self.rasterizer.contributions(seen.detached(), camera, pairs)
-        rows = losses.transient_rows(seen.means, front, look.mask, camera)
+        front = self.rasterizer.contributions(seen.detached(), camera, drawn.visible.pairs)
+        rows = losses.transient_rows(seen.means, front, mask, camera)
         opacity = torch.where(rows, torch.sigmoid(seen.logit_opacities), 0).sum()
         return settings.transient_regularisation * TRANSIENT_EVERY * opacity
 
@@ -242,8 +252,8 @@ class Trainer:
         losses.backward((loss, None))
         return loss.detach()
 
-    def _teach_encoder(self, look: Look, embedding: Tensor, mask_loss: Tensor) -> None:
-        losses.backward((look.embedding, embedding.grad), (mask_loss, None))
+    def _teach_encoder(self, drawn: Drawn, mask_loss: Tensor) -> None:
+        losses.backward((drawn.look.embedding, drawn.embedding.grad), (mask_loss, None))
 
     def _update_gaussians(self, rows: Tensor, leaves: dict[str, Tensor], progress: float, taken: Tensor) -> None:
         settings = self.settings

@@ -136,7 +136,8 @@ def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, bu
 )
 def test_no_loss_within_the_range_of_photos_is_a_spike(known, loss):
     usual, tensor = guards.usual_loss(0, known), torch.tensor(loss)
-    fault = guards.fault(loss, loss, usual, bool(guards.sound(tensor, tensor, usual)), True, True)
+    sound = bool(guards.sound(tensor, tensor, usual))
+    fault = guards.fault(guards.StepFacts(loss, 0.0, loss, 0.0, 1.0, sound, True, True), usual)
     if not math.isfinite(loss):
         assert fault == "loss was not finite"
     elif loss < 2 or known == [None] * len(known):

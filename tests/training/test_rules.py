@@ -41,19 +41,19 @@ def test_until_its_time_the_geometry_stays_and_only_harmonics_learn(trainer_of):
 
 def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6, transient_regularisation=1e-3)
-    camera = trainer.pictures[0].camera
     trainer.gaussians.parameters["logit_opacities"].zero_()
-    seen = trainer.gaussians.splats
-    look = Look(trainer.model.mean_embedding, torch.zeros(1, 9, 12))
+    drawn = trainer._draw(0, 0.0)
+    seen, camera = drawn.seen.detached(), drawn.camera
+    drawn = replace(drawn, look=Look(trainer.model.mean_embedding, torch.zeros(1, 9, 12)))
     front = trainer.rasterizer.contributions(seen, camera)
-    rows = losses.transient_rows(seen.means, front, look.mask, camera)
+    rows = losses.transient_rows(seen.means, front, drawn.look.mask, camera)
     opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
     assert opacity > 1
 
     def mean_of_twenty_steps(progress):
         found = []
         for trainer.done in range(1, 21):
-            found.append(float(trainer._transient_loss(look, seen, camera, progress, None)))
+            found.append(float(trainer._transient_loss(drawn, progress).detach()))
         return sum(found) / 20
 
     assert [mean_of_twenty_steps(progress) for progress in (0.0, 0.3, 0.59)] == [0, 0, 0]

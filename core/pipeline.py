@@ -90,10 +90,10 @@ def train(
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:
         collection = prepared(scene, folder.parent / f"{name}-scene", report)
-        if masks is not None:
-            collection = with_masks(collection, masks)
         if settings.all_photos:
             collection = collection.undivided()
+        if masks is not None:
+            collection = with_masks(collection, masks)
         tell_collection(collection, report)
         trainer = Trainer(collection, settings, folder)
         run.create(folder, collection, trainer.settings, trainer.decisions)

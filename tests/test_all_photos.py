@@ -1,5 +1,7 @@
 """`--all-photos`: what the split holds out is trained on, in a run that went on as in one that never stopped."""
 
+import shutil
+
 import pytest
 
 from core import pipeline
@@ -7,6 +9,22 @@ from core.errors import BadInput
 from core.training import run
 from tests.heard import Heard
 from tests.small import give_to_pipeline, small_collection, small_settings
+
+
+def test_masks_of_what_is_else_held_out_hide_as_well(tmp_path, monkeypatch):
+    collection = small_collection(tmp_path)
+    give_to_pipeline(collection, monkeypatch)
+    (tmp_path / "masks").mkdir()
+    for photo in collection.photos:
+        shutil.copy(photo.path, tmp_path / "masks" / photo.name)
+    masks = [
+        [photo.mask is not None for photo in run.read_config(folder)[2].split("train")]
+        for folder in (
+            pipeline.train(tmp_path, small_settings(steps=1, all_photos=asked), tmp_path / f"run{asked}", masks=tmp_path / "masks")
+            for asked in (False, True)
+        )
+    ]
+    assert masks == [[True] * 4, [True] * 6]
 
 
 def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):

@@ -22,7 +22,7 @@ class Photo:
 
     lens: the COLMAP camera as {"model", "width", "height", "params"} where the file itself is distorted, else None;
     core.data.photos undistorts with it. points: indices into Collection.points of the SfM points it sees. mask: a picture that
-    is white where the photo is to be used (core.data.given_masks), else None.
+    is white where the photo is to be used while it is trained on (core.data.given_masks), else None.
     """
 
     name: str
@@ -52,8 +52,9 @@ class Collection:
     notes: tuple[str, ...] = field(default=())
 
     def split(self, name: str) -> tuple[Photo, ...]:
-        """The photos of one split, in order of name."""
-        return tuple(photo for photo in self.photos if photo.split == name)
+        """The photos of one split, in order of name; held-out ones whole: masks never enter a figure."""
+        photos = tuple(photo for photo in self.photos if photo.split == name)
+        return photos if name == "train" else tuple(replace(photo, mask=None) for photo in photos)
 
     def undivided(self) -> "Collection":
         """The same with no photo held out."""

@@ -10,13 +10,13 @@ from core.errors import BadInput
 
 
 def with_masks(collection: Collection, folder: Path) -> Collection:
-    """The collection whose training photos know their masks in `folder`; white = use, any format, in any size.
+    """The collection whose photos know their masks in `folder`; white = use, any format, in any size.
 
     A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's
     do; for photos in folders (`left/0001.jpg`) a mask in the same folder beats one in `folder` itself. A photo without a mask
-    is used whole, even if the scene gives one. Held-out photos get none: masks never enter a figure. Notes say how many there are, and which are missing,
-    are of another size than their photo (they are resized, nearest pixel) or belong to no photo. Raises BadInput for a folder
-    without any match, and for two masks of one photo.
+    is used whole, even if the scene gives one. Notes say how many training photos have one, which have none or one of another size
+    (it is resized, nearest pixel), and which masks belong to no photo. Raises BadInput for a folder without any match, and for two
+    masks of one photo.
     """
     if not folder.is_dir():
         raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
@@ -28,7 +28,7 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
         masks[photo.name] = next((found[stem] for found in folders for stem in stems if stem in found), None)
     unused = sorted({path for found in listed.values() for path in found.values()} - set(masks.values()))
     found = masked(collection, {name: path for name, path in masks.items() if path is not None}, folder)
-    if not any(photo.mask for photo in found.photos):
+    if not any(photo.mask for photo in found.split("train")):
         example = place_of(collection.split("train")[0].name).with_suffix(".png")
         raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
     if any(photo.mask for photo in collection.photos):
@@ -40,18 +40,19 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
 
 
 def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
-    """The collection whose training photos have those of the `masks` (by photo name) that are there, in place of any others.
+    """The collection whose photos have those of the `masks` (by photo name) that are there, in place of any others.
 
-    Notes say how many there are, which photos have none, and which masks are of another size than their photo. `source` gave them.
+    Notes say how many training photos have one, which have none, and which masks are of another size than their photo. `source`
+    gave them.
     """
     training = collection.split("train")
-    known = {name: mask for photo in training if (mask := masks.get(name := photo.name)) and mask.is_file()}
+    known = {name: mask for name, mask in masks.items() if mask.is_file()}
     resized = [
         photo.name
         for photo in training
         if photo.name in known and probe(known[photo.name]).displayed != (photo.camera.width, photo.camera.height)
     ]
-    notes = [f"{counted(len(known), 'photo')} with a mask from {source}."]
+    notes = [f"{counted(sum(photo.name in known for photo in training), 'photo')} with a mask from {source}."]
     notes += name_them("without one, used whole", [photo.name for photo in training if photo.name not in known])
     notes += name_them("with a mask of another size, which is resized", resized)
     photos = tuple(replace(photo, mask=known.get(photo.name)) for photo in collection.photos)

@@ -37,7 +37,8 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     save_mask(folder / "passer.png")
     (folder / "read.me").write_text("not a picture")
     found = with_masks(collection, folder)
-    assert [photo.mask and photo.mask.name for photo in found.photos] == ["photo_0.jpg", "photo_1.bmp", None, None, None, None]
+    assert [photo.mask and photo.mask.name for photo in found.photos] == ["photo_0.jpg", "photo_1.bmp", "photo_2.png", None, None, None]
+    assert all(photo.mask is None for photo in found.split("test"))
     assert found.notes == (
         f"2 photos with a mask from {folder}.",
         "2 photos without one, used whole: photo_3.png, photo_4.png",

@@ -327,7 +327,8 @@ def test_masks_hide_parts_of_training_photos_only(scene):
         lambda facts: [frame.update(mask_path=f"masks/{number}.png") for number, frame in enumerate(facts["frames"])],
     )
     collection = load_collection(scene)
-    assert [photo.mask and photo.mask.name for photo in collection.photos] == [None, "1.png", "2.png", None]
+    assert [photo.mask and photo.mask.name for photo in collection.split("train")] == ["1.png", "2.png", None]
+    assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.name == "0.png"
     assert notes_with(collection, "2 photos with a mask from") and notes_with(
         collection, "without one, used whole: photo_3.png"
     )

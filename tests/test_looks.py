@@ -95,6 +95,9 @@ def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_pa
     assert not torch.equal(plain_look.embedding, masked.embedding)
     with pytest.raises(BadInput, match="neutral is not read from a photo"):
         find_appearance(trained, "neutral", tmp_path / "mask.png")
+    table = replace(trained, settings=trained.settings.changed(embedding="glo"))
+    with pytest.raises(BadInput, match=f"{photo.name} is not read from a photo"):
+        find_appearance(table, photo.name, tmp_path / "mask.png")
 
 
 @pytest.mark.parametrize("enters", ["output", "input"])

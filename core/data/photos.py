@@ -27,20 +27,28 @@ class Picture:
     valid: np.ndarray | None
 
 
-def read(path: Path, mask: Path | None = None) -> np.ndarray:
+def read(path: Path) -> np.ndarray:
     """A photo as displayed: (H, W, 3) uint8 RGB, EXIF rotation applied.
-
-    mask: a picture that is white where the photo is to be used; elsewhere the photo then shows the colours around.
 
     Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparency is laid on white, as
     viewers do.
-    Raises BadInput for what is missing, truncated or no photo, and for a mask that leaves nothing of it.
+    Raises BadInput for what is missing, truncated or no photo.
     """
     header, pixels, alpha = _read_file(Path(path))
-    pixels = upright(_on_white(pixels, alpha), header.orientation)
-    if mask is None:
-        return pixels
-    return _filled(pixels, _read_mask(mask, pixels.shape[:2]), path, mask)
+    return upright(_on_white(pixels, alpha), header.orientation)
+
+
+def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
+    """A photo of which only the light matters: as `read`, but what is transparent or hidden by a mask shows the colours around.
+
+    mask: a picture that is white where the photo is to be used. Raises BadInput as `read`, and where nothing of the photo is left.
+    """
+    header, pixels, alpha = _read_file(Path(path))
+    pixels = upright(pixels, header.orientation)
+    use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) == 255
+    if mask is not None:
+        use &= _read_mask(mask, pixels.shape[:2])
+    return pixels if use.all() else _filled(pixels, use, path, mask)
 
 
 def load(photo: Photo, width: int, height: int) -> Picture:
@@ -96,8 +104,10 @@ def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
     return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
 
 
-def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path) -> np.ndarray:
+def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path | None) -> np.ndarray:
     if use.mean() < LEAST_USE:
+        if mask is None:
+            raise bad_photo(path, f"shows something in {use.mean():.1%} of its pixels: the others are transparent")
         why = f"is left with {use.mean():.1%} of its pixels by its mask {mask}"
         raise BadInput(f"{path} {why}.", "White (255) marks what is to be used, black what is not.")
     return fill(pixels, use)

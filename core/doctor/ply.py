@@ -11,7 +11,7 @@ from core.doctor import views
 from core.doctor.finding import Finding
 from core.doctor.gaussians import look_at_gaussians
 from core.errors import BadInput
-from core.export.ply import read_every_row, written_by_wegs
+from core.export.ply import read_every_row, sky_of
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -33,13 +33,14 @@ ELSEWHERE = {
 
 def examine_ply(path: Path, report: Report) -> list[Finding]:
     """Findings about the file; with the cameras of the run folder it lies in, where it does. BadInput if unreadable."""
-    findings = _findings(path, report)
-    if written_by_wegs(path):
+    sky = sky_of(path)
+    findings = _findings(path, sky or 0, report)
+    if sky is not None:
         return findings
     return [replace(found, advice=ELSEWHERE.get(found.name, found.advice)) if found.advice else found for found in findings]
 
 
-def _findings(path: Path, report: Report) -> list[Finding]:
+def _findings(path: Path, sky: int, report: Report) -> list[Finding]:
     splats = read_every_row(path)
     findings = [
         Finding(
@@ -50,12 +51,12 @@ def _findings(path: Path, report: Report) -> list[Finding]:
     ]
     centres = splats.means[torch.isfinite(splats.means).all(dim=1)].double().numpy()
     if not len(centres):
-        return [*findings, *look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0))]
+        return [*findings, *look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky)]
     # Not the radius that holds 97 %: skies are made of Gaussians too, and of more than 3 %.
     half = SceneFrame.around(centres, quantile=0.5)
     frame = SceneFrame(half.centre, 2 * half.radius)
     in_scene = splats.in_scene(frame)
-    findings += look_at_gaussians(in_scene, frame)
+    findings += look_at_gaussians(in_scene, frame, sky)
     cameras = []
     try:
         cameras = views.cameras_beside(path)
@@ -64,7 +65,7 @@ def _findings(path: Path, report: Report) -> list[Finding]:
     cameras = [camera.in_scene(frame) for camera in spread_over(cameras, MOST_CAMERAS)]
     findings.append(views.float32_error(frame, frame.to_scene(centres), cameras))
     if cameras:
-        findings.append(views.never_seen(in_scene, [_small(camera) for camera in cameras], 0, report))
+        findings.append(views.never_seen(in_scene, [_small(camera) for camera in cameras], sky, report))
     return findings
 
 

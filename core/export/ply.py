@@ -4,6 +4,7 @@ binary_little_endian, one element `vertex`, 62 float32 properties, 248 bytes a G
 R, then G, then B), opacity a logit, scale a natural log, rot w x y z: the original project's save_ply, byte for byte.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
+import core
 from core.errors import BadInput
 from core.export.atomic import replacing
 from core.ply_file import read_rows, write_rows
@@ -102,11 +104,17 @@ def read_every_row(path: Path) -> Splats:
     return _splats(torch.from_numpy(table), coefficient_count(degree))
 
 
-def written_by_wegs(path: Path) -> bool:
-    """Whether the header's comment says so (core.training.look_file); False for a file without a header."""
+def maker_of(run: str, sky: int, look: str) -> str:
+    """The comment in a file of ours. sky: how many of its last Gaussians are the dome."""
+    return f"wegs {core.__version__}, run {run}, sky {sky}, look {look}"
+
+
+def sky_of(path: Path) -> int | None:
+    """How many of the file's last Gaussians are the dome, as `maker_of` says; None for files of other programs."""
     with path.open("rb") as file:
         header = file.read(HEADER_BYTES).partition(b"end_header")[0]
-    return any(line.startswith(b"comment wegs ") for line in header.splitlines())
+    found = re.search(rb"^comment wegs [^,]*, run [^,]*,(?: sky (\d+),)? look ", header, re.MULTILINE)
+    return int(found[1] or 0) if found else None
 
 
 def _read_columns(degree: int) -> list[str]:

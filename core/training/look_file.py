@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-import core
 import core.export
 from core.data.split import counted
 from core.errors import command
+from core.export.ply import maker_of
 from core.report import Report
 from core.training import run
 from core.training.trained import Appearance, Run, bake
@@ -18,7 +18,7 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
     trimmed = Trimmed(look, 0, 0, 0.0) if trim is None else trim(look)
     splats = trimmed.splats if sky else trimmed.splats[: len(trimmed.splats) - trained.sky]
     frame = trained.collection.frame
-    maker = f"wegs {core.__version__}, run {trained.identity}, look {appearance.name}"
+    maker = maker_of(trained.identity, trained.sky if sky else 0, appearance.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
     if dropped:
         report.warn(

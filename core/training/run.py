@@ -169,6 +169,7 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn.
     identity = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
+    facts["scene"]["from_run"] = os.path.relpath(collection.root.resolve(), folder.resolve())
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
@@ -182,6 +183,8 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
         facts = json.loads(path.read_text(encoding="utf-8"))
         settings = Settings().changed(**facts["settings"])
         root = Path(facts["scene"]["path"])
+        together = folder.resolve() / facts["scene"].get("from_run", ".")  # where scene and run were moved with each other
+        root = together.resolve() if together.is_dir() and not root.is_dir() else root
         collection = Collection(
             name=facts["scene"]["name"],
             root=root,

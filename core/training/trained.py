@@ -139,7 +139,8 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     path = Path(word)
     kept = path if path.name != word else trained.folder / saved_look.FOLDER / f"{word.removesuffix('.json')}.json"
     is_kept = path.suffix == ".json" or (kept.is_file() and not path.is_file())
-    if mask is not None and (word == NEUTRAL or is_kept):
+    reads_photos = trained.settings.appearance != "off" and trained.settings.embedding == "encoder"
+    if mask is not None and (word == NEUTRAL or is_kept or not reads_photos):
         raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")
     if word == NEUTRAL:
         return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
@@ -179,7 +180,7 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
 
 def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     _refuse_unknown_to_table(trained, str(path))
-    pixels = files.read(path, mask)
+    pixels = files.read_light(path, mask)
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core.data.given_masks import masked, with_masks, with_masks_of
-from core.data.photos import load, read
+from core.data.photos import load, read, read_light
 from core.errors import BadInput
 from tests.data.small_scene import add_exif, exif_block
 from tests.data.test_lens import HEIGHT, WIDTH, SmallScene, load_collection
@@ -121,7 +121,7 @@ def test_a_mask_lies_on_the_photo_as_displayed(tmp_path, orientation):
     use = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE) == 255
     np.testing.assert_array_equal(picture.valid, use)
     np.testing.assert_array_equal(picture.pixels[use], whole[use])
-    np.testing.assert_array_equal(read(path, mask), picture.pixels)  # filled alike
+    np.testing.assert_array_equal(read_light(path, mask), picture.pixels)  # filled alike
     assert (picture.pixels[~use] != whole[~use]).any(axis=1).mean() > 0.9  # noise: a chance hit is rare
 
 
@@ -169,4 +169,4 @@ def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
     with pytest.raises(BadInput, match=r"a.png is left with 0.0% .* White \(255\)"):
         load(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
     with pytest.raises(BadInput, match="White"):
-        read(path, mask)
+        read_light(path, mask)

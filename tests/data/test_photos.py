@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.data.collection import Photo
-from core.data.photos import load, read, upright
+from core.data.photos import load, read, read_light, upright
 from core.errors import BadInput
 from core.scene.camera import Camera
 from tests.data.small_scene import add_exif, centroid, draw_dots, exif_block
@@ -70,6 +70,17 @@ def test_transparency_is_laid_on_white(tmp_path):
     pixels = np.full((4, 4, 4), 100, np.uint8)
     pixels[..., 3] = 51
     assert (read(save(tmp_path / "a.png", pixels)) == 224).all()  # 100 * 0.2 + 255 * 0.8
+
+
+def test_what_is_transparent_gives_no_light(tmp_path):
+    pixels = np.full((8, 6, 4), 40, np.uint8)
+    pixels[..., 3], pixels[4:] = 255, (255, 255, 255, 0)
+    path = save(tmp_path / "a.png", pixels)
+    add_exif(path, exif_block(6))
+    assert read_light(path).shape == (6, 8, 3) and (read_light(path) == 40).all() and read(path).max() == 255
+    pixels[..., 3] = 0
+    with pytest.raises(BadInput, match="a.png shows something in 0.0% of its pixels: the others are transparent"):
+        read_light(save(tmp_path / "a.png", pixels))
 
 
 def test_a_photo_that_shows_nothing_is_named(tmp_path):

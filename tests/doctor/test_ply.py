@@ -95,7 +95,7 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
     assert heard.lines[-1].endswith(f"ask for a look: {', '.join(n for n in findings if n in expected)}.")
 
 
-@pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, look dusk", True), ("of wegs 1.0", False), ("", False)])
+@pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, look dusk", True), ("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)])
 def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, own):
     rows = sound_rows()
     rows["x"][0], rows["rot_0"][1], rows["f_rest_20"][90], rows["f_dc_1"][70:90] = np.nan, 0, 12.0, 9.0
@@ -156,6 +156,15 @@ def test_cameras_of_the_run_folder_tell_pixels_and_what_no_photo_shows(tmp_path,
         findings, _ = examined(given)
         assert findings["never seen"].figure == "100 (25 %)" and findings["never seen"].advice
         assert "px in the median of 1 cameras" in findings["float32 positions"].figure
+
+
+def test_a_sky_of_ours_is_large_and_seen_by_no_photo_and_sound_all_the_same(tmp_path):
+    rows = sound_rows()
+    rows["z"][-100:] = -90.0  # behind the camera
+    rows["scale_0"][-100:] = rows["scale_1"][-100:] = 4.0
+    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
+    plain, own = (examined(write(tmp_path / "a.ply", rows, f"wegs 1.0, run 0a, sky {sky}, look dusk"))[0] for sky in (0, 100))
+    assert "never seen" in asked_for(plain) and asked_for(own) == set()
 
 
 @pytest.mark.parametrize("text", ["", "[{}]", '[{"position": 3}]'])

@@ -163,6 +163,16 @@ def test_config_gives_back_settings_and_collection_exactly(tmp_path, collection)
         assert [getattr(photo.camera, n) for n in sizes] == [getattr(expected.camera, n) for n in sizes]
 
 
+def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
+    (tmp_path / "project" / "scene").mkdir(parents=True)
+    moved = replace(collection, root=tmp_path / "project" / "scene")
+    run.create(tmp_path / "project" / "runs" / "a", moved, small_settings())
+    (tmp_path / "project").rename(tmp_path / "elsewhere")
+    assert run.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == tmp_path / "elsewhere" / "scene"
+    (tmp_path / "elsewhere" / "scene").rmdir()  # gone: the place it had is named
+    assert run.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == moved.root
+
+
 def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
     identities = set()
     for number, settings in enumerate((small_settings(), small_settings(), small_settings(seed=1))):

@@ -119,7 +119,7 @@ class Settings:
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1)
     mask_loss: str = setting(
         "weighted",
-        "How masks enter the picture loss: weighting the maps, or multiplying the pictures (paper).",
+        "How masks enter the picture loss: weighting the maps, or multiplying the pictures, whose error then teaches them (paper).",
         choices=("weighted", "paper"),
     )
     mask_regularisation: float = setting(0.00625, "Weight of mean((1 - M)^2) (L_regM).", low=0)
@@ -256,6 +256,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "transfer_width": 128,
         "encoder_side_px": 256,
         "mask_loss": "paper",
+        "mask_regularisation": 0.15,  # with the paper's 1e-5 every mask hides everything within a hundred steps
         "mask_start": 0.0,
         "mask_apply": 0.0,
         "geometry_from": 0.0,

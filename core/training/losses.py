@@ -24,6 +24,11 @@ def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
         torch.autograd.backward(*zip(*found))
 
 
+def enlarged(mask: Float[Tensor, "1 h w"], height: int, width: int) -> Float[Tensor, "H W"]:
+    """The mask at the size of the picture."""
+    return F.interpolate(mask[None], size=(height, width), mode="bilinear", align_corners=False)[0, 0]
+
+
 def pixel_weights(
     mask: Float[Tensor, "1 h w"], height: int, width: int, mean_mask: float
 ) -> Float[Tensor, "H W"]:
@@ -31,7 +36,7 @@ def pixel_weights(
 
     mean_mask: running mean over photos. Below COLLAPSED the masks are raised until their mean is COLLAPSED again.
     """
-    hidden = 1 - F.interpolate(mask.detach()[None], size=(height, width), mode="bilinear", align_corners=False)[0, 0]
+    hidden = 1 - enlarged(mask.detach(), height, width)
     if mean_mask < COLLAPSED:
         hidden = hidden * (1 - COLLAPSED) / (1 - mean_mask)
     return 1 - hidden

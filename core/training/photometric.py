@@ -121,6 +121,13 @@ def photometric_paper(
     return photometric(image * mask[..., None], target.masked(mask), None, ssim_weight)
 
 
+def photometric_of_mask(
+    image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
+) -> Float[Tensor, ""]:
+    """`photometric_paper` as the mask sees it: the gradient goes into the mask, and none into the image."""
+    return photometric_definition(image.detach() * mask[..., None], target.masked(mask), None, ssim_weight)
+
+
 def planes_of(picture: Tensor, valid: Tensor | None) -> Tensor:
     """(H, W, 3) -> contiguous (3, H, W), zero where invalid (also where an invalid pixel is not finite)."""
     planes = picture.permute(2, 0, 1).contiguous()

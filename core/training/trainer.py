@@ -29,7 +29,7 @@ from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
-from core.training.photometric import Target, photometric, photometric_paper
+from core.training.photometric import Target, photometric, photometric_of_mask, photometric_paper
 from core.training.pictures import Pictures, auto_factor
 from core.training.run import HISTORY
 
@@ -225,12 +225,15 @@ class Trainer:
         return loss(image, target, weight, settings.ssim_weight)
 
     def _mask_loss(self, drawn: Drawn, progress: float) -> Tensor:
-        image, target, mask = drawn.image, drawn.target, drawn.look.mask
-        if mask is None or progress < self.settings.mask_start:
+        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
+        if mask is None or progress < settings.mask_start:
             return self.nothing
+        if settings.mask_loss == "paper":
+            shown = losses.enlarged(mask, *image.shape[:2])
+            return photometric_of_mask(image, target, shown, settings.ssim_weight) + settings.mask_regularisation * ((1 - mask) ** 2).mean()
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
-        return strangers.mask_loss(mask, image, target.planes, self.settings.mask_regularisation)
+        return strangers.mask_loss(mask, image, target.planes, settings.mask_regularisation)
 
     def _residual_loss(self, residual: Tensor | None) -> tuple[Tensor, Tensor | None, Tensor]:
         if residual is None:
@@ -258,8 +261,7 @@ class Trainer:
     def _update_gaussians(self, rows: Tensor, leaves: dict[str, Tensor], progress: float, taken: Tensor) -> None:
         settings = self.settings
         mean_rate = schedule.decayed(settings.mean_rate, progress, schedule.MEAN_RATE_DECAY)
-        latent_rate = schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)
-        rates = learning_rates(settings, mean_rate, latent_rate)
+        rates = learning_rates(settings, mean_rate, schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY))
         if progress < settings.geometry_from:
             rates = {name: rates[name] for name in ("sh", "latents")}
         if progress < settings.latents_from:

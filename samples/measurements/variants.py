@@ -48,7 +48,7 @@ VARIANTS = {
     "no exposure jitter (paper)": Variant({"exposure_jitter": 0.0}),
     "no sky (paper)": Variant({"sky": "none"}),
     "no pruning by contribution (paper)": Variant({"prune_contribution": 0.0}),
-    "mask multiplies the pictures (paper)": Variant({"mask_loss": "paper"}),
+    "mask learns by the picture's error (paper)": Variant({"mask_loss": "paper", "mask_regularisation": 0.15}),
     "no latent a Gaussian (paper)": Variant({"latent_size": 0}),
     "latent of 8 a Gaussian": Variant({"latent_size": 8}),
 }

@@ -10,7 +10,14 @@ import torch
 
 from core.errors import BadInput
 from core.training import photometric_kernel
-from core.training.photometric import Target, blur, photometric, photometric_definition, photometric_paper
+from core.training.photometric import (
+    Target,
+    blur,
+    photometric,
+    photometric_definition,
+    photometric_of_mask,
+    photometric_paper,
+)
 from tests.afresh import afresh
 
 # float32 keeps 1e-7 of values near 1; SSIM subtracts squares of them and divides by at least C2 = 9e-4.
@@ -77,6 +84,17 @@ def test_gradients_are_those_of_finite_differences(function):
     target = Target(photo.double(), valid)
     image = image.double().requires_grad_()
     assert torch.autograd.gradcheck(lambda x: function(x, target, weight.double(), 0.2), image)
+
+
+def test_a_mask_learns_by_finite_differences_of_the_papers_loss_and_the_image_does_not():
+    image, photo, mask, valid = example(4, 3, masked=True)
+    image, target = (image + 0.01).double().requires_grad_(), Target(photo.double(), valid)
+    mask = (0.1 + 0.8 * mask).double().requires_grad_()
+    assert torch.autograd.gradcheck(lambda m: photometric_of_mask(image, target, m, 0.2), mask)
+    loss = photometric_of_mask(image, target, mask, 0.2)
+    torch.testing.assert_close(loss, photometric_paper(image, target, mask, 0.2))
+    loss.backward()
+    assert image.grad is None and mask.grad[valid].abs().min() > 0
 
 
 def test_ssim_is_that_of_an_explicit_window():

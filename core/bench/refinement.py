@@ -24,13 +24,13 @@ NOTES = (
 )
 
 
-def refinement_figure(trained: list[Run], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
-    """The course of the refinement on up to `photos` held-out photos of each run.
+def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
+    """The course of the refinement on up to `photos` held-out photos of each run. trained: by the names to draw them under.
 
     Raises BadInput where nothing can be measured: no held-out photo, or looks that follow no embedding.
     """
     points = []
-    for run in trained:
+    for name, run in trained.items():
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
             courses = []
@@ -39,17 +39,17 @@ def refinement_figure(trained: list[Run], protocols: tuple[str, ...], photos: in
                     courses.append(_course(run, held_out_view(run, photo), protocol))
                 except BadInput as problem:  # one damaged photo is no reason to know nothing of the others
                     report.warn(f"{photo.name} is not measured: {problem}")
-                report.progress(f"Refinement of {run.folder.name}, {protocol}", number + 1, len(chosen), photo.name)
-            curve = protocol if len(trained) == 1 else f"{run.folder.name}, {protocol}"
+                report.progress(f"Refinement of {name}, {protocol}", number + 1, len(chosen), photo.name)
+            curve = protocol if len(trained) == 1 else f"{name}, {protocol}"
             points += _points(curve, protocol, courses)
-    title = f"Embedding refinement: {', '.join(run.folder.name for run in trained)}"
+    title = f"Embedding refinement: {', '.join(trained)}"
     quantities = [Quantity("steps", "Adam steps", "steps"), Quantity("seconds", "s a photo", "log")]
     panels = []
     for protocol in protocols:  # figures of one protocol are never compared with those of the other: own axes
         quantities.append(Quantity(f"gain_{protocol}", f"{protocol}: dB gained", more_is_better=True))
         quantities.append(Quantity(f"psnr_{protocol}", f"{protocol}: PSNR, dB", more_is_better=True))
         panels += [Panel("steps", f"gain_{protocol}", labelled=False), Panel("seconds", f"gain_{protocol}")]
-    made = made_on(trained[0].settings.seed)
+    made = made_on(next(iter(trained.values())).settings.seed)
     return Figure("refinement", title, tuple(quantities), tuple(panels), tuple(points), made, NOTES)
 
 

@@ -78,6 +78,7 @@ def bench(
     collection = None
     if scene is not None:
         collection = prepared(scene, output.parent / f"{scene.resolve().name}-scene", report)
+    names = _measurable(names, trained.collection if trained else collection, report)
     figures = []
 
     def finish(figure: Figure) -> None:
@@ -92,16 +93,18 @@ def bench(
             finish(_rendering_of(trained, size, full, report))
     with tempfile.TemporaryDirectory() as temporary:
         if trained is not None:
-            courses, title, notes = [_course_of(trained.folder)], f"Training {trained.folder.name}", ELSEWHERE
+            (of,) = _told_apart([trained.folder])
+            # Trained before, with whatever settings: none of its points is called a default.
+            courses, title, notes = [Course(of, (trained.folder,))], f"Training {of}", ELSEWHERE
         else:
             courses, title, notes = _train_presets(collection, names, size, Path(temporary), report)
-            trained = load_run(courses[0].folders[0]) if courses else None
+            trained, of = (load_run(courses[0].folders[0]), courses[0].name) if courses else (None, "")
         if "baking" in names:
             finish(baking_figure(trained, size.views, report, size.budget))
         if "training" in names:
             finish(training_figure(courses, title, notes))
         if "refinement" in names and _follows_a_look(trained, report):
-            finish(refinement_figure([trained], tuple(PROTOCOLS), size.photos, report))
+            finish(refinement_figure({of: trained}, tuple(PROTOCOLS), size.photos, report))
     return figures
 
 
@@ -112,10 +115,12 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     """
     folders = [run.find_run(path) for path in run_folders or (None,)]
     run.check_writable(folders[0] / CURVES)
-    courses = [_course_of(folder) for folder in folders]
+    names = _told_apart(folders)
+    courses = [Course(name, (folder,)) for name, folder in zip(names, folders, strict=True)]
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]
-    trained = [one for one in map(load_run, folders) if _follows_a_look(one, report)] if refine else []
+    live = zip(names, map(load_run, folders), strict=True) if refine else ()
+    trained = {name: one for name, one in live if _follows_a_look(one, report)}
     if trained:
         figures.append(refinement_figure(trained, protocols, FULL.photos, report))
     for figure in figures:
@@ -123,6 +128,27 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
         paths = files.save(figure, folders[0] / CURVES)
         report.say(f"{folders[0] / CURVES}: {', '.join(path.name for path in paths)}\n")
     return figures
+
+
+def _measurable(names: tuple[str, ...], collection: Collection | None, report: Report) -> tuple[str, ...]:
+    """Those of the figures `names` that the photos allow; the others are named. collection: None for the built-in one."""
+    left = tuple(name for name in names if name not in ("training", "refinement"))
+    if collection is None or collection.split("test") or left == names:
+        return names
+    if not left:
+        raise BadInput(f"{collection.root} has no held-out photos.", "Take a scene whose split has test photos, or another --only.")
+    report.say("No photo is held out: nothing is drawn of training and refinement.")
+    return left
+
+
+def _told_apart(folders: list[Path]) -> list[str]:
+    """Names for the runs in these folders: as much of the ends of their paths as tells them apart."""
+    paths = [folder.resolve().parts for folder in folders]
+    for length in range(1, max(map(len, paths)) + 1):
+        names = ["/".join(path[-length:]) for path in paths]
+        if len(set(names)) == len(set(paths)):
+            break
+    return names
 
 
 def _follows_a_look(trained: Run, report: Report) -> bool:
@@ -151,11 +177,6 @@ def _words(gaussians: int, degree: int, cameras: list) -> str:
 
 
 # --- what is trained
-
-
-def _course_of(folder: Path) -> Course:
-    """The course of a run that was trained before, with whatever settings: none of its points is called a default."""
-    return Course(folder.name, (folder,))
 
 
 def _train_presets(

@@ -18,7 +18,7 @@ from tests.small import damage
 
 
 def test_the_course_begins_and_ends_with_the_figures_of_the_evaluation(trained):
-    made = refinement_figure([trained], tuple(PROTOCOLS), 1, Report())
+    made = refinement_figure({"run": trained}, tuple(PROTOCOLS), 1, Report())
     photo = spread_over(trained.collection.split("test"), 1)[0]
     subject = TrainedScene(trained.splats, trained.latents, trained.model, core.rasterizer.create("cpu"))
     for protocol, points in made.curves().items():
@@ -41,7 +41,7 @@ def test_a_damaged_photo_is_named_and_the_others_are_measured(trained):
     whole = photos[tests[0]].path.read_bytes()
     photos[tests[0]] = damage(photos[tests[0]])
     broken = replace(trained, collection=replace(trained.collection, photos=tuple(photos)))
-    made = refinement_figure([broken], ("full",), 10, heard)
+    made = refinement_figure({"run": broken}, ("full",), 10, heard)
     assert len(made.points) == len(MEASURED)
     assert any(photos[tests[0]].name in line for line in heard.lines)
     assert photos[tests[0]].path.with_suffix(".png").read_bytes() == whole
@@ -51,7 +51,7 @@ def test_no_held_out_photo_is_said(trained):
     train = trained.collection.split("train")
     with pytest.raises(BadInput, match="nothing to draw"):
         refinement_figure(
-            [replace(trained, collection=replace(trained.collection, photos=train))], ("full",), 3, Report()
+            {"run": replace(trained, collection=replace(trained.collection, photos=train))}, ("full",), 3, Report()
         )
 
 

@@ -1,7 +1,9 @@
 """`wegs bench` and `wegs eval --curve` as a whole, at a size of seconds."""
 
 import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,6 +78,26 @@ def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(s
     assert {"training.png", "refinement.csv"} <= {path.name for path in (small_run / "curves").iterdir()}
     assert len(suite.curves((small_run,), ("full",), False, Report())) == 1
     assert load_run(small_run).step == 40
+
+
+def test_runs_of_one_name_are_told_apart_by_their_folders(small_run, tmp_path, monkeypatch):
+    folders = [tmp_path / place / "runs" / "plaza" for place in ("here", "there")]
+    for folder in folders:
+        shutil.copytree(small_run, folder)
+    training, refinement = suite.curves(tuple(folders), ("full",), True, Report())
+    assert list(training.curves()) == ["here/runs/plaza", "there/runs/plaza"]
+    assert list(refinement.curves()) == ["here/runs/plaza, full", "there/runs/plaza, full"]
+    monkeypatch.chdir(folders[0])
+    assert list(suite.curves((Path("."),), ("full",), False, Report())[0].curves()) == ["plaza"]
+
+
+def test_without_held_out_photos_the_rest_is_measured(small_run, tmp_path, monkeypatch):
+    trained, heard = load_run(small_run), Heard()
+    monkeypatch.setattr(suite, "load_run", lambda _: replace(trained, collection=trained.collection.undivided()))
+    figures = suite.bench(None, small_run, ("baking", "training", "refinement"), False, tmp_path, heard)
+    assert [figure.name for figure in figures] == ["baking"] and any("No photo is held out" in line for line in heard.lines)
+    with pytest.raises(BadInput, match="no held-out photos"):
+        suite.bench(None, small_run, ("training",), False, tmp_path / "other", heard)
 
 
 def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, monkeypatch):

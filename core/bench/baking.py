@@ -1,7 +1,7 @@
 """Baking: what is lost, and saved, when SH bands and little-seen Gaussians are left out of the file.
 
 Gaussians go in the order of their contribution, the largest alpha * transmittance that they reach in any pixel of any
-training view (RadSplat, section 4.2), the least first and the sky last. Errors are those of the training views, in 8-bit steps, against
+training view (RadSplat, section 4.2), the least first; the sky stays. Errors are those of the training views, in 8-bit steps, against
 the bake with everything.
 """
 
@@ -33,7 +33,7 @@ PANELS = (Panel("megabytes", "rms_steps"), Panel("megabytes", "max_steps"), Pane
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 NOTES = (
     "Errors of the training views in the neutral look, against the bake with everything.",
-    "Gaussians are left out in the order of their largest contribution to any pixel of any training view, the sky last.",
+    "Gaussians are left out in the order of their largest contribution to any pixel of any training view; the sky stays.",
 )
 
 
@@ -45,8 +45,9 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
     """
     rasterizer = trained.rasterizer
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
+    solid = len(trained.splats) - trained.sky
     largest = largest_contributions(trained.splats, cameras, rasterizer)
-    largest[len(largest) - trained.sky :] = torch.inf
+    largest[solid:] = torch.inf
     order = torch.sort(largest, stable=True).indices
     cameras = cameras[:: max(1, len(cameras) // views)][:views]
     neutral = find_appearance(trained, "neutral")
@@ -66,7 +67,7 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
 
         for degree in range(whole.degree, -1, -1):
             for share in SHARES:
-                rows = order[round(share * len(order)) :].sort().values
+                rows = order[round(share * solid) :].sort().values
                 look, seconds = timed(lambda rows=rows, degree=degree: written(rows, degree), budget)
                 pictures, drawing = timed(
                     lambda look=look: [rasterizer.render(look, camera).image for camera in cameras], budget

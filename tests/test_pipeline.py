@@ -305,7 +305,7 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder)
     facts = json.loads((folder / "config.json").read_text())
-    facts["scene"]["path"] = str(tmp_path / "gone")
+    facts["scene"] |= {"path": str(tmp_path / "gone"), "from_run": "../gone"}
     (folder / "config.json").write_text(json.dumps(facts))
     pipeline.export(folder, "neutral", tmp_path / "a.ply")
     before, after = pipeline.load_run(trained[0]), pipeline.load_run(folder)

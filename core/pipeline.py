@@ -3,8 +3,6 @@
 import time
 from pathlib import Path
 
-import torch
-
 import core
 import core.export
 import core.rasterizer
@@ -35,7 +33,7 @@ from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
 from core.training.look_file import next_step, write_look
 from core.training.masks import write_masks
-from core.training.pictures import check_resolution
+from core.training.pictures import check_resolution, shown_on
 from core.training.tell import tell_collection, tell_plan, tell_step
 from core.training.trained import Run, bake, blend, find_appearance, load_run
 from core.training.trainer import Trainer
@@ -324,7 +322,6 @@ def held_out_view(trained: Run, photo: Photo) -> View:
     """A held-out photo at training size, with its truth where that is known; BadInput if it is missing or damaged."""
     picture = trained.picture(photo)
     camera = picture.camera
-    pixels = torch.from_numpy(picture.pixels).to(trained.device).float() / 255
-    valid = None if picture.valid is None else torch.from_numpy(picture.valid).to(trained.device)
+    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
     truth = load_truth(trained.collection.root, photo.name, camera.width, camera.height)
     return View(photo.name, pixels, camera, valid, truth.to(trained.device))

@@ -24,12 +24,11 @@ from core.config import PRESETS, preset
 from core.evaluation import PROTOCOLS
 from core.export.atomic import write_text
 from samples.measurements.finished import measured, with_split
-from samples.measurements.seeds import cell, folder_name
+from samples.measurements.seeds import METRICS, cell, folder_name
 from samples.measurements.variants import FULL, VARIANTS
 from wegs_cli.main import Told
 from wegs_cli.terminal import Terminal
 
-METRICS = ("psnr", "ssim", "lpips")
 HEADER = (
     *("variant", "PSNR zero-shot", "to full", "PSNR refined", "to full", "SSIM / LPIPS", "mask IoU", ".ply MB"),
     *("training s", "paper: PSNR to full", "paper: MB"),

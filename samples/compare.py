@@ -21,12 +21,11 @@ import click
 from core.config import PRESETS, preset
 from core.evaluation import PROTOCOLS
 from samples.measurements.finished import measured
-from samples.measurements.seeds import cell
+from samples.measurements.seeds import METRICS, cell
 from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS
 from wegs_cli.main import Told
 from wegs_cli.terminal import Terminal
 
-METRICS = ("psnr", "ssim", "lpips")
 RIVALS = {"wegs": FULL, "affine exposure": AFFINE, "plain 3DGS": PLAIN}
 
 

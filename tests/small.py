@@ -54,6 +54,13 @@ def give_to_pipeline(collection: Collection, patch: MonkeyPatch) -> None:
     patch.setattr("core.pipeline.load_collection", lambda path: collection)
 
 
+def small_scene(folder: Path, patch: MonkeyPatch) -> Path:
+    """Make `folder`, of which `core.pipeline` reads the small collection."""
+    folder.mkdir()
+    give_to_pipeline(small_collection(folder), patch)
+    return folder
+
+
 def ring_camera(angle: float, distance: float = 3.0) -> Camera:
     """A camera at `angle` (radians) around the y axis that looks at the origin."""
     centre = distance * np.array([np.sin(angle), 0.0, -np.cos(angle)])

@@ -17,7 +17,7 @@ from core.training import pictures
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
 from tests.heard import Heard
-from tests.small import give_to_pipeline, small_collection, small_settings
+from tests.small import small_scene, small_settings
 
 # Not so: tests.elsewhere copies the numbers.
 pytestmark = pytest.mark.filterwarnings("ignore:for .* copying from a non-meta parameter")
@@ -68,11 +68,8 @@ def on_device(monkeypatch):
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    """A folder of which `pipeline` reads the small collection; one of its photos has a rim without picture."""
-    folder = tmp_path / "scene"
-    folder.mkdir()
-    give_to_pipeline(small_collection(folder), monkeypatch)
-    return folder
+    """A folder of which `pipeline` reads the small collection."""
+    return small_scene(tmp_path / "scene", monkeypatch)
 
 
 def test_the_whole_story(scene, tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from core import pipeline
 from core.training import checkpoint
 from core.training.interrupt import HANG_UP
 from tests.heard import Heard
-from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
+from tests.small import HEIGHT, WIDTH, small_scene, small_settings
 
 STEPS = 12
 CLOUD = f"point_cloud/iteration_{STEPS}/point_cloud.ply"
@@ -20,10 +20,7 @@ CLOUD = f"point_cloud/iteration_{STEPS}/point_cloud.ply"
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
     """A folder of which `pipeline` reads the small collection."""
-    folder = tmp_path / "scene"
-    folder.mkdir()
-    give_to_pipeline(small_collection(folder), monkeypatch)
-    return folder
+    return small_scene(tmp_path / "scene", monkeypatch)
 
 
 class Gone(Heard):

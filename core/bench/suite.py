@@ -93,18 +93,17 @@ def bench(
             finish(_rendering_of(trained, size, full, report))
     with tempfile.TemporaryDirectory() as temporary:
         if trained is not None:
-            (of,) = _told_apart([trained.folder])
-            # Trained before, with whatever settings: none of its points is called a default.
-            courses, title, notes = [Course(of, (trained.folder,))], f"Training {of}", ELSEWHERE
+            courses = _courses_of([trained.folder])
+            title, notes = f"Training {courses[0].name}", ELSEWHERE
         else:
             courses, title, notes = _train_presets(collection, names, size, Path(temporary), report)
-            trained, of = (load_run(courses[0].folders[0]), courses[0].name) if courses else (None, "")
+            trained = load_run(courses[0].folders[0]) if courses else None
         if "baking" in names:
             finish(baking_figure(trained, size.views, report, size.budget))
         if "training" in names:
             finish(training_figure(courses, title, notes))
         if "refinement" in names and _follows_a_look(trained, report):
-            finish(refinement_figure({of: trained}, tuple(PROTOCOLS), size.photos, report))
+            finish(refinement_figure({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report))
     return figures
 
 
@@ -115,11 +114,10 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     """
     folders = [run.find_run(path) for path in run_folders or (None,)]
     run.check_writable(folders[0] / CURVES)
-    names = _told_apart(folders)
-    courses = [Course(name, (folder,)) for name, folder in zip(names, folders, strict=True)]
+    courses = _courses_of(folders)
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]
-    live = zip(names, map(load_run, folders), strict=True) if refine else ()
+    live = ((course.name, load_run(course.folders[0])) for course in (courses if refine else ()))
     trained = {name: one for name, one in live if _follows_a_look(one, report)}
     if trained:
         figures.append(refinement_figure(trained, protocols, FULL.photos, report))
@@ -141,14 +139,17 @@ def _measurable(names: tuple[str, ...], collection: Collection | None, report: R
     return left
 
 
-def _told_apart(folders: list[Path]) -> list[str]:
-    """Names for the runs in these folders: as much of the ends of their paths as tells them apart."""
+def _courses_of(folders: list[Path]) -> list[Course]:
+    """The courses of runs that were trained before, with whatever settings: none of their points is called a default.
+
+    They are named by as much of the ends of their paths as tells them apart.
+    """
     paths = [folder.resolve().parts for folder in folders]
     for length in range(1, max(map(len, paths)) + 1):
         names = ["/".join(path[-length:]) for path in paths]
         if len(set(names)) == len(set(paths)):
             break
-    return names
+    return [Course(name, (folder,)) for name, folder in zip(names, folders, strict=True)]
 
 
 def _follows_a_look(trained: Run, report: Report) -> bool:

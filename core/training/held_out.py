@@ -9,7 +9,7 @@ from core.appearance.model import AppearanceModel
 from core.rasterizer import Rasterizer
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric
-from core.training.pictures import Pictures
+from core.training.pictures import Pictures, shown_on
 
 
 @torch.no_grad()
@@ -21,8 +21,7 @@ def quality(pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, ra
         look = model.look(picture.encoder_input)
         splats = model.bake(gaussians.splats, look.embedding, gaussians.latents)
         image = rasterizer.render(splats, picture.camera).image.clamp(0, 1)
-        photo = torch.from_numpy(picture.pixels).to(image.device).float() / 255
-        valid = None if picture.valid is None else torch.from_numpy(picture.valid).to(image.device)
+        photo, valid = shown_on(image.device, picture.pixels, picture.valid)
         errors = (image - photo) ** 2
         decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))
         similarities.append(1 - float(photometric(image, Target(photo, valid), None, 1.0)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import torch
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core import memory
@@ -80,6 +81,13 @@ def load_picture(
     return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, encoder_side_px).to(device))
 
 
+def shown_on(
+    device: torch.device, pixels: np.ndarray, valid: np.ndarray | None
+) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
+    """The pixels in [0, 1], and where they are valid, on a device."""
+    return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(device)
+
+
 class Pictures:
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
@@ -126,8 +134,7 @@ class Pictures:
                 if valid is not None:
                     cover = cv2.resize(valid.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
                     valid = cover > min(0.5, cover.max() / 2)  # where nothing is covered by half, what is covered most
-            pixels = torch.from_numpy(pixels).to(self.device).float() / 255
-            self._targets[key] = Target(pixels, None if valid is None else torch.from_numpy(valid).to(self.device))
+            self._targets[key] = Target(*shown_on(self.device, pixels, valid))
             self._bytes += _bytes(width, height)
             while self._bytes > self._most_bytes and len(self._targets) > 1:
                 (old, old_factor), _ = self._targets.popitem(last=False)

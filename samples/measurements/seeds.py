@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from statistics import fmean, stdev
 
+METRICS = ("psnr", "ssim", "lpips")
+
 
 def folder_name(title: str) -> str:
     """The title without what a path could not hold."""

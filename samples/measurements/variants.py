@@ -48,7 +48,9 @@ VARIANTS = {
     "no exposure jitter (paper)": Variant({"exposure_jitter": 0.0}),
     "no sky (paper)": Variant({"sky": "none"}),
     "no pruning by contribution (paper)": Variant({"prune_contribution": 0.0}),
-    "mask learns by the picture's error (paper)": Variant({"mask_loss": "paper", "mask_regularisation": 0.15}),
+    "mask learns by the picture's error (paper)": Variant(
+        {name: PRESETS["paper"][name] for name in ("mask_loss", "mask_regularisation")}
+    ),
     "no latent a Gaussian (paper)": Variant({"latent_size": 0}),
     "latent of 8 a Gaussian": Variant({"latent_size": 8}),
 }

@@ -29,13 +29,14 @@ from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
 from core.training import checkpoint, run, saved_look
 from core.training.claim import held, new_run
+from core.training.find_look import find_appearance
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
 from core.training.look_file import next_step, write_look
 from core.training.masks import write_masks
 from core.training.pictures import check_resolution, shown_on
 from core.training.tell import tell_collection, tell_plan, tell_step
-from core.training.trained import Run, bake, blend, find_appearance, load_run
+from core.training.trained import Run, bake, blend, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
 
@@ -199,7 +200,7 @@ def export(
     start = time.perf_counter()
     written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None, sky)
     if save_as is not None:
-        look = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity)
+        look = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity, appearance.tone)
         report.say(f"Look kept as {saved_look.save(trained.folder, look)}")
     seconds = time.perf_counter() - start
     report.say(f"{output}: {written} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")

@@ -2,14 +2,17 @@
 
     python samples/lights.py                                    # of the newest run of samples/plaza: lights.jpg and styles.jpg
     python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
+    python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg      # without its photos
 
 lights.jpg: six looks. styles.jpg: for each style photo a row, photo | neutral | its look | truth where it is known; below them
 the looks between the first style (or neutral) and the last. Where the truth is known it also prints how near the look
-comes to it, beside the nearest look of a training photo and the look fitted to the truth itself, in dB of PSNR.
+comes to it, beside the nearest look of a training photo and the look fitted to the truth itself, in dB of PSNR. With --renders: for each
+view a row, neutral and each look, and no photo, whose licence may not allow it.
 """
 
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
@@ -29,7 +32,8 @@ from core.export.atomic import replacing
 from core.export.pictures import to_8_bit
 from core.pipeline import subject_of
 from core.training import run
-from core.training.trained import Run, bake, blend, find_appearance, load_run
+from core.training.find_look import find_appearance
+from core.training.trained import Run, bake, blend, load_run
 from wegs_cli.main import Told
 
 PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
@@ -42,19 +46,24 @@ QUALITY = 88  # of JPEG
 @click.command(cls=Told)
 @click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
 @click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
-@click.option("--view", help="Photo of the run whose camera looks on.  [default: a held-out one]")
+@click.option("--view", "views", multiple=True, help="Photo of the run whose camera looks on.  [default: a held-out one]")
+@click.option("--renders", is_flag=True, help="Draw no photos, but the looks in a row for each --view.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The sheet.  [default: samples/styles.jpg]")
-def main(run_folder: Path | None, styles: tuple[str, ...], view: str | None, output: Path | None) -> None:
+def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None) -> None:
     """Draw the looks of RUN (default: the newest)."""
     trained = load_run(run.find_run(run_folder))
-    if styles:
-        photo = trained.collection.view(view)
-    else:
-        styles = PLAZA_LOOKS[-2:]
-        from_left, photo = (trained.collection.view(name) for name in (PLAZA_VIEWS[0], view or PLAZA_VIEWS[1]))
+    if not styles:
+        styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
+        from_left = trained.collection.view(PLAZA_VIEWS[0])
         shots = [tile(rendered(trained, find_appearance(trained, look), from_left), 240) for look in PLAZA_LOOKS]
         write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]])
-    write_jpeg(output or HERE / "styles.jpg", sheet(trained, styles, photo))
+    seen_from = [trained.collection.view(view) for view in views or (None,)]
+    if renders:
+        looks = [find_appearance(trained, word) for word in ("neutral", *styles)]
+        rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
+    else:
+        rows = sheet(trained, styles, seen_from[0])
+    write_jpeg(output or HERE / "styles.jpg", rows)
     for style in styles:
         if line := nearness(trained, style):
             click.echo(line)
@@ -108,19 +117,18 @@ def truths(trained: Run, style: str) -> dict[str, Path]:
 def nearness(trained: Run, style: str) -> str | None:
     """How near the look of a style photo comes to the truth in its light; None where that is not known."""
     subject = subject_of(trained)
-    own = find_appearance(trained, style).embedding
-    seen = {photo.name: find_appearance(trained, photo.name).embedding for photo in trained.collection.split("train")}
+    own = find_appearance(trained, style)
+    seen = {photo.name: find_appearance(trained, photo.name) for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}
     for name, path in truths(trained, style).items():
         camera = trained.camera(trained.collection.view(name))
         pixels = cv2.resize(photos.read(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         truth = torch.from_numpy(pixels).to(trained.device).float() / 255
-        looks = {"own": own, "neutral": trained.model.mean_embedding} | seen
-        fitted = refine_embedding(subject, own, camera, truth)
-        looks |= {} if fitted is None else {"fitted": fitted}
-        for look, embedding in looks.items():
-            with torch.no_grad():
-                picture = metrics.quantised(subject.render(embedding, camera))
+        looks = {"own": own, "neutral": find_appearance(trained, "neutral")} | seen
+        fitted = refine_embedding(subject, own.embedding, camera, truth)
+        looks |= {} if fitted is None else {"fitted": replace(own, embedding=fitted, tone=None)}
+        for look, appearance in looks.items():
+            picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera).image)
             found.setdefault(look, []).append(metrics.psnr(picture, truth))
     if not found:
         return None

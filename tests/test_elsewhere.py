@@ -6,6 +6,8 @@ See tests.elsewhere for what this can tell: that nothing is left behind, not wha
 import signal
 from importlib import import_module
 
+import cv2
+import numpy as np
 import pytest
 import torch
 
@@ -89,6 +91,10 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
     assert isinstance(run.splats.sh, Elsewhere) and isinstance(run.model.mean_embedding, Elsewhere)
     pipeline.export(folder, "photo_0.png", tmp_path / "look.ply", save_as="kept")
     pipeline.export(folder, str(scene / "photo_1.png"), tmp_path / "other.ply", prune=False)
+    cv2.imwrite(str(tmp_path / "night.png"), np.zeros((30, 40, 3), np.uint8))
+    pipeline.export(folder, str(tmp_path / "night.png"), tmp_path / "night.ply", heard, save_as="night")
+    assert any("lit as no photo of it is" in line for line in heard.lines)
+    pipeline.interpolate(folder, "night", "kept", 3, tmp_path / "dawn")
     pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
     monkeypatch.setattr(pipeline.lpips, "load", lambda: Lpips("alex", made_weights("alex")))
     monkeypatch.setattr("core.evaluation.protocols.REFINE_STEPS", 2)

@@ -6,7 +6,8 @@ import pytest
 from click.testing import CliRunner
 
 from core.training import run
-from core.training.trained import find_appearance, load_run
+from core.training.find_look import find_appearance
+from core.training.trained import load_run
 from core.training.trainer import Trainer
 from samples import lights
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
@@ -45,6 +46,22 @@ def test_a_sheet_of_styles(folder, tmp_path):
     frame = lights.rendered(live, find_appearance(live, styles[1]), photo)
     shown = lights.sheet(live, tuple(styles), photo)[-1]
     np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
+
+
+def test_a_sheet_without_photos(folder, tmp_path):
+    """A row of looks for each view; nothing in it is a photo."""
+    style, sheet = tmp_path / "green.png", tmp_path / "sheet.jpg"
+    cv2.imwrite(str(style), np.full((30, 40, 3), (0, 255, 0), np.uint8))
+    line = [str(folder), "--style", str(style), "--renders", "--view", "photo_5.png", "--view", "photo_1.png", "-o", str(sheet)]
+    CliRunner().invoke(lights.main, line, catch_exceptions=False)
+    pixels, wide = cv2.imread(str(sheet)).astype(int), round(lights.TILE_PX * WIDTH / HEIGHT)
+    assert pixels.shape == (2 * lights.TILE_PX, 2 * wide, 3)
+    live = load_run(folder)
+    for row, view in enumerate(("photo_5.png", "photo_1.png")):
+        for column, word in enumerate(("neutral", str(style))):
+            frame = lights.rendered(live, find_appearance(live, word), live.collection.view(view))
+            drawn = pixels[row * lights.TILE_PX :, column * wide :][: lights.TILE_PX, :wide]
+            assert abs(drawn[..., ::-1] - lights.tile(frame, lights.TILE_PX)).mean() < 4  # JPEG
 
 
 def test_nearness_to_a_truth(folder):

@@ -13,8 +13,10 @@ import core.rasterizer
 from core.data import sfm
 from core.data.scene_folder import write_mark
 from core.errors import BadInput
-from core.training import run
-from core.training.trained import Run, bake, blend, find_appearance, load_run
+from core.training import run, saved_look
+from core.training.find_look import find_appearance
+from core.training.saved_look import SavedLook
+from core.training.trained import Run, bake, blend, load_run
 from core.training.trainer import Trainer
 from tests.small import whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
@@ -98,6 +100,41 @@ def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_pa
     table = replace(trained, settings=trained.settings.changed(embedding="glo"))
     with pytest.raises(BadInput, match=f"{photo.name} is not read from a photo"):
         find_appearance(table, photo.name, tmp_path / "mask.png")
+
+
+def darkened(photo, folder, gain: float):
+    """The photo times a gain, as a file from outside the collection."""
+    path = folder / f"{gain}.png"
+    cv2.imwrite(str(path), (gain * cv2.imread(str(photo.path)).astype(float)).round().astype(np.uint8))
+    return path
+
+
+def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
+    """No look within reach is that dark: a gain brings the rest, and is saved, mixed and told with the look."""
+    photo = trained.collection.view("photo_03.png")
+    night = darkened(photo, tmp_path, 0.15)
+    look = find_appearance(trained, str(night))
+    wanted = torch.from_numpy(cv2.imread(str(night))[..., ::-1].copy())
+    shown, without = (rendered(trained, each) for each in (look, replace(look, tone=None)))
+    assert (shown - wanted).abs().mean() < 0.25 * (without - wanted).abs().mean()
+    assert trained.model.reach(look.embedding) <= 1 + 1e-5
+    assert "lit as no photo of it is" in look.source
+
+    kept = SavedLook("night", look.embedding, look.source, trained.identity, look.tone)
+    saved_look.save(trained.folder, kept)
+    assert torch.equal(rendered(trained, find_appearance(trained, "night")), shown)
+    frames = [rendered(trained, blend(find_appearance(trained, "neutral"), look, share)) for share in np.linspace(0, 1, 10)]
+    steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
+    assert torch.equal(frames[-1], shown) and max(steps) <= 2 * np.mean(steps)
+
+
+def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
+    """None for a photo like those of the collection; the less, the nearer it is to them."""
+    photo = trained.collection.view("photo_03.png")
+    gains = [find_appearance(trained, str(darkened(photo, tmp_path, gain))).tone for gain in (1.0, 0.3, 0.15, 0.05)]
+    assert gains[0] is None
+    strengths = [1.0 if gain is None else float(gain.mean()) for gain in gains]
+    assert sorted(strengths, reverse=True) == strengths and strengths[-1] < 0.3
 
 
 @pytest.mark.parametrize("enters", ["output", "input"])

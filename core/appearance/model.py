@@ -70,16 +70,12 @@ class AppearanceModel(nn.Module):
         self.remembered = self.remembered.cpu()
         return self
 
-    def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None, masked: bool = True) -> Look:
-        """The look of a picture ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
+    def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None) -> Look:
+        """The look of a photo of the collection ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
 
-        photo: its row in `photo_names`, or None for one that was not trained on. masked: whether the embedding heeds the
-        predicted mask, as for all photos of the collection, held-out ones too. A photo from outside is encoded with M := 1
-        instead (paper, unseen appearance transfer; of another place the mask may hide the night sky), and its mask is
-        only for looking at. The embedding of a photo without a row is held within what training photos reach: beyond it
-        the SH transfer was never asked, and makes up colours. A GLO table knows nothing of such a photo: its embedding
-        is the mean, the place to start a refinement. Without appearance the embedding is the mean too (zeros). Raises
-        BadInput for a row that does not exist.
+        photo: its row in `photo_names`, or None for one that was not trained on. The embedding of such a photo is held
+        `within_reach`. A GLO table knows nothing of it: its embedding is the mean, the place to start a refinement. Without
+        appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
         """
         if photo is not None and not 0 <= photo < len(self.photo_names):
             raise BadInput(f"There is no photo {photo} among {len(self.photo_names)}.", "Count from 0.")
@@ -88,9 +84,9 @@ class AppearanceModel(nn.Module):
         if self.encoder is not None:
             # A few ms of work: more threads cost more than they save, and would round the embedding differently.
             with one_torch_thread():
-                embedding, mask = self.encoder(picture, masked)
-                if embedding is not None and photo is None and self.remembered:
-                    embedding = self._within_reach(embedding)
+                embedding, mask = self.encoder(picture, masked=True)
+                if embedding is not None and photo is None:
+                    embedding = self.within_reach(embedding)
         if self.embedding_table is not None and photo is not None:
             embedding = self.embedding_table[photo]
         if isinstance(self.mask_network, PlainMask):
@@ -99,6 +95,18 @@ class AppearanceModel(nn.Module):
             height, width = (-(-side // 4) for side in picture.shape[1:])
             mask = self.mask_network(photo, height, width)
         return Look(self.mean_embedding if embedding is None else embedding, mask)
+
+    @torch.no_grad()
+    def embedding_from_outside(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
+        """The embedding of a photo of another place or from elsewhere, wherever it lies; the mean where no encoder gives any.
+
+        Encoded with M := 1 (paper, unseen appearance transfer): of another place the mask may hide the night sky.
+        """
+        if self.encoder is None:
+            return self.mean_embedding
+        with one_torch_thread():
+            embedding, _ = self.encoder(shrink(picture, self.settings.encoder_side_px), masked=False)
+        return self.mean_embedding if embedding is None else embedding
 
     def transfer(
         self,
@@ -139,22 +147,34 @@ class AppearanceModel(nn.Module):
         given = base.sh, base.means, embedding, latents
         return base.with_sh(self.sh_transfer.added(*given) if adds else self.transfer(*given)[0])
 
-    def _within_reach(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
-        """The embedding, moved toward the training photos' mean into the ellipsoid that they span; one inside stays as it is.
+    @torch.no_grad()
+    def reach(self, embedding: Float[Tensor, " e"]) -> float:
+        """How far an embedding lies from the training photos' mean, of which the farthest lies at 1; 0 before any is met.
 
-        Its axes are their principal ones, weak ones lengthened, and it is as large as to hold the farthest of them. A night photo
-        among eight of daylight lay at six times their spread, and turned a white church green. Of figures of held-out photos it
-        changes no more than 0.02 dB (plaza, Liberty).
+        In units of the ellipsoid that they span: its axes are their principal ones, weak ones lengthened.
         """
+        if not self.remembered or not len(self.met_embeddings):
+            return 0.0
         met = self.met_embeddings.double()
         centre = met.mean(dim=0)
         _, strengths, axes = torch.linalg.svd(met - centre)
         lengths = strengths.new_zeros(len(axes))
         lengths[: len(strengths)] = strengths
         lengths = lengths.clamp_min(max(WEAK_AXIS * float(strengths[0]), 1e-12))  # a single photo has none
-        away = embedding.double() - centre
-        reached, distance = (((towards @ axes.T) / lengths).norm(dim=-1) for towards in (met - centre, away))
-        return embedding if distance <= reached.max() else (centre + away * (reached.max() / distance)).to(embedding.dtype)
+        farthest, distance = (((away @ axes.T) / lengths).norm(dim=-1).max() for away in (met - centre, embedding.double() - centre))
+        return float((distance / farthest.clamp_min(1e-12)).float())  # rounded, so that the farthest lies at 1 exactly
+
+    def within_reach(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
+        """The embedding, moved toward the training photos' mean to where their `reach` ends; one inside stays as it is.
+
+        Beyond it the SH transfer was never asked, and makes up colours: a night photo among eight of daylight lay at six times
+        their reach, and turned a white church green. Of figures of held-out photos it changes no more than 0.02 dB (plaza, Liberty).
+        """
+        reach = self.reach(embedding)
+        if reach <= 1:
+            return embedding
+        centre = self.met_embeddings.double().mean(dim=0)
+        return (centre + (embedding.double() - centre) / reach).to(embedding.dtype)
 
     @torch.no_grad()
     def remember(self, embedding: Float[Tensor, " e"], photo: int) -> None:

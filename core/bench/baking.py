@@ -19,7 +19,8 @@ from core.bench.stopwatch import timed
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.splats import Splats
-from core.training.trained import Run, bake, find_appearance
+from core.training.find_look import find_appearance
+from core.training.trained import Run, bake
 
 LIMIT = (0.5, "half an 8-bit step")
 QUANTITIES = (

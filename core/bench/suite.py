@@ -19,7 +19,8 @@ from core.errors import BadInput
 from core.evaluation import PROTOCOLS
 from core.report import Report
 from core.training import run
-from core.training.trained import Run, bake, find_appearance, load_run
+from core.training.find_look import find_appearance
+from core.training.trained import Run, bake, load_run
 from core.training.trainer import Trainer
 
 OF_RUN = "rendering-run"  # the rendering of a run's own cameras

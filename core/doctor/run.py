@@ -15,9 +15,10 @@ from core.errors import BadInput, command
 from core.export.ply import BYTES_A_GAUSSIAN
 from core.report import Report
 from core.training import checkpoint
+from core.training.find_look import find_appearance
 from core.training.losses import COLLAPSED
 from core.training.run import HISTORY
-from core.training.trained import Run, bake, find_appearance, load_run
+from core.training.trained import Run, bake, load_run
 
 MOST_PHOTOS = 64  # whose looks are asked for, evenly spread
 NEAR_BOUND = 0.95  # of the largest residual: there the transfer has no gradient left

@@ -1,7 +1,6 @@
 """Looks kept by name: an embedding in a small JSON file, worth something only beside the run whose model made it."""
 
 import json
-import math
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -23,13 +22,14 @@ NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
 class SavedLook:
     """name: of the file. embedding: (embedding_size,) float32. source: the photo, or words for what it came from.
 
-    run: identity of the run (config.json) whose SH transfer understands the embedding.
+    run: identity of the run (config.json) whose SH transfer understands the embedding. tone: core.appearance.tone, if it has one.
     """
 
     name: str
     embedding: Float[Tensor, " e"]
     source: str
     run: str
+    tone: Float[Tensor, "2 3"] | None = None
 
 
 def path_of(folder: Path, name: str) -> Path:
@@ -63,8 +63,8 @@ def save(folder: Path, look: SavedLook) -> Path:
     """Write the look into a run folder, in place of an older one of that name."""
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
-    embedding = [float(number) for number in look.embedding]
-    write_json(path, {"name": look.name, "run": look.run, "source": look.source, "embedding": embedding})
+    facts = {"name": look.name, "run": look.run, "source": look.source, "embedding": [float(number) for number in look.embedding]}
+    write_json(path, facts if look.tone is None else facts | {"tone": [[float(gain) for gain in row] for row in look.tone]})
     return path
 
 
@@ -75,13 +75,14 @@ def load(path: Path, run: str, size: int) -> SavedLook:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         name, source, owner, numbers = (facts[key] for key in ("name", "source", "run", "embedding"))
-        numbers = [float(number) for number in numbers]
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+        embedding = torch.tensor([float(number) for number in numbers], dtype=torch.float32)
+        tone = torch.tensor(facts["tone"], dtype=torch.float32).view(2, 3) if "tone" in facts else None
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as problem:
         raise BadInput(
             f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME."
         ) from None
     if owner != run:
         raise BadInput(f"{path} was saved by run {owner}, not by {run}.", "Name its run with --run, or save it again.")
-    if len(numbers) != size or not all(map(math.isfinite, numbers)):
+    if len(embedding) != size or not all(part.isfinite().all() for part in (embedding, tone) if part is not None):
         raise BadInput(f"{path} does not hold {size} finite numbers.", "Save the look again.")
-    return SavedLook(name, torch.tensor(numbers, dtype=torch.float32), source, owner)
+    return SavedLook(name, embedding, source, owner, tone)

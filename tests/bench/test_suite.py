@@ -14,7 +14,8 @@ from core.config import PRESETS
 from core.errors import BadInput
 from core.evaluation import protocols
 from core.report import Report
-from core.training.trained import bake, find_appearance, load_run
+from core.training.find_look import find_appearance
+from core.training.trained import bake, load_run
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH
 

@@ -11,8 +11,9 @@ import torch
 from core.data.split import counted
 from core.export.ply import read_ply
 from core.training import run
+from core.training.find_look import find_appearance
 from core.training.look_file import next_step, write_look
-from core.training.trained import Run, find_appearance, load_run
+from core.training.trained import Run, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
 from tests.heard import Heard

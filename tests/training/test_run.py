@@ -224,7 +224,9 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
     look = saved_look.SavedLook("dusk", torch.randn(16, generator=torch.Generator().manual_seed(0)), "dusk.jpg", "abc")
     back = saved_look.load(saved_look.save(tmp_path, look), "abc", 16)
     assert torch.equal(back.embedding, look.embedding)
-    assert (back.name, back.source, back.run) == (look.name, look.source, look.run)
+    assert (back.name, back.source, back.run, back.tone) == (look.name, look.source, look.run, None)
+    night = replace(look, name="night", tone=torch.rand(2, 3))
+    assert torch.equal(saved_look.load(saved_look.save(tmp_path, night), "abc", 16).tone, night.tone)
 
 
 @pytest.mark.parametrize(
@@ -236,6 +238,8 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1, 1, 1, 1, 1, NaN]}', "2 finite numbers"),
     ],
 )
 def test_a_look_of_no_use_is_refused(tmp_path, text, words):

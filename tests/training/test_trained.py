@@ -12,7 +12,8 @@ from core import pipeline
 from core.doctor.views import cameras_beside
 from core.scene.frame import SceneFrame
 from core.training import run
-from core.training.trained import Run, find_appearance, load_run
+from core.training.find_look import find_appearance
+from core.training.trained import Run, load_run
 from core.training.trainer import Trainer
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
@@ -41,7 +42,7 @@ def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_pa
     own = trained.collection.view("photo_2.png")
     outside = shutil.copy(own.path, tmp_path / "outside.png")
     picture = torch.from_numpy(cv2.imread(str(own.path))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
-    whole, masked = (trained.model.look(picture, masked=masked).embedding for masked in (False, True))
+    whole, masked = trained.model.embedding_from_outside(picture), trained.model.look(picture).embedding
     found = find_appearance(trained, str(outside)).embedding
     torch.testing.assert_close(found, whole)
     assert not torch.allclose(found, masked)

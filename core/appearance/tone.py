@@ -1,0 +1,58 @@
+"""The tone of a photo whose light no look holds: one gain of the sky and one of the place, a channel each.
+
+In training the encoder saw every photo in other exposures and white balances, and its target with it. So a gain may be taken off a
+photo before it is encoded, and put on the Gaussians of the look that comes of it: colours are linear in their coefficients. Sky and
+place have one each, as at night, when one is black and the other lit.
+"""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float
+from torch import Tensor
+
+from core.scene.harmonics import SH_0
+from core.scene.splats import Splats
+
+BANDS = 4  # horizontal ones of a photo, whose mean colours tell sky from place
+TOWARD_ONE = 0.1  # what a share of a band must be to move a gain half the way; 0.05 to 0.4 are within 0.1 dB of each other
+LEAST, LARGEST = 0.02, 1.4  # of a gain: black to 8 bits nearly; above, as in training, a photo has nothing to be brightened
+ROUNDS = 100  # of the descent in two numbers
+DIM = 1e-6  # added to every band: none is taken off one in which views show nothing
+
+
+def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:
+    """The mean colours of a picture from top to bottom."""
+    return F.adaptive_avg_pool2d(picture, (BANDS, 1))[..., 0].T
+
+
+def tone_between(brought: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "bands 3"]) -> Float[Tensor, "2 3"]:
+    """The tone in which place and sky, which bring these colours into the bands, come nearest to those that are wanted.
+
+    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 a channel, LEAST <= g <= LARGEST, by coordinate descent.
+    """
+    place, sky = brought.double()
+    wanted = wanted.double()
+    weight = TOWARD_ONE**2
+    tone = torch.ones_like(brought[:, 0]).double()
+    for _ in range(ROUNDS):
+        for row, mine, other in ((0, place, sky), (1, sky, place)):
+            left = wanted - other * tone[1 - row]
+            tone[row] = ((mine * left).sum(dim=0) + weight) / (mine.square().sum(dim=0) + weight)
+            tone[row].clamp_(LEAST, LARGEST)
+    return tone.float()
+
+
+def taken_off(picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], brought: Float[Tensor, "2 bands 3"]) -> Float[Tensor, "3 h w"]:
+    """The photo without the tone, in [0, 1]: every row divided by the gain of what place and sky bring there."""
+    shown, there = ((brought * gain).sum(dim=0) + DIM for gain in (tone[:, None], 1.0))
+    rows = F.interpolate((shown / there).T[None], size=picture.shape[1], mode="linear", align_corners=False)[0]
+    return (picture / rows[..., None].clamp_min(LEAST)).clamp(max=1.0)
+
+
+def toned(splats: Splats, tone: Float[Tensor, "2 3"], sky: int) -> Splats:
+    """The Gaussians, the last `sky` of which are the dome, with every colour times its gain; exactly, as max(0, c) keeps to gains >= 0."""
+    place = len(splats) - sky
+    gains = torch.cat([tone[:1].expand(place, 3), tone[1:].expand(sky, 3)]).to(splats.sh)
+    sh = splats.sh * gains[:, None]
+    sh[:, 0] += 0.5 * (gains - 1) / SH_0  # a colour is 0.5 + SH_0 * sh_0 + ...
+    return splats.with_sh(sh)

@@ -1,0 +1,115 @@
+"""The look that a word stands for: `neutral`, a saved look, a photo by its path, or one of the collection by its name."""
+
+import difflib
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from core.appearance.encoder import shrink
+from core.data import photos as files
+from core.data import sfm
+from core.data.collection import Photo
+from core.errors import BadInput
+from core.training import saved_look
+from core.training.outside import read_from_outside
+from core.training.saved_look import NEUTRAL
+from core.training.trained import Appearance, Run
+
+SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that could be told from noise
+
+
+@torch.no_grad()
+def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appearance:
+    """The look that `word` stands for.
+
+    mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all.
+
+    Tried in this order: `neutral`; a look saved in the run (its name, or the path of its .json); the path of a photo,
+    which may be one of the collection, or the file that structure from motion made it of; the name of a photo of the
+    collection. A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is
+    near, if nothing fits, and for the mask of a look that comes from no photo.
+    """
+    saved = _saved_as(trained, word)
+    reads_photos = trained.settings.appearance != "off" and trained.settings.embedding == "encoder"
+    if mask is not None and (word == NEUTRAL or saved or not reads_photos):
+        raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")
+    if word == NEUTRAL:
+        return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
+    if saved:
+        look = saved_look.load(saved, trained.identity, trained.settings.embedding_size)
+        tone = None if look.tone is None else look.tone.to(trained.device)
+        return Appearance(look.name, look.source, look.embedding.to(trained.device), tone)
+    photo = _of_collection(trained, word)
+    if photo is not None:
+        return _of_photo(trained, photo, mask)
+    if Path(word).is_file():
+        return _of_outside(trained, Path(word), mask)
+    raise _unknown(trained, word)
+
+
+def _saved_as(trained: Run, word: str) -> Path | None:
+    """The file of a saved look, given by its path or its name; a path that does not exist is told when it is read."""
+    path = Path(word)
+    named = path if path.name != word else trained.folder / saved_look.FOLDER / f"{word.removesuffix('.json')}.json"
+    if path.suffix == ".json":
+        return path if path.is_file() else named
+    return named if named.is_file() and not path.is_file() else None
+
+
+def _of_collection(trained: Run, word: str) -> Photo | None:
+    """The photo of the collection that is this file, was made of it, or has this name."""
+    path, photos = Path(word), {photo.name: photo for photo in trained.collection.photos}
+    if not path.is_file():
+        return photos.get(word)
+    same = next((photo for photo in photos.values() if photo.path.is_file() and photo.path.samefile(path)), None)
+    return same or photos.get(sfm.name_in(trained.collection.root, path))
+
+
+def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
+    names = trained.model.photo_names
+    row = names.index(photo.name) if photo.name in names else None
+    if row is None:
+        _refuse_unknown_to_table(trained, photo.name)
+    if mask is not None:
+        photo = replace(photo, mask=mask)
+    look = trained.model.look(trained.picture(photo).encoder_input, row)
+    kind = "training" if row is not None else "held-out"
+    return Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
+
+
+def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
+    _refuse_unknown_to_table(trained, str(path))
+    pixels = files.read_light(path, mask)
+    height, width = pixels.shape[:2]
+    if min(height, width) < SMALLEST_PHOTO_PX:
+        raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")
+    picture = shrink(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255, trained.settings.encoder_side_px)
+    embedding, tone = read_from_outside(trained, picture.to(trained.device))
+    source = f"photo {path.name} from outside the collection"
+    if tone is not None:
+        place, sky = map(float, tone.mean(dim=1))
+        source += f", lit as no photo of it is: the nearest look, with the place x {place:.2f} and the sky x {sky:.2f}"
+    return Appearance(path.stem, source, embedding, tone)
+
+
+def _refuse_unknown_to_table(trained: Run, name: str) -> None:
+    if trained.settings.embedding == "glo" and trained.settings.appearance != "off":
+        raise BadInput(
+            f"{name} is not a training photo, and a run with embedding=glo knows no other looks.",
+            "Name a training photo, or train with embedding=encoder.",
+        )
+
+
+def _unknown(trained: Run, word: str) -> BadInput:
+    if not word.strip():
+        return BadInput("The look has no name.", f"Give a photo, or {NEUTRAL}.")
+    if Path(word).is_dir():
+        return BadInput(f"{word} is a folder, not a photo.", "Give one of its photos.")
+    photos = [photo.name for photo in trained.collection.photos]
+    names = {name.lower(): name for name in (*photos, *saved_look.names(trained.folder))}
+    near = [names[name] for name in difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.0)] or [NEUTRAL]
+    return BadInput(
+        f"{word} is neither a photo file, nor a photo or saved look of {trained.folder}.",
+        f"Give a path, a name such as {near[0]}, or {NEUTRAL}.",
+    )

@@ -1,0 +1,95 @@
+"""How much of the passers-by a mask predicted from one photo can find at all: the mask network, taught with the true masks.
+
+    python samples/mask_ceiling.py samples/plaza
+
+wegs learns its masks without knowing any. Here the same layers (Enc1 and UNet, on their own) see the truth of every training photo, mirrored
+and brightened at random, by binary cross-entropy. What they find on held-out photos bounds what masks can find that learn
+from so many photos. Prints the mean mask IoU as `wegs eval` measures it.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import click
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from core.appearance.encoder import PlainMask, shrink
+from core.config import Settings
+from core.data import load_collection, photos
+from core.data.collection import Collection
+from core.errors import BadInput
+from core.evaluation.metrics import mask_iou
+from core.evaluation.truth import load_truth
+from core.threads import one_torch_thread
+from wegs_cli.main import Told
+from wegs_cli.terminal import Terminal
+
+RATE, DECAY = 2e-3, 0.1  # of Adam, at the first step and by the last
+BRIGHTER = 0.2  # spread (log) of a channel's random gain
+CERTAIN = 1e-4  # a prediction is held this far from 0 and 1: their logarithms count
+
+Taught = tuple[Float[Tensor, "3 s s"], Bool[Tensor, "h w"]]  # a squeezed photo, and where it is static
+
+
+@click.command(cls=Told)
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--steps", default=6000, show_default=True)
+@click.option("--seeds", default=3, show_default=True)
+def main(scene: Path, steps: int, seeds: int) -> None:
+    """Teach the mask network with the true masks of SCENE, and measure it on its held-out photos."""
+    collection = load_collection(scene)
+    train, test = (known(collection, split) for split in ("train", "test"))
+    if not train or not test:
+        raise BadInput(f"{scene} knows no masks of training and held-out photos.", "Use one that samples/make_plaza.py made.")
+    with Terminal() as terminal, one_torch_thread():
+        found = torch.tensor([found_of(taught(train, steps, seed, terminal), test) for seed in range(seeds)])
+    click.echo(f"{len(train)} training photos, {len(test)} held out: mask IoU {found.mean():.2f} ± {found.std(correction=0):.2f}")
+
+
+def known(collection: Collection, split: str) -> list[Taught]:
+    """The photos of a split whose truth is known."""
+    pairs = []
+    for photo in collection.split(split):
+        static = load_truth(collection.root, photo.name, photo.camera.width, photo.camera.height).static
+        if static is not None:
+            picture = torch.from_numpy(photos.read(photo.path)).permute(2, 0, 1).float() / 255
+            pairs.append((shrink(picture, Settings().encoder_side_px), static))
+    return pairs
+
+
+def taught(train: list[Taught], steps: int, seed: int, terminal: Terminal) -> PlainMask:
+    """The mask network after `steps` photos and their true masks."""
+    torch.manual_seed(seed)
+    network = PlainMask()
+    optimizer = torch.optim.Adam(network.parameters(), RATE)
+    schedule = torch.optim.lr_scheduler.ExponentialLR(optimizer, DECAY ** (1 / steps))
+    for step in range(steps):
+        picture, static = train[int(torch.randint(len(train), ()))]
+        picture = (picture * torch.exp(BRIGHTER * torch.randn(3, 1, 1))).clamp(max=1)
+        mirrored = bool(torch.rand(()) < 0.5)
+        mask = network(picture.flip(-1) if mirrored else picture).clamp(CERTAIN, 1 - CERTAIN)
+        truth = F.interpolate(static[None, None].float(), size=mask.shape[1:], mode="area")[0]
+        optimizer.zero_grad()
+        F.binary_cross_entropy(mask, truth.flip(-1) if mirrored else truth).backward()
+        optimizer.step()
+        schedule.step()
+        terminal.progress(f"Seed {seed}", step + 1, steps)
+    return network
+
+
+@torch.no_grad()
+def found_of(network: PlainMask, test: list[Taught]) -> float:
+    """The mean mask IoU of photos."""
+    overlaps = [mask_iou(network(picture)[0], static) for picture, static in test]
+    return sum(overlaps) / len(overlaps)
+
+
+if __name__ == "__main__":
+    main()

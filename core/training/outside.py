@@ -18,7 +18,7 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
 
     Else the tone is what turns the mean of the training views in the neutral look into the photo, and as much of it is taken off the photo
     as brings the embedding within reach: a small share of it, the same power of its gains, for a photo that is only
-    just beyond. What does not come within reach by all of it is moved there.
+    just beyond. What does not come within reach by any share takes the one that brings it nearest, and is moved there.
     """
     model = trained.model
     embedding = model.embedding_from_outside(picture)
@@ -29,7 +29,8 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     tones = [whole ** (share / SHARES) for share in range(1, SHARES + 1)]
     embeddings = [model.embedding_from_outside(taken_off(picture, tone, brought)) for tone in tones]
     reaches = [model.reach(embedding) for embedding in embeddings]
-    chosen = next((index for index, reach in enumerate(reaches) if reach <= 1), reaches.index(min(reaches)))
+    nearest = min(range(SHARES), key=lambda share: (reaches[share], -share))  # all of it for a black photo, whatever is taken off
+    chosen = next((share for share in range(SHARES) if reaches[share] <= 1), nearest)
     return model.within_reach(embeddings[chosen]), tones[chosen]
 
 

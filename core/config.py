@@ -82,7 +82,11 @@ class Settings:
         choices=(AUTO, "off", "exposure", "full"),
     )
     transients: str = setting(AUTO, "Whether passers-by are masked; auto asks the photos.", choices=(AUTO, "off", "on"))
-    sky: str = setting("dome", "What stands behind everything: a far dome of Gaussians, or nothing (black).", choices=("none", "dome"))
+    sky: str = setting(
+        AUTO,
+        "What stands behind everything: a far dome of Gaussians, or nothing. auto: nothing where a Blender scene is transparent.",
+        choices=(AUTO, "none", "dome"),
+    )
     embedding: str = setting("encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo"))
     mask: str = setting(
         "attention",
@@ -236,7 +240,7 @@ def check(item, value: Any) -> None:
 # later. Without, there is nothing to wait for: as in plain 3DGS.
 SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 SCHEDULE_WITHOUT = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
-DECIDED = ("appearance", "transients", "sh_degree", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
+DECIDED = ("appearance", "transients", "sh_degree", "sky", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
 
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {

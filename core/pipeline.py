@@ -238,7 +238,7 @@ def interpolate(
             appearance = blend(*ends, step / (steps - 1))
             if ply:
                 write_look(trained, appearance, work / f"step_{step:03d}.ply", report, trim)
-            frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera).image))
+            frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(frames))
@@ -266,7 +266,7 @@ def evaluate(
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
-    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {len(photos)} held-out photos, protocol {protocol}")
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {len(photos)} held-out photos, protocol {protocol}{', over white' * trained.is_cut_out}")
     subject = subject_of(trained)
     distance = lpips.load()
     if distance is None:
@@ -301,6 +301,7 @@ def evaluate(
         steps=trained.step,
         training_seconds=trained.seconds,
         evaluation_seconds=time.perf_counter() - start,
+        over_white=trained.is_cut_out,
     )
     results.save(trained.folder)
     notes = [", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views]
@@ -316,7 +317,7 @@ def evaluate(
 
 def subject_of(trained: Run) -> TrainedScene:
     """The run as what the protocols measure."""
-    return TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer)
+    return TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer, trained.backdrop)
 
 
 def held_out_view(trained: Run, photo: Photo) -> View:

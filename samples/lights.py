@@ -87,7 +87,7 @@ def sheet(trained: Run, styles: tuple[str, ...], photo: Photo) -> list[list[np.n
 def rendered(trained: Run, appearance, photo: Photo) -> np.ndarray:
     """A look from the camera of a photo, 8 bit."""
     rasterizer = trained.rasterizer
-    return to_8_bit(rasterizer.render(bake(trained, appearance), trained.camera(photo)).image)
+    return to_8_bit(rasterizer.render(bake(trained, appearance), trained.camera(photo), trained.backdrop).image)
 
 
 def tile(picture: np.ndarray, height: int) -> np.ndarray:

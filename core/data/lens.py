@@ -96,8 +96,10 @@ def undistort(pixels: np.ndarray, lens: dict, camera: Camera) -> tuple[np.ndarra
         # Far outside, remap's fixed-point coordinates would overflow.
         source = np.clip(np.nan_to_num(source - 0.5), -2, max(width, height) + 2).astype(np.float32)
         block = slice(top, top + x.shape[0])
-        found = cv2.remap(pixels, source.reshape(*x.shape, 2), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        picture[block] = found.reshape(picture[block].shape)
+        source = source.reshape(*x.shape, 2)
+        fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))  # channels that OpenCV takes at once
+        found = [cv2.remap(four, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE) for four in fours]
+        picture[block] = np.dstack(found)
         valid[block] = inside.reshape(x.shape)
     return picture, valid
 

@@ -21,10 +21,14 @@ FILL = 128  # what a JPEG decoder paints where the data ran out
 
 @dataclass(frozen=True)
 class Picture:
-    """pixels: (h, w, 3) uint8 RGB. valid: (h, w) bool, False where the photo shows nothing; None where all is valid."""
+    """pixels: (h, w, 3) uint8 RGB. valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
+
+    empty: (h, w) uint8, the white in the pixels that stands for empty space, 255 for nothing else; None where there is none.
+    """
 
     pixels: np.ndarray
     valid: np.ndarray | None
+    empty: np.ndarray | None = None
 
 
 def read(path: Path) -> np.ndarray:
@@ -51,16 +55,18 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     return pixels if use.all() else _filled(pixels, use, path, mask)
 
 
-def load(photo: Photo, width: int, height: int) -> Picture:
+def load(photo: Photo, width: int, height: int, cut_out: bool = False) -> Picture:
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that
     the lens did not see, those with any transparency, and those that the photo's mask hides; the last show the colours
-    around them. Raises BadInput like `read`.
+    around them. cut_out: what is transparent is empty, and valid. Raises BadInput like `read`.
     """
     header, pixels, alpha = _read_file(Path(photo.path), (width, height))
     pixels = _on_white(pixels, alpha)
-    valid = None if alpha is None else alpha == 255
+    valid = None if alpha is None or cut_out else alpha == 255
+    if cut_out and alpha is not None and (alpha < 255).any():
+        pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
         shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
         use = _as_stored(_read_mask(photo.mask, shown), header.orientation)
@@ -71,11 +77,13 @@ def load(photo: Photo, width: int, height: int) -> Picture:
     else:
         pixels, valid = _undistort(pixels, valid, photo, header, (width, height))
     pixels, valid = _resize(pixels, width, height), _resize_valid(valid, width, height)
+    empty = pixels[..., 3] if pixels.shape[2] == 4 else None
+    pixels = np.ascontiguousarray(pixels[..., :3])
     if photo.mask is not None and valid is not None:
         pixels = _filled(pixels, valid, photo.path, photo.mask)
     elif valid is not None and not valid.any():
         raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
-    return Picture(pixels, valid)
+    return Picture(pixels, valid, empty)
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
@@ -168,6 +176,7 @@ def _undistort(
     pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
+    channels = pixels.shape[2]
     if valid is not None:
         pixels = np.dstack([pixels, valid * np.uint8(255)])
     most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if header.orientation >= 5 else wanted))
@@ -180,8 +189,8 @@ def _undistort(
         width, height = height, width
     found, seen = lenses.undistort(pixels, photo.lens, photo.camera.resized(width, height))
     if valid is not None:
-        seen &= found[..., 3] == 255
-    return found[..., :3], seen
+        seen &= found[..., channels] == 255
+    return found[..., :channels], seen
 
 
 def _resize(pixels: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -29,7 +29,8 @@ class Results:
     """What a table may quote, with everything that decides whether two tables may be compared.
 
     scale: width of the pictures measured / width of the photos on disk. lpips_backbone: a key of lpips.TRUNKS, or None
-    where its weights are absent. training_seconds, evaluation_seconds: wall clock.
+    where its weights are absent. training_seconds, evaluation_seconds: wall clock. over_white: photos and renders were laid on
+    white, so that transparent pixels count; else they do not.
     """
 
     protocol: str
@@ -42,6 +43,7 @@ class Results:
     steps: int
     training_seconds: float
     evaluation_seconds: float
+    over_white: bool = False
 
     def means(self) -> dict[str, dict[str, dict[str, float | None]]]:
         """Means over the photos: [photo | clean | clean_right][zero_shot | refined][psnr | ssim | lpips].
@@ -86,6 +88,7 @@ class Results:
             "photos": {"train": self.train_photos, "test": self.test_photos, "measured": len(self.views)},
             "scale": self.scale,
             "quantisation": "8 bit",
+            "transparent_pixels": "over white" if self.over_white else "not scored",
             "ssim": SSIM_KIND,
             "lpips": self.lpips_backbone or f"absent: {lpips.ABSENT}",
             "seed": self.seed,

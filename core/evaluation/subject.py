@@ -29,12 +29,16 @@ class Subject(Protocol):
 
 @dataclass(frozen=True)
 class TrainedScene:
-    """Gaussians and their appearance model as a Subject. splats: base SH, scene frame. latents: theirs, if any."""
+    """Gaussians and their appearance model as a Subject.
+
+    splats: base SH, scene frame. latents: theirs, if any. backdrop: the colour that renders are drawn over.
+    """
 
     splats: Splats
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
     rasterizer: Rasterizer
+    backdrop: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @torch.no_grad()
     def embed(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
@@ -50,4 +54,4 @@ class TrainedScene:
         seen = self.splats[visible.rows].detached()
         latents = None if self.latents is None else self.latents[visible.rows].detach()
         sh, _ = self.model.transfer(seen.sh, seen.means, embedding, latents)
-        return self.rasterizer.render(seen.with_sh(sh), camera, pairs=visible.pairs).image
+        return self.rasterizer.render(seen.with_sh(sh), camera, self.backdrop, pairs=visible.pairs).image

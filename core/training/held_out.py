@@ -7,20 +7,26 @@ import torch
 
 from core.appearance.model import AppearanceModel
 from core.rasterizer import Rasterizer
+from core.training.backdrop import Colour
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric
 from core.training.pictures import Pictures, shown_on
 
 
 @torch.no_grad()
-def quality(pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer) -> tuple[float, float] | tuple[None, None]:
-    """Mean PSNR (dB) and SSIM (the loss's) of the pictures where these are valid, each in its whole photo's look; None of none."""
+def quality(
+    pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, behind: Colour
+) -> tuple[float, float] | tuple[None, None]:
+    """Mean PSNR (dB) and SSIM (the loss's) of the pictures where these are valid, each in its whole photo's look; None of none.
+
+    behind: what renders are drawn over.
+    """
     decibels, similarities = [], []
     for index in range(len(pictures)):
         picture = pictures[index]
         look = model.look(picture.encoder_input)
         splats = model.bake(gaussians.splats, look.embedding, gaussians.latents)
-        image = rasterizer.render(splats, picture.camera).image.clamp(0, 1)
+        image = rasterizer.render(splats, picture.camera, behind).image.clamp(0, 1)
         photo, valid = shown_on(image.device, picture.pixels, picture.valid)
         errors = (image - photo) ** 2
         decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))

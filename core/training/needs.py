@@ -44,7 +44,8 @@ def decide(
 
     points: SfM points (P, 3), scene frame. pictures: the training photos, decoded at training size.
     """
-    settings = settings.decided(**sizes(pictures))
+    sky = "dome" if all(picture.empty is None for picture in pictures) else "none"
+    settings = settings.decided(**sizes(pictures), sky=sky)
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
         return settings.decided(), ()

@@ -16,6 +16,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from core.device import CPU, sent
 from core.errors import BadInput
 
 WINDOW = 11  # px
@@ -43,25 +44,47 @@ class Target:
     """A photo as the loss sees it, with what is constant of it computed once.
 
     picture: (H, W, 3) in [0, 1]. valid: (H, W), False where the photo shows nothing (the rim of an undistorted photo).
-    Raises BadInput for a photo without a valid pixel.
+    empty: (H, W) in [0, 1], the share of white in the picture that stands for what lies behind; the target is over black until
+    `over` is asked for. Raises BadInput for a photo without a valid pixel.
 
     planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
-    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. valid_pixels: V. Everything has the
-    dtype and the device of `picture`.
+    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. behind: None, or of `empty` as a plane the
+    padded one, and the windowed means of it, of its square and of its product with planes. valid_pixels: V. Everything has
+    the dtype and the device of `picture`.
     """
 
-    def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None):
+    def __init__(
+        self,
+        picture: Float[Tensor, "h w 3"],
+        valid: Bool[Tensor, "h w"] | None = None,
+        empty: Float[Tensor, "h w"] | None = None,
+    ):
         self.valid = None if valid is None or bool(valid.all()) else valid
+        self.behind = None
+        if empty is not None:
+            picture = (picture - empty[..., None]).clamp(min=0)  # both are rounded to 8 bits
         self._show(planes_of(picture, self.valid))
+        if empty is not None:
+            plane = planes_of(empty[..., None], self.valid)
+            padded = F.pad(plane, (0, 0, RADIUS, RADIUS))
+            self.behind = padded, blur(plane), blur(plane**2), blur(plane * self.planes)
         self.valid_pixels = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
 
     def _show(self, planes: Float[Tensor, "3 h w"]) -> None:
         self.padded = F.pad(planes, (0, 0, RADIUS, RADIUS))
-        self.planes = self.padded[:, RADIUS:-RADIUS]
         self.mean = blur(self.planes)
         self.mean_square = blur(self.planes**2)
+
+    @property
+    def planes(self) -> Float[Tensor, "3 h w"]:
+        return self.padded[:, RADIUS:-RADIUS]
+
+    @property
+    def nbytes(self) -> int:
+        """What it takes of memory."""
+        return sum(tensor.nbytes for tensor in (self.padded, self.mean, self.mean_square, *(self.behind or ())))
 
     def masked(self, mask: Float[Tensor, "h w"]) -> "Target":
         """The photo times a mask, the same pixels valid."""
@@ -74,8 +97,21 @@ class Target:
         other = copy(self)
         gain = gain.to(self.planes)[:, None, None]
         other.padded = self.padded * gain
-        other.planes = other.padded[:, RADIUS:-RADIUS]
         other.mean, other.mean_square = self.mean * gain, self.mean_square * gain**2
+        if self.behind is not None:
+            other.behind = *self.behind[:3], self.behind[3] * gain
+        return other
+
+    def over(self, background: tuple[float, float, float]) -> "Target":
+        """The photo over a colour, which shows where it is empty; its statistics follow without another blur."""
+        if self.behind is None:
+            return self
+        other = copy(self)
+        colour = sent(self.padded.new_tensor(background, device=CPU), self.padded.device)[:, None, None]
+        padded, mean, mean_square, mean_product = self.behind
+        other.padded = self.padded + colour * padded
+        other.mean = self.mean + colour * mean
+        other.mean_square = self.mean_square + 2 * colour * mean_product + colour**2 * mean_square
         return other
 
 

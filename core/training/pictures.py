@@ -58,27 +58,38 @@ def auto_factor(photos: tuple[Photo, ...], device: str) -> float:
 
 @dataclass(frozen=True)
 class Picture:
-    """A decoded photo. pixels: (H, W, 3) uint8. valid: (H, W) bool or None. camera: at this size. encoder_input: (3, h, w)."""
+    """A decoded photo. pixels: (H, W, 3) uint8. valid: (H, W) bool or None. camera: at this size. encoder_input: (3, h, w).
+
+    empty: (H, W) uint8 or None, as core.data.photos has it.
+    """
 
     photo: Photo
     pixels: np.ndarray
     valid: np.ndarray | None
     camera: Camera
     encoder_input: Tensor
+    empty: np.ndarray | None = None
+
+    @property
+    def opaque(self) -> np.ndarray | None:
+        """(H, W) bool, where the pixels show nothing but the scene; None where all do."""
+        if self.empty is None:
+            return self.valid
+        return (self.empty == 0) & (True if self.valid is None else self.valid)
 
 
 def load_picture(
-    photo: Photo, resolution: int, factor: float, encoder_side_px: int, device: torch.device = CPU
+    photo: Photo, resolution: int, factor: float, encoder_side_px: int, device: torch.device = CPU, cut_out: bool = False
 ) -> Picture:
     """Decode a photo at the size that `training_size` gives it; BadInput if it is missing or damaged.
 
-    device: of the encoder's input; the pixels stay in the machine's own memory.
+    device: of the encoder's input; the pixels stay in the machine's own memory. cut_out: what is transparent is empty.
     """
     width, height = training_size(photo, resolution, factor)
-    loaded = files.load(photo, width, height)
+    loaded = files.load(photo, width, height, cut_out)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
     camera = photo.camera.resized(width, height)
-    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, encoder_side_px).to(device))
+    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, encoder_side_px).to(device), loaded.empty)
 
 
 def shown_on(
@@ -92,7 +103,7 @@ class Pictures:
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
     notes: a line that names the photos left out because their damage shows only now that they are decoded. device: of the
-    encoder's inputs and the targets.
+    encoder's inputs and the targets. cut_out: what is transparent is empty.
     """
 
     def __init__(
@@ -102,13 +113,14 @@ class Pictures:
         factor: float,
         encoder_side_px: int,
         device: torch.device = CPU,
+        cut_out: bool = False,
     ):
         self.device = device
         self.pictures: list[Picture] = []
         damaged = []
         for photo in photos:
             try:
-                self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px, device))
+                self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px, device, cut_out))
             except BadInput as problem:
                 damaged.append(named_with_fault(photo.name, photo.path, problem))
         self.notes = name_them("damaged, not used", damaged) + _doubtful_masks(self.pictures)
@@ -128,18 +140,19 @@ class Pictures:
         width, height = max(1, picture.camera.width // factor), max(1, picture.camera.height // factor)
         key = (index, factor)
         if key not in self._targets:
-            pixels, valid = picture.pixels, picture.valid
+            pixels, valid, empty = picture.pixels, picture.valid, picture.empty
             if factor > 1:
                 pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
                 if valid is not None:
                     cover = cv2.resize(valid.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
                     valid = cover > min(0.5, cover.max() / 2)  # where nothing is covered by half, what is covered most
-            self._targets[key] = Target(*shown_on(self.device, pixels, valid))
-            self._bytes += _bytes(width, height)
+                if empty is not None:
+                    empty = cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA)
+            shown = shown_on(self.device, pixels, valid)
+            self._targets[key] = Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
+            self._bytes += self._targets[key].nbytes
             while self._bytes > self._most_bytes and len(self._targets) > 1:
-                (old, old_factor), _ = self._targets.popitem(last=False)
-                camera = self.pictures[old].camera
-                self._bytes -= _bytes(camera.width // old_factor, camera.height // old_factor)
+                self._bytes -= self._targets.popitem(last=False)[1].nbytes
         return picture.camera.resized(width, height), self._targets[key]
 
 
@@ -157,7 +170,3 @@ def _most_bytes(device: torch.device) -> float:
         return TARGET_SHARE * torch.cuda.get_device_properties(device).total_memory
     allowed = memory.limit()
     return TARGET_BYTES if allowed is None else min(TARGET_BYTES, TARGET_SHARE * allowed)
-
-
-def _bytes(width: int, height: int) -> int:
-    return 3 * 3 * 4 * max(1, width) * max(1, height)  # three float32 maps of three channels

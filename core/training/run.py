@@ -26,6 +26,7 @@ from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import MAX_DEGREE
 from core.training import checkpoint
+from core.training.backdrop import is_cut_out
 from core.training.needs import Decision
 
 HISTORY = "history.csv"
@@ -120,7 +121,7 @@ def create(folder: Path, collection: Collection, settings: Settings, decisions: 
         world = collection.frame.for_files().to_world(collection.points)
         write_points(folder / "input.ply", world, collection.point_colours)
         write_json(folder / "cameras.json", _cameras_json(collection))
-        write_text(folder / "cfg_args", _cfg_args(folder, collection))
+        write_text(folder / "cfg_args", _cfg_args(folder, collection, is_cut_out(collection, settings)))
         write_config(folder, collection, settings, decisions)
     except BaseException:
         _clear(folder)
@@ -263,7 +264,7 @@ def _cameras_json(collection: Collection) -> list[dict]:
     return entries
 
 
-def _cfg_args(folder: Path, collection: Collection) -> str:
+def _cfg_args(folder: Path, collection: Collection, on_white: bool) -> str:
     """The printed argparse.Namespace from which the original's viewer takes the source folder and the SH degree."""
     fields = {
         "sh_degree": MAX_DEGREE,  # of the file, not of the run: the viewer derives from it how long a row is
@@ -271,7 +272,7 @@ def _cfg_args(folder: Path, collection: Collection) -> str:
         "model_path": str(folder.resolve()),
         "images": "images",
         "resolution": -1,
-        "white_background": False,
+        "white_background": on_white,
         "data_device": "cpu",
         "eval": bool(collection.split("test")),
     }

@@ -128,9 +128,9 @@ def _in_picture(number: int, picture: Picture, positions, rays, matched, degrees
     blurred = cv2.GaussianBlur(picture.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)
     x, y = (pixels[rows] - 0.5).astype(np.float32).T[:, None]
     colours = cv2.remap(blurred, x, y, cv2.INTER_LINEAR).reshape(-1, 3) if len(rows) else np.zeros((0, 3), np.float32)
-    if picture.valid is not None:
+    if (opaque := picture.opaque) is not None:
         column, line = pixels[rows].astype(np.int64).T
-        shown = picture.valid[line, column]
+        shown = opaque[line, column]
         rows, colours = rows[shown], colours[shown]
     photo = np.full(len(rows), number)
     return photo, rows, pixels[rows] / diagonal, colours.astype(np.float64), rays[rows], matched[rows], degrees[rows]

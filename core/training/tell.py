@@ -25,6 +25,8 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
     report.say(f"Training {settings.steps} steps{on_gpu} at {spread} px, at most {settings.max_gaussians} Gaussians")
+    if trainer.is_cut_out:
+        report.say("Transparent pixels are learnt as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")
     looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}

@@ -17,7 +17,8 @@ from core.errors import BadInput
 from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training import checkpoint, run
+from core.training import backdrop, checkpoint, run
+from core.training.backdrop import Colour
 from core.training.gaussians import Gaussians
 from core.training.pictures import Picture, auto_factor, load_picture, training_size
 
@@ -49,11 +50,21 @@ class Run:
         root = self.collection.root
         if not root.is_dir():
             raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
-        return load_picture(photo, self.settings.resolution, self._factor, self.settings.encoder_side_px, self.device)
+        return load_picture(photo, self.settings.resolution, self._factor, self.settings.encoder_side_px, self.device, self.is_cut_out)
 
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo of the collection at the size it was trained at; the photo itself is not needed."""
         return photo.camera.resized(*training_size(photo, self.settings.resolution, self._factor))
+
+    @property
+    def is_cut_out(self) -> bool:
+        """Whether what is transparent in photos was learnt as empty space."""
+        return backdrop.is_cut_out(self.collection, self.settings)
+
+    @property
+    def backdrop(self) -> Colour:
+        """What its pictures are shown and measured over."""
+        return backdrop.of_figures(self.is_cut_out)
 
     @property
     def device(self) -> torch.device:

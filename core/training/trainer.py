@@ -23,7 +23,8 @@ from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
-from core.training import checkpoint, densify, guards, held_out, losses, needs, networks, schedule, strangers
+from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule, strangers
+from core.training.backdrop import Colour, is_cut_out
 from core.training.drawn import Drawn
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
@@ -71,15 +72,14 @@ class Trainer:
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         factor = auto_factor(collection.photos, self.device.type)
         size = settings.resolution, factor, settings.encoder_side_px, self.device
-        self.pictures = Pictures(collection.split("train"), *size)
+        self.pictures = Pictures(collection.split("train"), *size, is_cut_out(collection, settings))
         if not len(self.pictures):
             what = f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = needs.decide(settings, collection.points, self.pictures.pictures)
-        self.settings = settings
-        self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size)
-        names = [picture.photo.name for picture in self.pictures.pictures]
-        self.model = AppearanceModel(settings, names).to(self.device)
+        self.settings, self.is_cut_out = settings, is_cut_out(collection, settings)
+        self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size, self.is_cut_out)
+        self.model = AppearanceModel(settings, [picture.photo.name for picture in self.pictures.pictures]).to(self.device)
         if self.model.encoder is not None:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
         self.optimizer = networks.optimizer_of(self.model, settings)
@@ -165,8 +165,8 @@ class Trainer:
         """The way there. The encoder is at work beside the projection, and L_regSH beside the rasterizer."""
         settings = self.settings
         camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
-        gain = draw_gain(settings, self.generator)
-        looking = beside(lambda: self._look(index, photo, gain))
+        gain, behind = draw_gain(settings, self.generator), backdrop.of_step(self.is_cut_out, self.generator)
+        looking = beside(lambda: self._look(index, photo, gain, behind))
         visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
         leaves = self.gaussians.leaves(visible.rows)
         gauge_loss = self._gauge() if settings.gauge else self.nothing
@@ -176,7 +176,7 @@ class Trainer:
         regularising = beside(lambda: self._residual_loss(residual))
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=self.device)
-        image = self.rasterizer.render(seen, camera, probe=probe, pairs=visible.pairs).image
+        image = self.rasterizer.render(seen, camera, behind, probe, visible.pairs).image
         return Drawn(camera, target, look, embedding, visible, leaves, seen, probe, image, residual, regularising, gauge_loss)
 
     def _learn(self, drawn: Drawn, usual: float, progress: float) -> OnTheWay:
@@ -212,9 +212,9 @@ class Trainer:
             camera, _ = self.pictures.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
-    def _look(self, index: int, target: Target, gain: Tensor | None) -> tuple[Look, Target]:
+    def _look(self, index: int, target: Target, gain: Tensor | None, behind: Colour) -> tuple[Look, Target]:
         shown, target = jittered(self.pictures[index].encoder_input, target, gain)
-        return self.model.look(shown, index), target
+        return self.model.look(shown, index), target.over(behind)
 
     def _picture_loss(self, drawn: Drawn, progress: float) -> Tensor:
         settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
@@ -323,7 +323,7 @@ class Trainer:
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""
-        return held_out.quality(self.held_out, self.gaussians, self.model, self.rasterizer)
+        return held_out.quality(self.held_out, self.gaussians, self.model, self.rasterizer, backdrop.of_figures(self.is_cut_out))
 
     def save(self) -> Path:
         """Write a checkpoint that `resume` continues from bit for bit."""

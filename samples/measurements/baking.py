@@ -23,7 +23,7 @@ def measure_bake(scale: float) -> dict:
     """A scene in one look, and its .ply. The products are of blocks that stay in cache, into memory that is there."""
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
-    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST)
+    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)
     model, latents = AppearanceModel(settings, ()), torch.randn(count, settings.latent_size)
     hidden, output = (layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer))
     weights = [hidden.learned_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]

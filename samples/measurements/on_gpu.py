@@ -79,7 +79,7 @@ def measure_picture(place: Place, scale: float) -> Iterable[Line]:
 def measure_baked(place: Place, scale: float) -> Iterable[Line]:
     """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
     (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
-    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, **LEAST)
+    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)
     model = AppearanceModel(settings, ()).to(place.device)
     latents = torch.zeros(len(scene), settings.latent_size, device=place.device)
     with tempfile.TemporaryDirectory() as folder:

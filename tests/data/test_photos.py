@@ -2,6 +2,7 @@
 
 import base64
 import zlib
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -93,6 +94,46 @@ def test_opaque_alpha_leaves_all_pixels_valid(tmp_path):
     pixels = noise(channels=4)
     pixels[..., 3] = 255
     assert load(photo_at(save(tmp_path / "a.png", pixels), 44, 30), 44, 30).valid is None
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_what_is_cut_out_is_the_photo_over_white_and_how_empty_it_is(tmp_path, orientation):
+    pixels = noise(channels=4)
+    pixels[..., 3] //= 2  # nothing is opaque, and all of it counts
+    path = save(tmp_path / "a.png", pixels)
+    add_exif(path, exif_block(orientation))
+    shown = upright(pixels, orientation).astype(np.float64)
+    height, width = shown.shape[0] // 2, shown.shape[1] // 2
+    picture = load(photo_at(path, 2 * width, 2 * height), width, height, cut_out=True)
+    assert picture.valid is None
+    for colour in (0, 100, 255):
+        over = shown[..., 2::-1] * shown[..., 3:] / 255 + colour * (1 - shown[..., 3:] / 255)
+        over = over.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
+        found = picture.pixels - picture.empty[..., None] * (1 - colour / 255)
+        assert np.abs(found - over).max() <= 1.5  # rounded before and after it is shrunk, as is what is empty after
+
+
+def test_opaque_photos_have_nothing_empty(tmp_path):
+    pixels = noise(channels=4)
+    pixels[..., 3] = 255
+    for path in (save(tmp_path / "a.png", pixels), save(tmp_path / "b.png", pixels[..., :3])):
+        picture = load(photo_at(path, 44, 30), 44, 30, cut_out=True)
+        assert picture.empty is None and picture.pixels.shape == (30, 44, 3)
+
+
+def test_emptiness_goes_through_lens_and_mask_as_colours_do(tmp_path):
+    pixels = cv2.GaussianBlur(noise(60, 88, 4), (0, 0), 3)
+    grey = np.dstack([255 - pixels[..., 3]] * 3)
+    mask = np.full((60, 88), 255, np.uint8)
+    mask[:, :20] = 0
+    lens = {"model": "SIMPLE_RADIAL", "width": 88, "height": 60, "params": [50.0, 44.0, 30.0, 0.2]}
+    loaded = []
+    for name, kept in (("a.png", pixels), ("b.png", grey)):
+        photo = replace(photo_at(save(tmp_path / name, kept), 88, 60, lens), mask=save(tmp_path / "mask.png", mask))
+        loaded.append(load(photo, 44, 30, cut_out=True))
+    cut_out, opaque = loaded
+    assert 0.3 < opaque.valid.mean() < 0.9 and np.array_equal(cut_out.valid, opaque.valid)
+    assert np.array_equal(cut_out.empty[opaque.valid], opaque.pixels[opaque.valid][:, 0])
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])

@@ -9,6 +9,7 @@ import core.rasterizer
 from core import device
 from core.training import checkpoint, pictures
 from core.training.gaussians import Gaussians
+from core.training.photometric import Target
 from core.training.schedule import COARSEST
 from core.training.trainer import TRANSIENT_EVERY, Trainer
 from tests.elsewhere import DEVICE, elsewhere, kernels, watched
@@ -75,6 +76,15 @@ def test_a_step_of_no_use_is_refused_by_the_gpu_itself(trainer, monkeypatch):
         assert torch.equal(tensor, state[name].cpu()), name
     monkeypatch.setattr(trainer, "_picture_loss", honest)
     assert trainer.step().messages == ()
+
+
+def test_a_photo_is_laid_over_a_colour_without_waiting():
+    with elsewhere(), watched() as work:
+        picture = torch.rand(12, 12, 3)
+        target = Target(picture.to(DEVICE), empty=picture.amin(dim=2).to(DEVICE))
+        before = len(work.waits)
+        target.over((0.2, 0.9, 0.5))
+        assert len(work.waits) == before > 0
 
 
 def test_what_waits_is_seen():

@@ -113,7 +113,7 @@ def test_what_is_given_is_not_decided(tmp_path, monkeypatch):
 
 def test_steps_and_gaussians_follow_photos_and_pixels_unless_given():
     def sizes(photos, width, **given):
-        pictures = [SimpleNamespace(camera=SimpleNamespace(width=width, height=100))] * photos
+        pictures = [SimpleNamespace(camera=SimpleNamespace(width=width, height=100), empty=None)] * photos
         settings = Settings(appearance="off", transients="off", sh_degree=0).changed(**given)
         decided, _ = needs.decide(settings, None, pictures)
         return decided.steps, decided.max_gaussians

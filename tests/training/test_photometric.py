@@ -173,6 +173,19 @@ def test_the_window_sums_to_one_away_from_the_rim():
     torch.testing.assert_close(inside, torch.ones_like(inside), rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("masked", [False, True], ids=["whole", "invalid-pixels"])
+def test_a_photo_over_a_colour_is_the_photo_composed_with_it(masked):
+    _, colours, empty, valid = example(30, 24, masked=masked)
+    colour, gain = (0.2, 0.9, 0.5), torch.tensor([0.5, 1.2, 1.0])
+    black = colours * (1 - empty[..., None])
+    target = Target(black + empty[..., None], valid, empty)
+    composed = Target(black * gain + empty[..., None] * torch.tensor(colour), valid)
+    over = target.brightened(gain).over(colour)
+    for name in ("planes", "padded", "mean", "mean_square"):
+        torch.testing.assert_close(getattr(over, name), getattr(composed, name), rtol=0, atol=1e-6)  # float32 of numbers up to 1.4
+    torch.testing.assert_close(target.planes, Target(black, valid).planes, rtol=0, atol=1e-6)
+
+
 def test_a_photo_without_valid_pixels_is_refused():
     with pytest.raises(BadInput, match="no valid pixel"):
         Target(torch.zeros(4, 4, 3), torch.zeros(4, 4, dtype=torch.bool))

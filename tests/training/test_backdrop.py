@@ -1,0 +1,140 @@
+"""Where a Blender scene is transparent it is learnt as empty and scored over white; elsewhere nobody knows what is transparent."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from core import pipeline
+from core.config import Settings
+from core.data import load_collection
+from core.evaluation.metrics import psnr, quantised
+from core.training import backdrop, checkpoint, run
+from core.training.trainer import Trainer
+from tests.heard import Heard
+from tests.small import small_collection, small_settings
+from tests.training.cut_out_scene import write_cut_out
+
+PLAIN = {"appearance": "off", "transients": "off", "sh_degree": 0, "device": "cpu"}
+SMALL = {**PLAIN, "steps": 100, "max_gaussians": 2000, "densify_rounds": 4, "checkpoints": 1}
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return write_cut_out(tmp_path_factory.mktemp("scene"))
+
+
+def trained(scene, folder, **changes) -> Trainer:
+    folder.mkdir()
+    trainer = Trainer(load_collection(scene), Settings(**SMALL | changes), folder)
+    for _ in trainer.train():
+        pass
+    return trainer
+
+
+def rgba(photo) -> np.ndarray:
+    return cv2.imread(str(photo.path), cv2.IMREAD_UNCHANGED)[..., [2, 1, 0, 3]] / 255
+
+
+# --- what is learnt
+
+
+def shines_through(trainer: Trainer) -> float:
+    """Mean transmittance where held-out photos are wholly transparent."""
+    shares = []
+    for photo in trainer.collection.split("test"):
+        left = trainer.rasterizer.render(trainer.gaussians.splats.detached(), photo.camera).transmittance
+        shares.append(left.numpy()[rgba(photo)[..., 3] == 0])
+    return float(np.concatenate(shares).mean())
+
+
+def test_the_space_around_the_object_becomes_empty(scene, tmp_path, monkeypatch):
+    """0.84 of the light pass at the start, because of points where nothing is."""
+    assert shines_through(trained(scene, tmp_path / "empty")) > 0.95  # 0.98
+    monkeypatch.setattr(backdrop, "CUT_OUT", ())
+    assert shines_through(trained(scene, tmp_path / "unseen", sky="none")) < 0.85  # 0.77: what is not seen is not tidied
+
+
+def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(scene, tmp_path):
+    settings = Settings(**SMALL | {"steps": 22, "checkpoints": 2})
+    collection, trainers = load_collection(scene), []
+    for until in (22, 11):
+        trainers.append(Trainer(collection, settings, tmp_path))
+        while trainers[-1].done < until:
+            trainers[-1].step()
+    trainers[1].save()
+    resumed = Trainer(collection, settings, tmp_path)
+    resumed.resume(checkpoint.load(checkpoint.newest(tmp_path)))
+    for _ in range(11):
+        resumed.step()
+    for name, tensor in trainers[0].gaussians.tensors().items():
+        assert torch.equal(tensor, resumed.gaussians.tensors()[name]), name
+
+
+# --- which scenes
+
+
+def test_photos_of_other_kinds_show_nothing_where_they_are_transparent_and_nothing_is_drawn_for_them(scene, tmp_path):
+    collection = replace(load_collection(scene), kind="nerfstudio")
+    trainer = Trainer(collection, Settings(**SMALL), tmp_path)
+    assert trainer.settings.sky == "dome" and not trainer.is_cut_out
+    for picture in (*trainer.pictures.pictures, *trainer.held_out.pictures):
+        assert picture.empty is None and np.array_equal(picture.valid, rgba(picture.photo)[..., 3] == 1)
+    trainer.order = [0]
+    before = trainer.generator.get_state()
+    trainer.step()
+    assert torch.equal(trainer.generator.get_state(), before)
+
+
+def test_a_blender_scene_of_opaque_photos_has_a_sky(tmp_path):
+    photos = small_collection(tmp_path)
+    settings = small_settings().changed(sky="auto")
+    trainer = Trainer(replace(photos, kind="blender"), settings, tmp_path)
+    assert trainer.settings == small_settings() and not trainer.is_cut_out
+
+
+def test_a_dome_that_is_asked_for_stands_where_nobody_saw_anything(scene, tmp_path):
+    trainer = Trainer(load_collection(scene), Settings(**SMALL, sky="dome", sky_gaussians=60), tmp_path)
+    assert trainer.gaussians.sky == 60 and not trainer.is_cut_out
+    assert all(picture.empty is None and not picture.valid.all() for picture in trainer.pictures.pictures)
+
+
+# --- what is told, measured and shown
+
+
+@pytest.fixture(scope="module")
+def finished(scene, tmp_path_factory):
+    heard = Heard()
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    return pipeline.train(scene, Settings(**SMALL), folder, heard), heard
+
+
+def test_training_says_so_once_and_leaves_no_sky(finished):
+    folder, heard = finished
+    assert sum(line.startswith("Transparent pixels are learnt as empty space, without a sky") for line in heard.lines) == 1
+    assert pipeline.load_run(folder).sky == 0 and run.read_config(folder)[1].sky == "none"
+    assert "white_background=True" in (folder / "cfg_args").read_text()
+
+
+def test_figures_are_over_white_and_count_every_pixel(finished):
+    folder, heard = finished
+    results = pipeline.evaluate(folder, "full", heard, refine=False)
+    assert json.loads((folder / "results_full.json").read_text())["transparent_pixels"] == "over white"
+    assert any(line.endswith("4 held-out photos, protocol full, over white") for line in heard.lines)
+    live, decibels = pipeline.load_run(folder), []
+    for photo in live.collection.split("test"):
+        pixels = rgba(photo)
+        truth = pixels[..., :3] * pixels[..., 3:] + 1 - pixels[..., 3:]
+        image = live.rasterizer.render(live.splats, live.camera(photo), (1.0, 1.0, 1.0)).image
+        decibels.append(psnr(quantised(image), quantised(torch.from_numpy(truth))))
+    assert results.means()["photo"]["zero_shot"]["psnr"] == pytest.approx(np.mean(decibels), abs=1e-6)
+    last = (folder / "history.csv").read_text().splitlines()[-1].split(",")
+    assert float(last[-2]) == pytest.approx(np.mean(decibels), abs=0.01)  # of pictures that were not rounded to 8 bits
+
+
+def test_frames_are_over_white(finished, tmp_path):
+    output = pipeline.interpolate(finished[0], "neutral", "neutral", 2, tmp_path / "frames")
+    assert cv2.imread(str(output / "frame_000.png"))[:5, :5].min() > 230  # 251 after so few steps

@@ -103,12 +103,15 @@ def blockwise_mlp(
 ) -> Float[Tensor, "n out"]:
     """`plain_mlp` for float32 on the CPU, on core.threads.threads() threads; of the learned input the latents are the last columns.
 
-    Autograd goes back in the reverse order of creation. output_layer: makes the output layer when the hidden ones are
-    in the graph, so that what it is made of has its gradient before the way back through them begins.
+    output_layer: makes the output layer, first for its values alone, then in the graph, when the hidden ones are there: autograd goes
+    back in the reverse order of creation, so what it is made of has its gradient before the way back through them begins.
     """
-    taken = _Pass(learned, latents, means, octaves, bound)
-    entered = _ThroughHidden.apply(taken, learned, latents, *hidden_layers)
-    return _ThroughOutput.apply(taken, torch.is_grad_enabled(), [part.detach() for part in hidden_layers], entered, *output_layer())
+    inputs = _inputs_of(learned, latents, means, octaves, bound)
+    keeps = torch.is_grad_enabled()
+    with torch.no_grad():
+        evaluated = _evaluated(inputs, hidden_layers, output_layer(), NOTHING, keeps)
+    output = _ThroughHidden.apply(evaluated, learned, latents, *hidden_layers)
+    return _ThroughOutput.apply(evaluated, output, *output_layer())
 
 
 @torch.no_grad()
@@ -123,85 +126,93 @@ def blockwise_sum(
     bound: float,
 ) -> Float[Tensor, "n out"]:
     """base + blockwise_mlp(...), the same bits: without a gradient, in one pass."""
-    taken = _Pass(learned, latents, means, octaves, bound)
-    # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake.
-    output = np.empty(base.shape, np.float32)
-    _forward(taken, hidden_layers, output_layer, _array_of(base), False, output)
-    return torch.from_numpy(output)
+    inputs = _inputs_of(learned, latents, means, octaves, bound)
+    return torch.from_numpy(_evaluated(inputs, hidden_layers, output_layer, _array_of(base), keeps=False).output)
 
 
-class _Pass:
-    """What the way through the layers and the two halves of the way back share, as arrays.
+class _Inputs(NamedTuple):
+    """What the layers are evaluated on, as the kernels take it."""
 
-    kept: the hidden layers (layers, padded rows, padded width), without rows if nobody goes back. output, output_gradient
-    (n, out); back_output, back_skip: the output layer's weights, padded. The output layer is passed first on the way
-    back, and leaves all of these to the hidden ones.
+    learned: np.ndarray
+    latents: np.ndarray
+    means: np.ndarray
+    octaves: int
+    bound: np.float32
+
+
+class _Evaluated(NamedTuple):
+    """What the way through the layers leaves to the way back.
+
+    output_layer: its values. kept: the hidden layers (layers, padded rows, padded width), without rows if nobody goes back.
+    output: (n, out).
     """
 
-    def __init__(self, learned: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float):
-        self.learned, self.means, self.octaves, self.bound = _array_of(learned), _array_of(means), octaves, np.float32(bound)
-        self.latents = NOTHING if latents is None else _array_of(latents)
-        self.kept = self.output = self.output_gradient = self.back_output = self.back_skip = NOTHING
+    inputs: _Inputs
+    output_layer: OutputLayer
+    kept: np.ndarray
+    output: np.ndarray
 
 
-def _forward(
-    taken: _Pass, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool, output: np.ndarray
-) -> None:
-    """Write the output and, if it `keeps` them, the hidden layers."""
+def _inputs_of(learned: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float) -> _Inputs:
+    latents_or_none = NOTHING if latents is None else _array_of(latents)
+    return _Inputs(_array_of(learned), latents_or_none, _array_of(means), octaves, np.float32(bound))
+
+
+def _evaluated(
+    inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool
+) -> _Evaluated:
+    """All layers; onto `base` unless that is empty."""
     weights = [_padded(turned) for turned in (*_turned(hidden_layers), *_turned(output_layer))]
-    rows = len(taken.learned)
+    rows = len(inputs.learned)
     # Kept for the backward pass: 4 * layers * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
     shape = 1 + len(hidden_layers.hidden_weights), padded(rows, STRIP) if keeps else 0, weights[0].shape[1]
-    taken.kept = np.empty(shape, np.float32)
-    given = taken.learned, taken.latents, taken.means, taken.octaves, taken.bound, base
-    in_parallel(lambda begin, end: evaluate(begin, end, *given, *weights, taken.kept, output), rows, ROWS)
+    # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake.
+    kept, output = np.empty(shape, np.float32), np.empty((rows, len(output_layer.output_bias)), np.float32)
+    in_parallel(lambda begin, end: evaluate(begin, end, *inputs, base, *weights, kept, output), rows, ROWS)
+    return _Evaluated(inputs, output_layer, kept, output)
+
+
+# The output is a function of the hidden layers and of the output layer. In the graph it takes two steps, both with the value that
+# is evaluated already: each has the gradients of its own layers, and the second passes the output's on to the first as it came.
+
+
+class _ThroughHidden(torch.autograd.Function):
+    """The output, as a function of the learned input and of the hidden layers."""
+
+    @staticmethod
+    def forward(ctx, evaluated: _Evaluated, learned: Tensor, latents: Tensor | None, *weights: Tensor) -> Tensor:
+        ctx.save_for_backward(*weights)
+        ctx.evaluated = evaluated
+        return torch.from_numpy(evaluated.output)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, output_gradient: Tensor):
+        (inputs, output_layer, kept, output), hidden_layers = ctx.evaluated, HiddenLayers(*ctx.saved_tensors)
+        learned_parts, wants = (inputs.learned, inputs.latents), ctx.needs_input_grad[1:3]
+        to_inputs = [np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(learned_parts, wants)]
+        back = hidden_layers.learned_weight, hidden_layers.hidden_weights, output_layer.output_weight, output_layer.skip_weight
+        given = *inputs, output, _array_of(output_gradient), kept, *map(_padded, back), *to_inputs
+        gradients = _summed(differentiate_hidden, given, len(output), hidden_layers, ctx.needs_input_grad[3:])
+        return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
 
 
 class _ThroughOutput(torch.autograd.Function):
-    """All layers on the way there; on the way back the output layer alone."""
+    """The same output, as a function of the output layer too."""
 
     @staticmethod
-    def forward(ctx, taken: _Pass, keeps: bool, hidden_layers: list[Tensor], entered: Tensor, *weights: Tensor) -> Tensor:
-        output_layer = OutputLayer(*weights)
-        output = entered.new_empty(len(taken.learned), len(output_layer.output_bias))
-        _forward(taken, HiddenLayers(*hidden_layers), output_layer, NOTHING, keeps, output.numpy())
-        if keeps:
-            ctx.save_for_backward(output, *weights)
-            ctx.taken = taken
+    def forward(ctx, evaluated: _Evaluated, output: Tensor, *weights: Tensor) -> Tensor:
+        ctx.save_for_backward(*weights)
+        ctx.evaluated = evaluated
         return output
 
     @staticmethod
     @once_differentiable
     def backward(ctx, output_gradient: Tensor):
-        taken, (output, *weights) = ctx.taken, ctx.saved_tensors
-        output_layer = OutputLayer(*weights)
-        taken.output, taken.output_gradient = _array_of(output), _array_of(output_gradient)
-        taken.back_output, taken.back_skip = _padded(output_layer.output_weight), _padded(output_layer.skip_weight)
-        given = taken.learned, taken.latents, taken.bound, taken.output, taken.output_gradient, taken.kept
-        gradients = _summed(differentiate_output, given, len(output), output_layer, ctx.needs_input_grad[4:])
-        return None, None, None, output_gradient.new_empty(0), *gradients
-
-
-class _ThroughHidden(torch.autograd.Function):
-    """The hidden layers on the way back. On the way there nothing is done yet: the result only ties the output to their weights."""
-
-    @staticmethod
-    def forward(ctx, taken: _Pass, learned: Tensor, latents: Tensor | None, *weights: Tensor) -> Tensor:
-        ctx.save_for_backward(*weights)
-        ctx.taken = taken
-        return learned.new_empty(0)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx, _):
-        taken, hidden_layers = ctx.taken, HiddenLayers(*ctx.saved_tensors)
-        inputs, wants = (taken.learned, taken.latents), ctx.needs_input_grad[1:3]
-        to_inputs = [np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(inputs, wants)]
-        back = hidden_layers.learned_weight, hidden_layers.hidden_weights
-        given = taken.learned, taken.latents, taken.means, taken.octaves, taken.bound, taken.output, taken.output_gradient, taken.kept
-        given += *map(_padded, back), taken.back_output, taken.back_skip, *to_inputs
-        gradients = _summed(differentiate_hidden, given, len(taken.learned), hidden_layers, ctx.needs_input_grad[3:])
-        return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
+        (inputs, _, kept, output), output_layer = ctx.evaluated, OutputLayer(*ctx.saved_tensors)
+        given = inputs.learned, inputs.latents, inputs.bound, output, _array_of(output_gradient), kept
+        gradients = _summed(differentiate_output, given, len(output), output_layer, ctx.needs_input_grad[2:])
+        return None, output_gradient, *gradients
 
 
 def _summed(

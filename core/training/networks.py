@@ -1,8 +1,7 @@
 """How the networks learn: encoder, mask, SH transfer and tables, each by Adam at its own rate."""
 
-import weakref
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 
 import torch
 from jaxtyping import Bool, Float
@@ -29,26 +28,21 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
     return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True)
 
 
-def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Callable[[], Callable[[], None]]:
-    """The way back through the encoder, `work`, on another thread: a call starts it, once, and gives what waits for its end.
+@contextmanager
+def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[Callable[[], None]]:
+    """Inside, the embedding gets its gradient, and the way back through the encoder, `work`, starts; gives what waits for its end.
 
-    embedding: the leaf whose gradient `work` begins with. On a CPU that starts it as well: other gradients are then still on
-    their way, through the SH transfer's hidden layers.
+    embedding: the leaf whose gradient `work` begins with. On a CPU that starts it on another thread: other gradients are then still on
+    their way, through the SH transfer's hidden layers. Elsewhere, and where there is no such gradient, the one who waits does it.
     """
-
-    @cache
-    def started() -> Callable[[], None]:
-        return beside(work)
-
-    # Weakly: `work` holds the embedding, which holds the hook, and Python's collector does not see through torch to find that.
-    to_start = weakref.ref(started)
+    started: list[Callable[[], None]] = []
 
     def start(_: Tensor) -> None:
-        to_start()()
+        started.append(beside(work))
 
-    if embedding.device.type == "cpu":
-        embedding.register_post_accumulate_grad_hook(start)
-    return started
+    # Taken off at the end: `work` holds the embedding, which holds the hook, and Python's collector does not see through torch.
+    with embedding.register_post_accumulate_grad_hook(start) if embedding.device.type == "cpu" else nullcontext():
+        yield lambda: (started[0] if started else work)()
 
 
 def update(

@@ -190,11 +190,11 @@ class Trainer:
         sound = guards.sound(loss + drawn.gauge_loss, picture_loss.detach(), usual)
         taken = learnt = sound
         if not guards.refused(sound):
-            teaching = networks.teaching(lambda: self._teach_encoder(drawn, mask_loss), drawn.embedding)
-            losses.backward((rendered_loss, None), (drawn.residual, residual_gradient))
+            with networks.teaching(lambda: self._teach_encoder(drawn, mask_loss), drawn.embedding) as taught:
+                losses.backward((rendered_loss, None), (drawn.residual, residual_gradient))
             reached = *drawn.leaves.values(), drawn.embedding, *self.model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
-            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, teaching(), taken))
+            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, taught, taken))
             if not guards.refused(taken):
                 # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
                 rows, camera = drawn.visible.rows, drawn.camera

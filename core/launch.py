@@ -2,7 +2,7 @@
 
 import triton
 
-# Said in so many words, as the default differs between versions of Triton. The rasterizer's are not fused, see its package's
+# Explicit, as the default differs between versions of Triton. The rasterizer's are not fused, see its package's
 # docstring: a fused multiply-add where the source says tl.fma, and nowhere else.
 LAUNCH = {"enable_fp_fusion": False}
 FUSED = {"enable_fp_fusion": True}

@@ -9,8 +9,9 @@ LIBRARIES = 300 << 20  # bytes of torch, Numba and others that are mapped from t
 
 
 def hold_to(gib: float) -> None:
-    """Never take more than this, GiB, from here on (wegs itself needs 1.2 to start, 2 to train with torch's CUDA build); allocations beyond raise MemoryError, or torch's RuntimeError.
+    """Hold this process to `gib` GiB from now on: allocations beyond raise MemoryError, or torch's RuntimeError.
 
+    wegs itself needs 1.2 to start, 2 to train with torch's CUDA build.
     The limit is on memory that is asked for, whether or not it is touched: what is taken stays below. Linux alone has it (RLIMIT_DATA,
     getrlimit(2)). Raises BadSetting elsewhere, and where a lower limit is already set.
     """

@@ -1,6 +1,7 @@
 """Photos -> scene -> trained run -> .ply: the whole story on one page. The command line is a thin skin over it."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import core
@@ -16,7 +17,6 @@ from core.data.load import check_cameras_unknown
 from core.data.photo_file import named_with_fault
 from core.data.prepare import prepared
 from core.data.scene_folder import FADE
-from core.data.split import list_names, name_them
 from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import View, measure
@@ -39,6 +39,7 @@ from core.training.tell import tell_collection, tell_plan, tell_step
 from core.training.trained import Run, bake, blend, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
+from core.words import list_names, name_them
 
 __all__ = [
     "bake",
@@ -200,8 +201,8 @@ def export(
     start = time.perf_counter()
     written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None, sky)
     if save_as is not None:
-        look = saved_look.SavedLook(save_as, appearance.embedding, appearance.source, trained.identity, appearance.tone)
-        report.say(f"Look kept as {saved_look.save(trained.folder, look)}")
+        kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity)
+        report.say(f"Look kept as {kept}")
     seconds = time.perf_counter() - start
     report.say(f"{output}: {written} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
     return output

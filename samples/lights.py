@@ -116,11 +116,14 @@ def truths(trained: Run, style: str) -> dict[str, Path]:
 
 def nearness(trained: Run, style: str) -> str | None:
     """How near the look of a style photo comes to the truth in its light; None where that is not known."""
+    known = truths(trained, style)
+    if not known:
+        return None
     subject = subject_of(trained)
     own = find_appearance(trained, style)
     seen = {photo.name: find_appearance(trained, photo.name) for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}
-    for name, path in truths(trained, style).items():
+    for name, path in known.items():
         camera = trained.camera(trained.collection.view(name))
         pixels = cv2.resize(photos.read(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         truth = torch.from_numpy(pixels).to(trained.device).float() / 255
@@ -128,10 +131,8 @@ def nearness(trained: Run, style: str) -> str | None:
         fitted = refine_embedding(subject, own.embedding, camera, truth)
         looks |= {} if fitted is None else {"fitted": replace(own, embedding=fitted, tone=None)}
         for look, appearance in looks.items():
-            picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera).image)
+            picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image)
             found.setdefault(look, []).append(metrics.psnr(picture, truth))
-    if not found:
-        return None
     means = {look: sum(values) / len(values) for look, values in found.items()}
     nearest = max(seen, key=means.__getitem__)
     return (

@@ -10,12 +10,14 @@ import pytest
 import torch
 
 import core.rasterizer
+from core.appearance.tone import band_means, tone_between, toned
 from core.data import sfm
 from core.data.scene_folder import write_mark
 from core.errors import BadInput
+from core.export.pictures import to_8_bit, write_png
 from core.training import run, saved_look
 from core.training.find_look import find_appearance
-from core.training.saved_look import SavedLook
+from core.training.outside import _shares
 from core.training.trained import Run, bake, blend, load_run
 from core.training.trainer import Trainer
 from tests.small import whole_settings
@@ -120,8 +122,7 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     assert trained.model.reach(look.embedding) <= 1 + 1e-5
     assert "lit as no photo of it is" in look.source
 
-    kept = SavedLook("night", look.embedding, look.source, trained.identity, look.tone)
-    saved_look.save(trained.folder, kept)
+    saved_look.save(trained.folder, replace(look, name="night"), trained.identity)
     assert torch.equal(rendered(trained, find_appearance(trained, "night")), shown)
     frames = [rendered(trained, blend(find_appearance(trained, "neutral"), look, share)) for share in np.linspace(0, 1, 10)]
     steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
@@ -129,12 +130,27 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
 
 
 def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
-    """None for a photo like those of the collection; the less, the nearer it is to them."""
+    """None for a photo like those of the collection; the less, the nearer it is to them, and all for a black one."""
     photo = trained.collection.view("photo_03.png")
-    gains = [find_appearance(trained, str(darkened(photo, tmp_path, gain))).tone for gain in (1.0, 0.3, 0.15, 0.05, 0.0)]
-    assert gains[0] is None
-    strengths = [1.0 if gain is None else float(gain.mean()) for gain in gains]
+    paths = [darkened(photo, tmp_path, gain) for gain in (1.0, 0.3, 0.15, 0.05, 0.0)]
+    looks = [find_appearance(trained, str(path)) for path in paths]
+    assert looks[0].tone is None
+    assert all(trained.model.reach(look.embedding) <= 1 + 1e-5 for look in looks)
+    strengths = [1.0 if look.tone is None else float(look.tone.mean()) for look in looks]
     assert sorted(strengths, reverse=True) == strengths and strengths[-1] < 0.1
+    picture = torch.from_numpy(cv2.imread(str(paths[1]))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
+    whole = tone_between(_shares(trained), band_means(picture))
+    assert float(whole.mean()) < strengths[1] - 0.02  # as much of it as brings the photo within reach, and no more
+
+
+def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
+    neutral = bake(trained, find_appearance(trained, "neutral"))
+    night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)
+    photo = trained.collection.view(None)
+    path = tmp_path / "lit.png"
+    write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo)).image))
+    place, sky = find_appearance(trained, str(path)).tone.mean(dim=1)
+    assert place > 0.7 and sky < 0.5
 
 
 @pytest.mark.parametrize("enters", ["output", "input"])

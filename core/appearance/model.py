@@ -157,7 +157,8 @@ class AppearanceModel(nn.Module):
             return 0.0
         met = self.met_embeddings.double()
         centre = met.mean(dim=0)
-        _, strengths, axes = torch.linalg.svd(met - centre)
+        # All axes are needed where photos are fewer; else that would make a matrix of photos times photos.
+        _, strengths, axes = torch.linalg.svd(met - centre, full_matrices=len(met) < met.shape[1])
         lengths = strengths.new_zeros(len(axes))
         lengths[: len(strengths)] = strengths
         lengths = lengths.clamp_min(max(WEAK_AXIS * float(strengths[0]), 1e-12))  # a single photo has none

@@ -15,9 +15,9 @@ from core.scene.splats import Splats
 
 BANDS = 4  # horizontal ones of a photo, whose mean colours tell sky from place
 TOWARD_ONE = 0.1  # what a share of a band must be to move a gain half the way; 0.05 to 0.4 are within 0.1 dB of each other
-LEAST, LARGEST = 0.02, 1.4  # of a gain: black to 8 bits nearly; above, as in training, a photo has nothing to be brightened
+LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4  # nearly black in 8 bits; above, in training too, a photo has nothing to be brightened
 ROUNDS = 100  # of the descent in two numbers
-DIM = 1e-6  # added to every band: none is taken off one in which views show nothing
+DIM = 1e-6  # keeps 0 / 0 at a gain of 1, in bands where views show nothing
 
 
 def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:
@@ -25,28 +25,28 @@ def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:
     return F.adaptive_avg_pool2d(picture, (BANDS, 1))[..., 0].T
 
 
-def tone_between(brought: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "bands 3"]) -> Float[Tensor, "2 3"]:
-    """The tone in which place and sky, which bring these colours into the bands, come nearest to those that are wanted.
+def tone_between(shares: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "bands 3"]) -> Float[Tensor, "2 3"]:
+    """The tone in which what place and sky add to the mean colours of the bands, their shares, comes nearest to those wanted.
 
-    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 a channel, LEAST <= g <= LARGEST, by coordinate descent.
+    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 a channel, LEAST_GAIN <= g <= LARGEST_GAIN, by coordinate descent.
     """
-    place, sky = brought.double()
+    place, sky = shares.double()
     wanted = wanted.double()
     weight = TOWARD_ONE**2
-    tone = torch.ones_like(brought[:, 0]).double()
+    tone = torch.ones_like(shares[:, 0]).double()
     for _ in range(ROUNDS):
         for row, mine, other in ((0, place, sky), (1, sky, place)):
             left = wanted - other * tone[1 - row]
             tone[row] = ((mine * left).sum(dim=0) + weight) / (mine.square().sum(dim=0) + weight)
-            tone[row].clamp_(LEAST, LARGEST)
+            tone[row].clamp_(LEAST_GAIN, LARGEST_GAIN)
     return tone.float()
 
 
-def taken_off(picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], brought: Float[Tensor, "2 bands 3"]) -> Float[Tensor, "3 h w"]:
-    """The photo without the tone, in [0, 1]: every row divided by the gain of what place and sky bring there."""
-    shown, there = ((brought * gain).sum(dim=0) + DIM for gain in (tone[:, None], 1.0))
-    rows = F.interpolate((shown / there).T[None], size=picture.shape[1], mode="linear", align_corners=False)[0]
-    return (picture / rows[..., None].clamp_min(LEAST)).clamp(max=1.0)
+def taken_off(picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], shares: Float[Tensor, "2 bands 3"]) -> Float[Tensor, "3 h w"]:
+    """The photo without the tone, in [0, 1]: every row divided by the gain of what place and sky add up to there."""
+    with_tone, without = ((shares * gain).sum(dim=0) + DIM for gain in (tone[:, None], 1.0))
+    rows = F.interpolate((with_tone / without).T[None], size=picture.shape[1], mode="linear", align_corners=False)[0]
+    return (picture / rows[..., None].clamp_min(LEAST_GAIN)).clamp(max=1.0)
 
 
 def toned(splats: Splats, tone: Float[Tensor, "2 3"], sky: int) -> Splats:

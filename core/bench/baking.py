@@ -16,6 +16,7 @@ from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.levers import truncated
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
+from core.data.collection import spread_over
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.splats import Splats
@@ -50,7 +51,7 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
     largest = largest_contributions(trained.splats, cameras, rasterizer)
     largest[solid:] = torch.inf
     order = torch.sort(largest, stable=True).indices
-    cameras = cameras[:: max(1, len(cameras) // views)][:views]
+    cameras = spread_over(cameras, views)
     neutral = find_appearance(trained, "neutral")
     whole = bake(trained, neutral)
     truth = [rasterizer.render(whole, camera).image.clamp(0, 1) for camera in cameras]

@@ -11,8 +11,8 @@ from core.data.model_file import holds_model, lacking_files, read_model
 from core.data.photo_file import list_photos
 from core.data.placing import View
 from core.data.posed import Points, Posed, collect, usable
-from core.data.split import name_them
 from core.errors import BadInput
+from core.words import name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project and its data sets keep

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from core.data.collection import Collection, place_of
 from core.data.photo_file import SUFFIXES, list_photos, probe
-from core.data.split import counted, name_them
 from core.errors import BadInput
+from core.words import counted, name_them
 
 
 def with_masks(collection: Collection, folder: Path) -> Collection:

@@ -7,10 +7,10 @@ from core.data.colmap import read_points
 from core.data.model_file import read_model
 from core.data.posed import Points
 from core.data.scene_folder import kept, read_mark, replacing_folder, stamp, write_mark
-from core.data.split import counted
 from core.data.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
+from core.words import counted
 
 MARK = "triangulated.json"  # in a folder of points: whose they are, and what they were made of
 MODEL = "points"  # a COLMAP model of the training photos

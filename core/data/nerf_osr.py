@@ -14,8 +14,8 @@ import pycolmap
 from core.data.photo_file import list_photos
 from core.data.placing import View
 from core.data.posed import Posed, from_camera_to_world
-from core.data.split import name_them
 from core.errors import BadInput
+from core.words import name_them
 
 PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
 TRAINING, HELD_OUT = "train", ("test", "validation")  # the first of these that has photos

@@ -23,7 +23,7 @@ FILL = 128  # what a JPEG decoder paints where the data ran out
 class Picture:
     """pixels: (h, w, 3) uint8 RGB. valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
 
-    empty: (h, w) uint8, the white in the pixels that stands for empty space, 255 for nothing else; None where there is none.
+    empty: (h, w) uint8, how much of each pixel is empty space, shown as white: 255 all of it; None where nothing is empty.
     """
 
     pixels: np.ndarray

@@ -10,9 +10,9 @@ import pycolmap
 
 from core.data import lens as lenses
 from core.data.photo_file import Header, named_with_fault, probe
-from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.scene.camera import Camera
+from core.words import counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
 LARGEST = 1e100  # a coordinate; the square of a larger one may be infinite

@@ -8,9 +8,10 @@ import numpy as np
 from core.data.collection import FAR, Collection, Photo, astray
 from core.data.given_masks import masked
 from core.data.placing import LARGEST, Placing, View
-from core.data.split import counted, name_them, split_photos
+from core.data.split import split_photos
 from core.errors import BadInput
 from core.scene.frame import SceneFrame
+from core.words import counted, name_them
 
 STRAY = 1e6  # median distances from the middle; SfM puts points near infinity, and float32 ends there
 CROOKED = 0.01  # by which axes may differ in length: matrices are often written with three or four digits

@@ -24,9 +24,9 @@ from core.data.photo_file import (
 )
 from core.data.photos import read
 from core.data.scene_folder import read_mark, replacing_folder, stamp, write_mark
-from core.data.split import counted, name_them
 from core.errors import BadInput
 from core.report import Report
+from core.words import counted, name_them
 
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 MARK = "photos.json"  # in a scene: the files it was made of

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from core.data.phototourism import find_split_tables, read_split_table
 from core.errors import BadInput
+from core.words import list_names, name_them
 
 EVERY = 8  # of the original 3DGS and of everything compared with it
-NAMES_SHOWN = 12
 TEST_LIST = "test.txt"
 
 
@@ -40,22 +40,6 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     if "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
     return splits, notes
-
-
-def counted(count: int, what: str) -> str:
-    """`count` and its noun: 1 photo, 2 photos."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
-
-
-def name_them(what: str, names: list[str]) -> list[str]:
-    """A note that counts and names photos, or none where there are none: "3 photos WHAT: a.jpg, b.jpg, c.jpg"."""
-    return [f"{counted(len(names), 'photo')} {what}: {list_names(names)}"] if names else []
-
-
-def list_names(names: list[str]) -> str:
-    """The first names, and how many more there are."""
-    shown = ", ".join(names[:NAMES_SHOWN])
-    return shown if len(names) <= NAMES_SHOWN else f"{shown} and {len(names) - NAMES_SHOWN} more"
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:

@@ -17,8 +17,8 @@ from core.data.photo_file import SUFFIXES
 from core.data.placing import View
 from core.data.point_file import read_points_file
 from core.data.posed import Points, Posed, from_camera_to_world, usable
-from core.data.split import list_names, name_them
 from core.errors import BadInput
+from core.words import list_names, name_them
 
 FILE = "transforms.json"
 BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}

@@ -10,10 +10,10 @@ from core.data import photos as files
 from core.data.collection import Photo
 from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, LONG_SIDE_PX, PHOTOS, SEED, extract, match
 from core.data.model_file import quiet
-from core.data.split import counted
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
+from core.words import counted
 
 MASKS = "masks"
 NEAREST, SPREAD = 10, 10  # partners of a photo: the nearest ones, and others evenly spread over those that look its way

@@ -55,7 +55,7 @@ def _opacities(splats: Splats) -> list[Finding]:
         Finding(
             "saturated",
             part(full, len(splats)),
-            f"opacity above {ALPHA_MAX:.2f}: drawn as that, and no longer learning it; opaque surfaces are like this",
+            f"opacity above {ALPHA_MAX:.2f}: drawn as that, without a gradient; opaque surfaces are like this",
         ),
     ]
 

@@ -12,11 +12,12 @@ from core.data.found_cameras import scene_around
 from core.data.load import POSED
 from core.data.photo_file import list_photos, list_unreadable, named_with_fault
 from core.data.placing import USUAL_FOCAL_LENGTHS
-from core.data.split import counted, list_names
 from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
+from core.training.backdrop import CUT_OUT
+from core.words import counted, list_names
 
 # In the words of the reader's notes: those about which nothing needs doing, or which a finding of its own is about.
 HARMLESS = (
@@ -137,12 +138,12 @@ def _photos(collection: Collection, report: Report) -> list[Finding]:
         width = min(SMALL_PX, photo.camera.width)
         height = max(1, round(photo.camera.height * width / photo.camera.width))
         try:
-            pixels = files.load(photo, width, height).pixels
+            picture = files.load(photo, width, height, cut_out=collection.kind in CUT_OUT)
         except BadInput as problem:
             unreadable.append(named_with_fault(photo.name, photo.path, problem))
             continue
-        if pixels.std() < FLAT:
-            flat.append(f"{photo.name}: {pixels.mean():.0f} of 255")
+        if picture.pixels.std() < FLAT and picture.empty is None:
+            flat.append(f"{photo.name}: {picture.pixels.mean():.0f} of 255")
     return _photo_findings(unreadable, flat, len(collection.photos))
 
 

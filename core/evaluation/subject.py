@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.appearance.model import AppearanceModel
-from core.rasterizer import Rasterizer
+from core.rasterizer import BLACK, Colour, Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -38,7 +38,7 @@ class TrainedScene:
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
     rasterizer: Rasterizer
-    backdrop: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    backdrop: Colour = BLACK
 
     @torch.no_grad()
     def embed(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:

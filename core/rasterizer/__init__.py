@@ -3,7 +3,7 @@
 from importlib import import_module
 
 from core.errors import BadSetting
-from core.rasterizer.contract import Rasterizer, Rendering, Visible
+from core.rasterizer.contract import BLACK, Colour, Rasterizer, Rendering, Visible
 
 # Imported only when asked for: Numba and Triton are slow to load.
 BACKENDS = {
@@ -38,4 +38,4 @@ def create(name: str, device: str = "cpu") -> Rasterizer:
     return backend
 
 
-__all__ = ["BACKENDS", "Rasterizer", "Rendering", "Visible", "create"]
+__all__ = ["BACKENDS", "BLACK", "Colour", "Rasterizer", "Rendering", "Visible", "create"]

@@ -23,6 +23,9 @@ JACOBIAN_MARGIN = 0.15  # x/z and y/z are clamped to the picture's box widened b
 QUATERNION_MIN_NORM2 = 1e-12  # below: culled
 LOG_SCALE_RANGE = (-20.0, 10.0)  # scene units; clamped before exp, zero gradient outside
 
+Colour = tuple[float, float, float]  # red, green, blue in [0, 1]
+BLACK: Colour = (0.0, 0.0, 0.0)
+
 
 def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
     """Least and largest x / z, least and largest y / z, to which slopes are clamped in the Jacobian: the picture's box widened by
@@ -53,8 +56,8 @@ class Rendering:
 class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
 
-    pairs: of one of these and a tile that it touches, at most; `render` of exactly these in this view, whatever their look,
-    then need not wait for a GPU to count them. None where nothing has to be waited for.
+    pairs: at most as many pairs of one of these and a tile that it touches; handed to `render` of exactly these in this view,
+    whatever their look, it saves waiting for a GPU to count. None on a CPU.
     """
 
     rows: Int[Tensor, " v"]
@@ -81,7 +84,7 @@ class Rasterizer(Protocol):
         self,
         splats: Splats,
         camera: Camera,
-        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
     ) -> Rendering:

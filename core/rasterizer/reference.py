@@ -18,11 +18,13 @@ from torch.utils.checkpoint import checkpoint
 from core.rasterizer.contract import (
     ALPHA_MAX,
     ALPHA_MIN,
+    BLACK,
     BLUR_PX2,
     LOG_SCALE_RANGE,
     NEAR,
     QUATERNION_MIN_NORM2,
     STOP_TRANSMITTANCE,
+    Colour,
     Rendering,
     Visible,
     jacobian_limits,
@@ -68,7 +70,7 @@ class ReferenceRasterizer:
         self,
         splats: Splats,
         camera: Camera,
-        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
     ) -> Rendering:

@@ -1,9 +1,9 @@
 """Adam for Gaussians: only the rows seen in this step are touched.
 
 A Gaussian outside the view has no gradient; updating it all the same would move it by stale momentum and cost memory
-traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction. What of a row begins
-to learn later than its harmonics is not corrected for its start: its first hundred steps are two to four times as long, which
-did no harm (core/TRIED.md).
+traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction. What begins to
+learn later than a row's harmonics has no such correction: its first hundred steps are two to four times too long, which did
+no harm (core/TRIED.md).
 """
 
 from collections.abc import Sequence

@@ -8,9 +8,9 @@ import torch
 
 from core.config import Settings
 from core.data.collection import Collection
+from core.rasterizer import BLACK, Colour
 
-Colour = tuple[float, float, float]
-BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+WHITE: Colour = (1.0, 1.0, 1.0)
 CUT_OUT = ("blender",)  # kinds of collections whose transparent pixels say that the scene is empty there, not that nobody saw it
 
 

@@ -69,8 +69,8 @@ class Surroundings:
         return torch.from_numpy((distances > self.radii[nearest]).all(axis=1)).to(means.device)
 
 
-def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings | None = None) -> int:
-    """Remove what is too faint, too large, too far from all SfM points or not finite; returns how many went."""
+def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings | None = None) -> None:
+    """Remove what is too faint, too large, too far from all SfM points or not finite."""
     splats = gaussians.splats
     bad = torch.sigmoid(splats.logit_opacities) < settings.prune_opacity
     bad |= splats.log_scales.amax(dim=1) > torch.tensor(settings.largest_scale).log()
@@ -79,7 +79,6 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
     bad |= ~splats.finite_rows()
     bad[gaussians.solid :] = False
     gaussians.keep(~bad)
-    return int(bad.sum())
 
 
 def prune_faint(gaussians: Gaussians, largest: Tensor, share: float) -> None:
@@ -89,8 +88,8 @@ def prune_faint(gaussians: Gaussians, largest: Tensor, share: float) -> None:
         gaussians.keep(largest >= min(share, float(strong)))
 
 
-def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch.Generator) -> int:
-    """Clone or split the Gaussians that the pictures pull at most, at most `budget` of them; returns how many were born.
+def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
+    """Clone or split the Gaussians that the pictures pull at most, at most `budget` of them.
 
     A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
     """
@@ -101,7 +100,7 @@ def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch
     gaussians.seen.zero_()
     count = min(budget, int((pull > GRADIENT_FLOOR).sum()))
     if count <= 0:
-        return 0
+        return
     # A stable order makes ties, and with them whole runs, reproducible.
     chosen = torch.sort(pull, descending=True, stable=True).indices[:count].sort().values
     born = {name: tensor[chosen].clone() for name, tensor in gaussians.parameters.items()}
@@ -115,4 +114,3 @@ def grow(gaussians: Gaussians, settings: Settings, budget: int, generator: torch
         target[rows] += torch.einsum("nij,nj->ni", turn, offset)
     gaussians.parameters["log_scales"][chosen[large]] = born["log_scales"][large]
     gaussians.insert(born)
-    return count

@@ -25,9 +25,8 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
 
     mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all.
 
-    Tried in this order: `neutral`; a look saved in the run (its name, or the path of its .json); the path of a photo,
-    which may be one of the collection, or the file that structure from motion made it of; the name of a photo of the
-    collection. A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is
+    Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection,
+    or the file that structure from motion made it of; the name of a look saved in the run; that of a photo of the collection. A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is
     near, if nothing fits, and for the mask of a look that comes from no photo.
     """
     saved = _saved_as(trained, word)
@@ -39,7 +38,7 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     if saved:
         look = saved_look.load(saved, trained.identity, trained.settings.embedding_size)
         tone = None if look.tone is None else look.tone.to(trained.device)
-        return Appearance(look.name, look.source, look.embedding.to(trained.device), tone)
+        return replace(look, embedding=look.embedding.to(trained.device), tone=tone)
     photo = _of_collection(trained, word)
     if photo is not None:
         return _of_photo(trained, photo, mask)

@@ -68,7 +68,7 @@ def fault(facts: StepFacts, usual: float) -> str | None:
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:
     """Whether no number in these tensors, all on the device `where`, is NaN or infinite."""
     given = [tensor for tensor in tensors if tensor is not None and tensor.numel()]
-    if where.type == "cpu":  # nor their sums: that takes a third of the time
+    if where.type == "cpu":  # a sum is NaN or infinite where a number is, and takes a third of the time
         sizes = [tensor.sum() for tensor in given]
     else:
         sizes = list(torch._foreach_norm(given, math.inf)) if given else []  # one kernel for all

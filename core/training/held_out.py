@@ -6,8 +6,7 @@ from statistics import fmean
 import torch
 
 from core.appearance.model import AppearanceModel
-from core.rasterizer import Rasterizer
-from core.training.backdrop import Colour
+from core.rasterizer import Colour, Rasterizer
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric
 from core.training.pictures import Pictures, shown_on
@@ -17,7 +16,7 @@ from core.training.pictures import Pictures, shown_on
 def quality(
     pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, behind: Colour
 ) -> tuple[float, float] | tuple[None, None]:
-    """Mean PSNR (dB) and SSIM (the loss's) of the pictures where these are valid, each in its whole photo's look; None of none.
+    """Mean PSNR (dB) and SSIM (the loss's) over valid pixels, each photo in the look of all of it; (None, None) without photos.
 
     behind: what renders are drawn over.
     """

@@ -7,11 +7,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from core.appearance.tone import LARGEST_GAIN
 from core.config import Settings
 from core.device import sent
 from core.training.photometric import Target
-
-LARGEST_GAIN = 1.4  # a photo has nothing above 1 to be brightened
 
 
 def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import core.export
-from core.data.split import counted
 from core.errors import command
 from core.export.ply import maker_of
 from core.report import Report
 from core.training import run
 from core.training.trained import Appearance, Run, bake
 from core.training.trim import Trim, Trimmed
+from core.words import counted
 
 
 def write_look(trained: Run, appearance: Appearance, path: Path, report: Report, trim: Trim | None, sky: bool = True) -> int:

@@ -30,9 +30,9 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
 
 @contextmanager
 def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[Callable[[], None]]:
-    """Inside, the embedding gets its gradient, and the way back through the encoder, `work`, starts; gives what waits for its end.
+    """Run the way back inside: `work`, that through the encoder, starts as soon as the embedding has its gradient. Yields what waits for it.
 
-    embedding: the leaf whose gradient `work` begins with. On a CPU that starts it on another thread: other gradients are then still on
+    embedding: the leaf whose gradient `work` begins with. On a CPU it starts on another thread: other gradients are then still on
     their way, through the SH transfer's hidden layers. Elsewhere, and where there is no such gradient, the one who waits does it.
     """
     started: list[Callable[[], None]] = []

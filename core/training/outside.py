@@ -5,11 +5,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.appearance.tone import band_means, taken_off, tone_between, toned
+from core.data.collection import spread_over
 from core.training.trained import Run
 
 VIEWS = 16  # training cameras that tell where in a photo the sky is
 SHRUNK = 4  # times smaller than they were trained at
-SHARES = 20  # of the tone that are tried, from little to all
+TRIES = 20  # shares of the tone, from little to all
 
 
 @torch.no_grad()
@@ -24,25 +25,24 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     embedding = model.embedding_from_outside(picture)
     if model.reach(embedding) <= 1:
         return embedding, None
-    brought = _brought(trained)
-    whole = tone_between(brought, band_means(picture))
-    tones = [whole ** (share / SHARES) for share in range(1, SHARES + 1)]
-    embeddings = [model.embedding_from_outside(taken_off(picture, tone, brought)) for tone in tones]
+    shares = _shares(trained)
+    whole = tone_between(shares, band_means(picture))
+    tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
+    embeddings = [model.embedding_from_outside(taken_off(picture, tone, shares)) for tone in tones]
     reaches = [model.reach(embedding) for embedding in embeddings]
-    nearest = min(range(SHARES), key=lambda share: (reaches[share], -share))  # all of it for a black photo, whatever is taken off
-    chosen = next((share for share in range(SHARES) if reaches[share] <= 1), nearest)
+    nearest = min(range(TRIES), key=lambda number: (reaches[number], -number))  # all of it for a black photo, whatever is taken off
+    chosen = next((number for number in range(TRIES) if reaches[number] <= 1), nearest)
     return model.within_reach(embeddings[chosen]), tones[chosen]
 
 
-def _brought(trained: Run) -> Float[Tensor, "2 bands 3"]:
-    """What the place and the sky bring into the bands of training views, in the mean, in the neutral look."""
-    photos = trained.collection.split("train")
+def _shares(trained: Run) -> Float[Tensor, "2 bands 3"]:
+    """What the place and the sky each add to the mean colours of the bands of training views, in the neutral look."""
     neutral = trained.model.bake(trained.splats, trained.model.mean_embedding, trained.latents)
     alone = [toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
-    brought = []
-    for photo in photos[:: -(-len(photos) // VIEWS)]:
+    shares = []
+    for photo in spread_over(trained.collection.split("train"), VIEWS):
         camera = trained.camera(photo)
         camera = camera.resized(-(-camera.width // SHRUNK), -(-camera.height // SHRUNK))
         pictures = [trained.rasterizer.render(part, camera).image.permute(2, 0, 1) for part in alone]
-        brought.append(torch.stack([band_means(picture.clamp(0, 1)) for picture in pictures]))
-    return torch.stack(brought).mean(dim=0)
+        shares.append(torch.stack([band_means(picture.clamp(0, 1)) for picture in pictures]))
+    return torch.stack(shares).mean(dim=0)

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from core.device import CPU, sent
 from core.errors import BadInput
+from core.rasterizer import Colour
 
 WINDOW = 11  # px
 RADIUS = WINDOW // 2
@@ -48,7 +49,7 @@ class Target:
     `over` is asked for. Raises BadInput for a photo without a valid pixel.
 
     planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
-    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. behind: None, or of `empty` as a plane the
+    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. empty: None, or of that share as a plane the
     padded one, and the windowed means of it, of its square and of its product with planes. valid_pixels: V. Everything has
     the dtype and the device of `picture`.
     """
@@ -60,14 +61,14 @@ class Target:
         empty: Float[Tensor, "h w"] | None = None,
     ):
         self.valid = None if valid is None or bool(valid.all()) else valid
-        self.behind = None
+        self.empty = None
         if empty is not None:
             picture = (picture - empty[..., None]).clamp(min=0)  # both are rounded to 8 bits
         self._show(planes_of(picture, self.valid))
         if empty is not None:
             plane = planes_of(empty[..., None], self.valid)
             padded = F.pad(plane, (0, 0, RADIUS, RADIUS))
-            self.behind = padded, blur(plane), blur(plane**2), blur(plane * self.planes)
+            self.empty = padded, blur(plane), blur(plane**2), blur(plane * self.planes)
         self.valid_pixels = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
@@ -84,12 +85,13 @@ class Target:
     @property
     def nbytes(self) -> int:
         """What it takes of memory."""
-        return sum(tensor.nbytes for tensor in (self.padded, self.mean, self.mean_square, *(self.behind or ())))
+        return sum(tensor.nbytes for tensor in (self.padded, self.mean, self.mean_square, *(self.empty or ())))
 
     def masked(self, mask: Float[Tensor, "h w"]) -> "Target":
         """The photo times a mask, the same pixels valid."""
         other = copy(self)
         other._show(self.planes * mask)
+        other.empty = None
         return other
 
     def brightened(self, gain: Float[Tensor, "3"]) -> "Target":
@@ -98,20 +100,21 @@ class Target:
         gain = gain.to(self.planes)[:, None, None]
         other.padded = self.padded * gain
         other.mean, other.mean_square = self.mean * gain, self.mean_square * gain**2
-        if self.behind is not None:
-            other.behind = *self.behind[:3], self.behind[3] * gain
+        if self.empty is not None:
+            other.empty = *self.empty[:3], self.empty[3] * gain
         return other
 
-    def over(self, background: tuple[float, float, float]) -> "Target":
+    def over(self, background: Colour) -> "Target":
         """The photo over a colour, which shows where it is empty; its statistics follow without another blur."""
-        if self.behind is None:
+        if self.empty is None:
             return self
         other = copy(self)
         colour = sent(self.padded.new_tensor(background, device=CPU), self.padded.device)[:, None, None]
-        padded, mean, mean_square, mean_product = self.behind
+        padded, mean, mean_square, mean_product = self.empty
         other.padded = self.padded + colour * padded
         other.mean = self.mean + colour * mean
         other.mean_square = self.mean_square + 2 * colour * mean_product + colour**2 * mean_square
+        other.empty = None
         return other
 
 
@@ -165,7 +168,7 @@ def photometric_of_mask(
 
 
 def planes_of(picture: Tensor, valid: Tensor | None) -> Tensor:
-    """(H, W, 3) -> contiguous (3, H, W), zero where invalid (also where an invalid pixel is not finite)."""
+    """(H, W, C) -> contiguous (C, H, W), zero where invalid (also where an invalid pixel is not finite)."""
     planes = picture.permute(2, 0, 1).contiguous()
     return planes if valid is None else torch.where(valid, planes, 0)
 

@@ -16,11 +16,11 @@ from core.config import AUTO_PIXELS
 from core.data import photos as files
 from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
-from core.data.split import name_them
 from core.device import CPU
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.training.photometric import Target
+from core.words import name_them
 
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted

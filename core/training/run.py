@@ -50,13 +50,13 @@ def is_run(folder: Path) -> bool:
     return config.is_file() and not read_mark(config) and checkpoint.newest(folder) is not None
 
 
-def newest_run(folder: Path = Path(".")) -> Path:
-    """The run begun last under FOLDER/runs, or `folder` itself if it is a run; BadInput if there is none."""
-    if is_run(folder):
-        return folder
-    runs = [path.parent for path in (folder / RUNS).glob(f"*/{CONFIG}") if is_run(path.parent)]
+def newest_run() -> Path:
+    """The run begun last under runs/, or the current folder if it is a run; BadInput if there is none."""
+    if is_run(here := Path(".")):
+        return here
+    runs = [path.parent for path in RUNS.glob(f"*/{CONFIG}") if is_run(path.parent)]
     if not runs:
-        raise BadInput(f"There is no run in {folder / RUNS}.", "Give the folder of one, or type: wegs train SCENE")
+        raise BadInput(f"There is no run in {RUNS}.", "Give the folder of one, or type: wegs train SCENE")
     return max(runs, key=lambda path: ((path / CONFIG).stat().st_mtime_ns, path.name))
 
 

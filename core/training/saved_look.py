@@ -3,33 +3,17 @@
 import json
 import re
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from core.errors import BadInput, BadSetting
 from core.export.atomic import write_json
 from core.training.run import check_writable
+from core.training.trained import Appearance
 
 FOLDER = "appearance"
 NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
-
-
-@dataclass(frozen=True)
-class SavedLook:
-    """name: of the file. embedding: (embedding_size,) float32. source: the photo, or words for what it came from.
-
-    run: identity of the run (config.json) whose SH transfer understands the embedding. tone: core.appearance.tone, if it has one.
-    """
-
-    name: str
-    embedding: Float[Tensor, " e"]
-    source: str
-    run: str
-    tone: Float[Tensor, "2 3"] | None = None
 
 
 def path_of(folder: Path, name: str) -> Path:
@@ -59,30 +43,35 @@ def names(folder: Path) -> list[str]:
     return sorted(path.stem for path in (folder / FOLDER).glob("*.json"))
 
 
-def save(folder: Path, look: SavedLook) -> Path:
-    """Write the look into a run folder, in place of an older one of that name."""
+def save(folder: Path, look: Appearance, run: str) -> Path:
+    """Write the look into a run folder, in place of an older one of that name.
+
+    run: identity of the run (config.json), whose SH transfer alone understands the embedding.
+    """
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
-    facts = {"name": look.name, "run": look.run, "source": look.source, "embedding": [float(number) for number in look.embedding]}
+    facts = {"name": look.name, "run": run, "source": look.source, "embedding": [float(number) for number in look.embedding]}
     write_json(path, facts if look.tone is None else facts | {"tone": [[float(gain) for gain in row] for row in look.tone]})
     return path
 
 
-def load(path: Path, run: str, size: int) -> SavedLook:
-    """Read a look; BadInput unless it is one of the run `run` with `size` finite numbers."""
+def load(path: Path, run: str, size: int) -> Appearance:
+    """Read a look; BadInput unless it is one of the run `run` with `size` finite numbers, and its tone, if any, six gains >= 0."""
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         name, source, owner, numbers = (facts[key] for key in ("name", "source", "run", "embedding"))
         embedding = torch.tensor([float(number) for number in numbers], dtype=torch.float32)
-        tone = torch.tensor(facts["tone"], dtype=torch.float32).view(2, 3) if "tone" in facts else None
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as problem:
+        tone = torch.tensor(facts["tone"], dtype=torch.float32) if "tone" in facts else None
+    except (OSError, ValueError, KeyError, TypeError) as problem:
         raise BadInput(
             f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME."
         ) from None
     if owner != run:
         raise BadInput(f"{path} was saved by run {owner}, not by {run}.", "Name its run with --run, or save it again.")
-    if len(embedding) != size or not all(part.isfinite().all() for part in (embedding, tone) if part is not None):
+    if len(embedding) != size or not embedding.isfinite().all():
         raise BadInput(f"{path} does not hold {size} finite numbers.", "Save the look again.")
-    return SavedLook(name, embedding, source, owner, tone)
+    if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):
+        raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
+    return Appearance(name, source, embedding, tone)

@@ -14,11 +14,10 @@ from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.errors import BadInput
-from core.rasterizer import Rasterizer
+from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training import backdrop, checkpoint, run
-from core.training.backdrop import Colour
 from core.training.gaussians import Gaussians
 from core.training.pictures import Picture, auto_factor, load_picture, training_size
 

@@ -19,12 +19,12 @@ from core.config import Settings
 from core.data.collection import Collection
 from core.device import OnTheWay
 from core.errors import BadInput, TrainingStopped
-from core.rasterizer import Visible
+from core.rasterizer import Colour, Visible
 from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
 from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule, strangers
-from core.training.backdrop import Colour, is_cut_out
+from core.training.backdrop import is_cut_out
 from core.training.drawn import Drawn
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
@@ -67,7 +67,7 @@ class Trainer:
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        # Said in so many words: a run that goes on elsewhere keeps to its pictures' sizes.
+        # Explicit: a run that goes on elsewhere keeps to its pictures' sizes.
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         factor = auto_factor(collection.photos, self.device.type)
@@ -312,7 +312,7 @@ class Trainer:
         rounds = schedule.densification_steps(settings)
         now = sum(step <= self.done for step in rounds) / len(rounds)
         allowed = round(settings.max_gaussians * (0.25 + 0.75 * now))
-        densify.grow(self.gaussians, settings, allowed - self.gaussians.solid, self.generator)
+        densify.grow(self.gaussians, allowed - self.gaussians.solid, self.generator)
 
     def drop_unneeded(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""

@@ -243,6 +243,16 @@ def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypa
     assert torch.allclose(given(outside), outside, atol=1e-4)
 
 
+def test_a_photo_from_outside_is_encoded_as_if_all_of_it_were_static():
+    model, photo = model_of(), torch.rand(3, 40, 50)
+    with torch.no_grad():
+        whole, masked = (model.encoder(shrink(photo, model.settings.encoder_side_px), masked)[0] for masked in (False, True))
+    assert torch.equal(model.embedding_from_outside(photo), whole)
+    assert not torch.allclose(whole, masked, atol=1e-3)
+    table = model_of(embedding="glo", transients="off")
+    assert torch.equal(table.embedding_from_outside(photo), table.mean_embedding)
+
+
 def test_interpolation_ends_exactly():
     first, second = torch.randn(2, 6)
     assert torch.equal(interpolate(first, second, 0.0), first)

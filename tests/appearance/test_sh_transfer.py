@@ -194,6 +194,16 @@ def test_uses_the_fast_path_for_float32_only(monkeypatch):
     assert used == ["plain"]
 
 
+def test_hidden_layers_are_kept_only_for_a_way_back(monkeypatch):
+    transfer, kept = transfer_of(), []
+    honest = transfer_kernel._evaluated
+    monkeypatch.setattr(transfer_kernel, "_evaluated", lambda *given: kept.append(honest(*given)) or kept[-1])
+    transfer(**inputs_of(transfer, 5))
+    with torch.no_grad():
+        transfer(**inputs_of(transfer, 5))
+    assert [evaluated.kept.shape[1] > 0 for evaluated in kept] == [True, False]
+
+
 def test_the_embedding_has_its_gradient_before_the_way_back_through_the_hidden_layers():
     """A training step starts to teach the encoder then, beside the rest."""
     transfer, order = transfer_of(embedding_enters="output"), []

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.appearance.tone import BANDS, LARGEST, LEAST, TOWARD_ONE, band_means, taken_off, tone_between, toned
+from core.appearance.tone import BANDS, LARGEST_GAIN, LEAST_GAIN, TOWARD_ONE, band_means, taken_off, tone_between, toned
 from core.scene.harmonics import basis
 from tests.appearance.test_model import splats_of
 
@@ -30,7 +30,7 @@ def test_a_black_sky_above_a_lit_place_is_found():
     found = tone_between(SKY_ABOVE, wanted)
     torch.testing.assert_close(found, torch.tensor([[0.9, 0.6, 0.4], [0.05] * 3]), rtol=0, atol=0.04)  # drawn toward 1 a little
     bright = tone_between(SKY_ABOVE, torch.full((BANDS, 3), 0.9))
-    assert bright.max() == pytest.approx(LARGEST)
+    assert bright.max() == pytest.approx(LARGEST_GAIN)
     assert tone_between(SKY_ABOVE, torch.zeros(BANDS, 3)).max() < 0.1
 
 
@@ -44,8 +44,8 @@ def test_no_tone_within_bounds_fits_better():
             return missed.square().sum(dim=0) + TOWARD_ONE**2 * (tone - 1).square().sum(dim=0)
 
         found = tone_between(brought, wanted)
-        assert ((found >= LEAST - 1e-6) & (found <= LARGEST + 1e-6)).all()
-        others = LEAST + (LARGEST - LEAST) * torch.rand(500, 2, 3, generator=generator)
+        assert ((found >= LEAST_GAIN - 1e-6) & (found <= LARGEST_GAIN + 1e-6)).all()
+        others = LEAST_GAIN + (LARGEST_GAIN - LEAST_GAIN) * torch.rand(500, 2, 3, generator=generator)
         assert all((cost(found) <= cost(other) + 1e-6).all() for other in others)
 
 

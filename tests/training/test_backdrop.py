@@ -74,6 +74,24 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(scene, tmp_path):
         assert torch.equal(tensor, resumed.gaussians.tensors()[name]), name
 
 
+def test_every_step_has_a_colour_of_its_own():
+    """Over one colour alone, Gaussians of that colour would pass for empty space."""
+    generator = torch.Generator().manual_seed(0)
+    drawn = torch.tensor([backdrop.of_step(True, generator) for _ in range(50)])
+    assert drawn.min() >= 0 and drawn.max() <= 1 and (drawn.std(dim=0) > 0.2).all()
+    assert backdrop.of_step(False, generator) == (0.0, 0.0, 0.0)
+
+
+def test_small_targets_know_what_is_empty(scene, tmp_path):
+    trainer = Trainer(load_collection(scene), Settings(**SMALL), tmp_path)
+    picture = trainer.pictures.pictures[0]
+    premultiplied = rgba(picture.photo)[..., :3] * rgba(picture.photo)[..., 3:]
+    small = cv2.resize(premultiplied, (picture.camera.width // 4, picture.camera.height // 4), interpolation=cv2.INTER_AREA)
+    target = trainer.pictures.target(0, 4)[1].over((0.0, 0.0, 0.0))
+    np.testing.assert_allclose(target.planes.permute(1, 2, 0).numpy(), small, rtol=0, atol=1.5 / 255)
+    assert target.over((1.0, 1.0, 1.0)) is target  # what has a background keeps it
+
+
 # --- which scenes
 
 

@@ -16,7 +16,7 @@ from core.training.evidence import (
 )
 from core.training.pictures import Pictures
 from core.training.sightings import NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
-from tests.training.known_scene import crowded, known_collection, plain
+from tests.training.known_scene import HEIGHT, WIDTH, crowded, known_collection, plain
 
 PHOTOS, POINTS = 20, 300
 
@@ -158,6 +158,19 @@ def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see
     colours = pictures[3].pixels[pixel[:, 1].astype(int), pixel[:, 0].astype(int)] / 255
     assert np.abs(colours - here.colour).mean() < 0.02  # noise of 2 / 255, and the blur
     np.testing.assert_allclose(np.linalg.norm(here.towards, axis=1), 1, atol=1e-12)
+
+
+def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
+    collection = known_collection(tmp_path, plain, photos=8)
+    pictures = Pictures(collection.split("train"), 1, 1.0, 32).pictures
+    everywhere = find_sightings(collection.points, pictures)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    empty, valid = (255 * (columns < WIDTH // 2)).astype(np.uint8), rows >= HEIGHT // 2
+    cut = find_sightings(collection.points, [replace(picture, empty=empty, valid=valid) for picture in pictures])
+    line, column = cut.pixel[:, 1], cut.pixel[:, 0]
+    diagonal = np.hypot(WIDTH, HEIGHT)
+    assert 0 < len(cut) < len(everywhere) / 2
+    assert column.min() * diagonal >= WIDTH // 2 and line.min() * diagonal >= HEIGHT // 2
 
 
 def test_a_point_behind_others_is_not_expected(tmp_path):

@@ -123,8 +123,8 @@ def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, bu
     points = np.random.default_rng(0).normal(size=(30, 3))
     densify.prune(gaussians, small_settings(), densify.Surroundings(points, 4.0))
     left = gaussians.solid
-    born = densify.grow(gaussians, small_settings(), budget, generator)
-    assert gaussians.solid == left + born and born <= budget
+    densify.grow(gaussians, budget, generator)
+    assert left <= gaussians.solid <= left + budget
     for name, tensor in gaussians.tensors().items():
         assert torch.isfinite(tensor).all(), name
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from core.data.split import counted
 from core.export.ply import read_ply
 from core.training import run
 from core.training.find_look import find_appearance
@@ -16,6 +15,7 @@ from core.training.look_file import next_step, write_look
 from core.training.trained import Run, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
+from core.words import counted
 from tests.heard import Heard
 from tests.small import small_collection, small_settings
 

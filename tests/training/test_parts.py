@@ -62,7 +62,7 @@ def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gau
     gaussians.parameters["logit_opacities"][0] = -20
     gaussians.parameters["log_scales"][1] = 5
     gaussians.parameters["means"][2] = float("nan")
-    assert densify.prune(gaussians, small_settings()) == 3
+    densify.prune(gaussians, small_settings())
     assert (gaussians.solid, gaussians.sky) == (solid - 3, sky)
     assert all(len(tensor) == len(gaussians) for tensor in gaussians.tensors().values())
 
@@ -71,7 +71,8 @@ def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gauss
     points = gaussians.parameters["means"][: gaussians.solid].double().numpy()
     gaussians.parameters["means"][0] = float("nan")
     gaussians.parameters["means"][1] = 50.0
-    assert densify.prune(gaussians, small_settings(), densify.Surroundings(points, reach=4.0)) == 2
+    densify.prune(gaussians, small_settings(), densify.Surroundings(points, reach=4.0))
+    assert gaussians.solid == len(points) - 2
 
 
 @pytest.mark.parametrize("gather", [densify.gather, densify.plain_gather])
@@ -91,7 +92,7 @@ def test_growth_clones_the_small_and_splits_the_large(gaussians):
     gaussians.parameters["log_scales"][0] = np.log(0.5)
     gaussians.parameters["log_scales"][1] = np.log(0.001)
     small = gaussians.parameters["means"][1].clone()
-    assert densify.grow(gaussians, small_settings(), 100, torch.Generator().manual_seed(0)) == 2
+    densify.grow(gaussians, 100, torch.Generator().manual_seed(0))
     parameters = gaussians.parameters
     assert gaussians.solid == solid + 2
     expected = torch.full((3,), 0.5 / 1.6)
@@ -105,7 +106,8 @@ def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
     gaussians.gradient_sum[: gaussians.solid] = torch.arange(gaussians.solid) + 1.0
     solid = gaussians.solid
     strongest = gaussians.parameters["sh"][solid - 3 : solid].clone()
-    assert densify.grow(gaussians, small_settings(), 3, torch.Generator().manual_seed(0)) == 3
+    densify.grow(gaussians, 3, torch.Generator().manual_seed(0))
+    assert gaussians.solid == solid + 3
     assert torch.equal(gaussians.parameters["sh"][solid : solid + 3], strongest)
 
 
@@ -114,7 +116,9 @@ def test_growth_asks_for_the_mean_pull_of_a_view_and_counts_afresh(gaussians):
     for budget in (1, 0):
         gaussians.seen[:2] = torch.tensor([1.0, 10.0])
         gaussians.gradient_sum[:2] = torch.tensor([2e-3, 3e-3])
-        assert densify.grow(gaussians, small_settings(), budget, torch.Generator().manual_seed(0)) == budget
+        before = gaussians.solid
+        densify.grow(gaussians, budget, torch.Generator().manual_seed(0))
+        assert gaussians.solid == before + budget
         assert not gaussians.seen.any() and not gaussians.gradient_sum.any()
     assert torch.equal(gaussians.parameters["sh"][solid], seldom)
 
@@ -126,7 +130,7 @@ def test_what_a_long_gaussian_splits_into_lies_along_it(gaussians):
     parameters["log_scales"][:solid] = torch.tensor([0.1, 1e-6, 1e-6]).log()
     gaussians.gradient_sum[:solid] = 1.0
     before = parameters["means"][:solid].clone()
-    densify.grow(gaussians, small_settings(), solid, torch.Generator().manual_seed(0))
+    densify.grow(gaussians, solid, torch.Generator().manual_seed(0))
     moved = gaussians.parameters["means"][: 2 * solid] - before.repeat(2, 1)
     along = torch.tensor([np.cos(2 * half_turn), np.sin(2 * half_turn), 0]).float()
     assert (moved - (moved @ along)[:, None] * along).norm(dim=1).max() < 1e-5

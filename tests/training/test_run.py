@@ -14,6 +14,7 @@ import torch
 from core.errors import BadInput, BadSetting
 from core.scene.frame import SceneFrame
 from core.training import run, saved_look
+from core.training.trained import Appearance
 from tests.small import small_collection, small_settings
 
 
@@ -51,14 +52,15 @@ def test_runs_of_a_scene_are_numbered(here):
     assert run.choose_folder(None, "plaza") == Path("runs/plaza-3")
 
 
-def test_the_newest_run_is_the_one_begun_last(here):
+def test_the_newest_run_is_the_one_begun_last(here, monkeypatch):
     begin(Path("runs/b"), age_s=0)
     begin(Path("runs/a"), age_s=5)
     begin(Path("runs/c"), age_s=5)
     Path("runs/not-a-run").mkdir()
     assert run.find_run(None) == Path("runs/b")
     assert run.find_run(Path("runs/a")) == Path("runs/a")
-    assert run.newest_run(Path("runs/c")) == Path("runs/c")  # a folder that is a run
+    monkeypatch.chdir("runs/c")
+    assert run.find_run(None) == Path(".")  # inside of one
 
 
 def test_no_run_and_no_such_run_are_refused(here):
@@ -221,12 +223,12 @@ def test_input_ply_holds_the_points_in_world_units(tmp_path, collection):
 
 
 def test_a_look_comes_back_bit_for_bit(tmp_path):
-    look = saved_look.SavedLook("dusk", torch.randn(16, generator=torch.Generator().manual_seed(0)), "dusk.jpg", "abc")
-    back = saved_look.load(saved_look.save(tmp_path, look), "abc", 16)
+    look = Appearance("dusk", "dusk.jpg", torch.randn(16, generator=torch.Generator().manual_seed(0)))
+    back = saved_look.load(saved_look.save(tmp_path, look, "abc"), "abc", 16)
     assert torch.equal(back.embedding, look.embedding)
-    assert (back.name, back.source, back.run, back.tone) == (look.name, look.source, look.run, None)
+    assert (back.name, back.source, back.tone) == (look.name, look.source, None)
     night = replace(look, name="night", tone=torch.rand(2, 3))
-    assert torch.equal(saved_look.load(saved_look.save(tmp_path, night), "abc", 16).tone, night.tone)
+    assert torch.equal(saved_look.load(saved_look.save(tmp_path, night, "abc"), "abc", 16).tone, night.tone)
 
 
 @pytest.mark.parametrize(
@@ -238,8 +240,11 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1]}', "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1, 1, 1, 1, 1, NaN]}', "2 finite numbers"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1]}', "not two rows of three gains"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}', "not a saved look"),
     ],
 )
 def test_a_look_of_no_use_is_refused(tmp_path, text, words):

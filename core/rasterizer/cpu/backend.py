@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.rasterizer import inputs
-from core.rasterizer.contract import Rendering, Visible, jacobian_limits
+from core.rasterizer.contract import BLACK, Colour, Rendering, Visible, jacobian_limits
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, blend_backward
@@ -43,7 +43,7 @@ class CpuRasterizer:
         self,
         splats: Splats,
         camera: Camera,
-        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
     ) -> Rendering:
@@ -55,7 +55,7 @@ class CpuRasterizer:
         arrays = arrays_of(splats)
         lists = tile_lists(arrays, NOTHING, camera)
         strongest = np.zeros(len(lists.entries), dtype=np.float32)
-        draw(lists, camera, (0.0, 0.0, 0.0), strongest)
+        draw(lists, camera, BLACK, strongest)
         largest = np.zeros(len(splats), dtype=np.float32)
         np.maximum.at(largest, np.repeat(np.arange(len(splats)), np.diff(lists.slot_starts)), strongest)
         return torch.from_numpy(largest)

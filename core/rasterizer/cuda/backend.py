@@ -10,7 +10,7 @@ from torch.autograd.function import once_differentiable
 from core.errors import BadSetting
 from core.launch import LAUNCH, blocks, interpreted
 from core.rasterizer import inputs
-from core.rasterizer.contract import Rendering, Visible
+from core.rasterizer.contract import BLACK, Colour, Rendering, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
 from core.rasterizer.cuda.footprint import COLUMNS, TILE
@@ -54,7 +54,7 @@ class CudaRasterizer:
         self,
         splats: Splats,
         camera: Camera,
-        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
     ) -> Rendering:
@@ -66,7 +66,7 @@ class CudaRasterizer:
     def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
         prepared = prepare(self._parameters(splats), None, camera, pairs)
         strongest = torch.zeros(len(prepared.lists.owners), device=splats.means.device)
-        draw(prepared, (0.0, 0.0, 0.0), strongest)
+        draw(prepared, BLACK, strongest)
         # The largest of some numbers is the same in any order: the atomics behind this change nothing.
         largest = torch.zeros(len(splats), device=splats.means.device)
         return largest.scatter_reduce_(0, prepared.lists.owners.long(), strongest, "amax")

@@ -4,11 +4,11 @@ import torch
 from click.testing import CliRunner
 
 from core.report import Report
-from samples import mask_ceiling
+from samples import taught_masks
 from tests.small import small_collection
 
 
-def passers_by(count: int, random: torch.Generator) -> list[mask_ceiling.Taught]:
+def passers_by(count: int, random: torch.Generator) -> list[taught_masks.Taught]:
     """Grey noise with a red square, elsewhere in each photo."""
     pairs = []
     for _ in range(count):
@@ -22,13 +22,13 @@ def passers_by(count: int, random: torch.Generator) -> list[mask_ceiling.Taught]
 
 def test_passers_by_that_look_alike_are_found():
     random = torch.Generator().manual_seed(0)
-    network = mask_ceiling.taught(passers_by(8, random), 150, 0, Report())
+    network = taught_masks.taught(passers_by(8, random), 150, 0, Report())
     test = passers_by(4, random)
-    assert mask_ceiling.found_of(network, test) > 0.7
-    assert mask_ceiling.found_of(mask_ceiling.PlainMask(), test) < 0.2  # untaught
+    assert taught_masks.found_of(network, test) > 0.7
+    assert taught_masks.found_of(taught_masks.PlainMask(), test) < 0.2  # untaught
 
 
 def test_a_scene_without_known_masks_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(mask_ceiling, "load_collection", lambda scene: small_collection(scene))
-    result = CliRunner().invoke(mask_ceiling.main, [str(tmp_path)])
+    monkeypatch.setattr(taught_masks, "load_collection", lambda scene: small_collection(scene))
+    result = CliRunner().invoke(taught_masks.main, [str(tmp_path)])
     assert result.exit_code == 1 and "knows no masks" in result.output

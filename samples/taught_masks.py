@@ -1,10 +1,10 @@
-"""How much of the passers-by a mask predicted from one photo can find at all: the mask network, taught with the true masks.
+"""How much of the passers-by a mask predicted from one photo finds if nothing is hidden from it: the network taught with the true masks.
 
-    python samples/mask_ceiling.py samples/plaza
+    python samples/taught_masks.py samples/plaza
 
 wegs learns its masks without knowing any. Here the same layers (Enc1 and UNet, on their own) see the truth of every training photo, mirrored
-and brightened at random, by binary cross-entropy. What they find on held-out photos bounds what masks can find that learn
-from so many photos. Prints the mean mask IoU as `wegs eval` measures it.
+and brightened at random, by binary cross-entropy. What they find on held-out photos shows how far
+labels alone would lead; it is no strict bound. Prints the mean mask IoU as `wegs eval` measures it.
 """
 
 import os

@@ -1,0 +1,26 @@
+"""When the encoder is taught: as soon as the embedding has its gradient, or by the one who waits."""
+
+import torch
+
+from core.training import losses, networks
+
+
+def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way(monkeypatch):
+    handed, taught_with = [], []
+    monkeypatch.setattr(networks, "beside", lambda work: handed.append(work) or work)
+    embedding = torch.ones(3, requires_grad=True)
+    with networks.teaching(lambda: taught_with.append(embedding.grad.clone()), embedding) as taught:
+        losses.backward((2 * embedding.sum(), None))
+        assert len(handed) == 1
+    taught()
+    assert [gradient.tolist() for gradient in taught_with] == [[2.0] * 3]
+    embedding.sum().backward()
+    assert len(handed) == 1  # that hook is gone
+
+
+def test_without_a_gradient_the_one_who_waits_teaches():
+    embedding, taught_with = torch.ones(3, requires_grad=True), []
+    with networks.teaching(lambda: taught_with.append(embedding.grad), embedding) as taught:
+        pass
+    taught()
+    assert taught_with == [None]

@@ -1,0 +1,99 @@
+"""Photos in a light that no training photo has: how near their looks come to them, with the gains of sky and place and without.
+
+    python samples/unlike.py samples/plaza --by dark
+    python samples/unlike.py statue_of_liberty --by dark -r 2
+
+The darkest (or warmest, or brightest) quarter of a scene's training photos is held out, the others are trained on, and each of the quarter is shown to
+the run as a photo from outside. Its look is drawn from the photo's own camera and compared with the photo where that is valid
+and, if the scene knows its passers-by, static. The scene's own held-out photos are not touched.
+"""
+
+import os
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import click
+import numpy as np
+import torch
+
+from core.awake import cores_awake
+from core.config import preset
+from core.data import load_collection, photos
+from core.data.collection import Collection, Photo
+from core.evaluation.metrics import psnr, quantised
+from core.evaluation.truth import load_truth
+from core.training import run
+from core.training.outside import read_from_outside
+from core.training.pictures import shown_on
+from core.training.trained import Appearance, Run, bake, load_run
+from core.training.trainer import Trainer
+from wegs_cli.main import Told
+from wegs_cli.terminal import Terminal
+
+# Of a photo's mean colour; the quarter in which it is least is held out.
+LIGHTS = {"dark": lambda red, green, blue: red + green + blue, "bright": lambda *colour: -sum(colour), "warm": lambda red, _, blue: blue / red}
+SMALL_PX = 64  # wide: of what tells a photo's mean colour
+
+
+@click.command(cls=Told)
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.option("--by", type=click.Choice(list(LIGHTS)), default="dark", show_default=True)
+@click.option("--preset", "preset_name", default="quick", show_default=True)
+@click.option("--steps", type=int, help="Training steps.  [default: the preset's]")
+@click.option("-r", "--resolution", type=int, default=-1, show_default=True)
+def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: int) -> None:
+    """Train SCENE without the photos of one light and show it these."""
+    collection = without(load_collection(scene), by)
+    settings = preset(preset_name).changed(resolution=resolution, **({} if steps is None else {"steps": steps}))
+    with Terminal() as terminal, tempfile.TemporaryDirectory() as folder:
+        trained = train(collection, settings, Path(folder), terminal)
+        rows = np.array([compared(trained, photo) for photo in collection.split("test")])
+    for what, chosen in (("all", rows), ("beyond reach", rows[rows[:, 0] > 1])):
+        means = f": {chosen[:, 1].mean():.2f} dB drawn in, {chosen[:, 2].mean():.2f} dB with gains" if len(chosen) else ""
+        click.echo(f"{what}, {len(chosen)} of {len(rows)} photos{means}")
+
+
+def without(collection: Collection, by: str) -> Collection:
+    """The training photos alone, a quarter of them held out."""
+
+    def key(photo: Photo) -> float:
+        height = max(1, SMALL_PX * photo.camera.height // photo.camera.width)
+        return LIGHTS[by](*photos.load(photo, SMALL_PX, height).pixels.mean(axis=(0, 1)))
+
+    ranked = sorted(collection.split("train"), key=key)
+    held_out = {photo.name for photo in ranked[: len(ranked) // 4]}
+    left = (replace(photo, split="test" if photo.name in held_out else "train") for photo in collection.split("train"))
+    return replace(collection, photos=tuple(left))
+
+
+@cores_awake()
+def train(collection: Collection, settings, folder: Path, terminal: Terminal) -> Run:
+    """A finished run in `folder`."""
+    trainer = Trainer(collection, settings, folder)
+    run.create(folder, collection, trainer.settings, trainer.decisions)
+    for report in trainer.train():
+        terminal.progress("Training", report.step, trainer.settings.steps)
+    return load_run(folder)
+
+
+@torch.no_grad()
+def compared(trained: Run, photo: Photo) -> tuple[float, float, float]:
+    """How far out a photo's embedding lies (1: the end of reach), and the PSNR of its look drawn into reach, and with gains."""
+    picture = trained.picture(photo)
+    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
+    static = load_truth(trained.collection.root, photo.name, picture.camera.width, picture.camera.height).static
+    counted = torch.ones(pixels.shape[:2], dtype=torch.bool) if valid is None else valid
+    counted = counted if static is None else counted & static
+    embedding = trained.model.embedding_from_outside(picture.encoder_input)
+    looks = (trained.model.within_reach(embedding), None), read_from_outside(trained, picture.encoder_input)
+    images = (trained.rasterizer.render(bake(trained, Appearance("", "", *look)), picture.camera).image for look in looks)
+    return trained.model.reach(embedding), *(psnr(quantised(image), pixels, counted) for image in images)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Photos of one light are held out, and their looks come nearer by the gains of sky and place."""
+
+import numpy as np
+from click.testing import CliRunner
+
+from samples import unlike
+from tests.training.known_scene import exposed, known_collection
+
+
+def in_the_dark(index, picture):
+    """Every fifth photo is taken at night, the others each in an exposure of its own."""
+    day, hidden = exposed(index, picture)
+    return day * (0.12 if index % 5 == 0 else 1.0), hidden
+
+
+def test_the_darkest_quarter_is_held_out_and_comes_nearer_by_gains(tmp_path, monkeypatch):
+    collection = known_collection(tmp_path, in_the_dark)
+    split = unlike.without(collection, "dark")
+    assert len(split.photos) == 20 and len(split.split("test")) == 5
+    nights = {photo.name for photo in collection.split("train") if int(photo.name[6:8]) % 5 == 0}
+    assert nights <= {photo.name for photo in split.split("test")}
+    assert {photo.name for photo in unlike.without(collection, "bright").split("train")} >= nights
+    monkeypatch.setattr(unlike, "load_collection", lambda scene: collection)
+    told = CliRunner().invoke(unlike.main, [str(tmp_path), "--steps", "150"], catch_exceptions=False).output
+    beyond = next(line for line in told.splitlines() if line.startswith("beyond reach"))
+    drawn_in, gains = (float(part.split(" dB")[0].split()[-1]) for part in beyond.split(": ")[1].split(", "))
+    assert len(nights) == int(beyond.split()[2]) and gains > drawn_in + 3
+    assert np.isfinite(gains)

@@ -84,8 +84,13 @@ class Settings:
     transients: str = setting(AUTO, "Whether passers-by are masked; auto asks the photos.", choices=(AUTO, "off", "on"))
     sky: str = setting(
         AUTO,
-        "What stands behind everything: a far dome of Gaussians, or nothing. auto: nothing where a Blender scene is transparent.",
+        "What stands behind everything: a far dome of Gaussians, or nothing. auto: nothing where transparent pixels are empty.",
         choices=(AUTO, "none", "dome"),
+    )
+    transparency: str = setting(
+        AUTO,
+        "What transparent pixels say: that nobody saw what is there, or that it is empty. auto: empty, in a Blender scene without a dome.",
+        choices=(AUTO, "unseen", "empty"),
     )
     embedding: str = setting("encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo"))
     mask: str = setting(
@@ -180,6 +185,8 @@ class Settings:
     def __post_init__(self):
         for item in fields(self):
             check(item, getattr(self, item.name))
+        if self.transparency == "empty" and self.sky == "dome":
+            raise BadSetting("transparency=empty with sky=dome: a dome leaves nothing empty.", "Leave one of them out.")
         if self.densify_from > self.densify_until:
             raise BadSetting(
                 f"densify_from={self.densify_from} is after densify_until={self.densify_until}.", "Growth must start first."

@@ -26,6 +26,7 @@ import torch
 
 from core.data import photos
 from core.data.collection import Photo
+from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import refine_embedding
 from core.export.atomic import replacing
@@ -52,6 +53,13 @@ QUALITY = 88  # of JPEG
 def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None) -> None:
     """Draw the looks of RUN (default: the newest)."""
     trained = load_run(run.find_run(run_folder))
+    output = output or HERE / "styles.jpg"
+    if output.suffix.lower() not in (".jpg", ".jpeg"):
+        raise BadInput(f"{output} is no JPEG by its name.", "Let it end in .jpg.")
+    if len(views) > 1 and not renders:
+        raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
+    if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):
+        raise BadInput("The styles drawn by default are of samples/plaza, beside their photos.", "Add --style PHOTO.")
     if not styles:
         styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
         from_left = trained.collection.view(PLAZA_VIEWS[0])
@@ -63,7 +71,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
         rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
     else:
         rows = sheet(trained, styles, seen_from[0])
-    write_jpeg(output or HERE / "styles.jpg", rows)
+    write_jpeg(output, rows)
     for style in styles:
         if line := nearness(trained, style):
             click.echo(line)
@@ -74,6 +82,8 @@ def sheet(trained: Run, styles: tuple[str, ...], photo: Photo) -> list[list[np.n
     neutral, *looks = (find_appearance(trained, word) for word in ("neutral", *styles))
     rows = []
     for style, look in zip(styles, looks, strict=True):
+        if not Path(style).is_file():
+            raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
         row = [photos.read(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]
         truth = truths(trained, style).get(photo.name)
         rows.append([tile(picture, TILE_PX) for picture in (row if truth is None else [*row, photos.read(truth)])])

@@ -40,8 +40,8 @@ Taught = tuple[Float[Tensor, "3 s s"], Bool[Tensor, "h w"]]  # a squeezed photo,
 
 @click.command(cls=Told)
 @click.argument("scene", type=click.Path(path_type=Path))
-@click.option("--steps", default=6000, show_default=True)
-@click.option("--seeds", default=3, show_default=True)
+@click.option("--steps", type=click.IntRange(min=1), default=6000, show_default=True)
+@click.option("--seeds", type=click.IntRange(min=1), default=3, show_default=True)
 def main(scene: Path, steps: int, seeds: int) -> None:
     """Teach the mask network with the true masks of SCENE, and measure it on its held-out photos."""
     collection = load_collection(scene)

@@ -64,6 +64,20 @@ def test_a_sheet_without_photos(folder, tmp_path):
             assert abs(drawn[..., ::-1] - lights.tile(frame, lights.TILE_PX)).mean() < 4  # JPEG
 
 
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (["-o", "x.png"], "no JPEG by its name"),
+        (["--style", "photo_1.png", "--view", "photo_5.png", "--view", "photo_1.png"], "Without --renders one --view"),
+        (["-o", "x.jpg"], "of samples/plaza"),
+        (["--style", "photo_1.png", "-o", "x.jpg"], "add --renders"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(folder, options, words):
+    result = CliRunner().invoke(lights.main, [str(folder), *options])
+    assert result.exit_code == 1 and words in result.output
+
+
 def test_nearness_to_a_truth(folder):
     live = load_run(folder)
     root = live.collection.root

@@ -6,7 +6,7 @@ Over one colour alone, Gaussians of that colour would pass for empty space. Whit
 
 import torch
 
-from core.config import Settings
+from core.config import AUTO, Settings
 from core.data.collection import Collection
 from core.rasterizer import BLACK, Colour
 
@@ -14,9 +14,16 @@ WHITE: Colour = (1.0, 1.0, 1.0)
 CUT_OUT = ("blender",)  # kinds of collections whose transparent pixels say that the scene is empty there, not that nobody saw it
 
 
-def is_cut_out(collection: Collection, settings: Settings) -> bool:
-    """Whether transparent pixels are learnt and scored as empty space. A dome, where one is asked for, would fill it."""
+def looks_for_empty(collection: Collection, settings: Settings) -> bool:
+    """Whether photos are decoded with what is empty in them. A dome, where one is asked for, would fill it."""
+    if settings.transparency != AUTO:
+        return is_cut_out(settings)
     return collection.kind in CUT_OUT and settings.sky != "dome"
+
+
+def is_cut_out(settings: Settings) -> bool:
+    """Whether transparent pixels are learnt and scored as empty space, once that is decided (core.training.needs)."""
+    return settings.transparency == "empty"
 
 
 def of_figures(cut_out: bool) -> Colour:

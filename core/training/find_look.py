@@ -87,8 +87,8 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     embedding, tone = read_from_outside(trained, picture.to(trained.device))
     source = f"photo {path.name} from outside the collection"
     if tone is not None:
-        place, sky = map(float, tone.mean(dim=1))
-        source += f", lit as no photo of it is: the nearest look, with the place x {place:.2f} and the sky x {sky:.2f}"
+        place, sky = (", ".join(f"{float(gain):.2f}" for gain in row) for row in tone)
+        source += f", lit as no photo of it is: the nearest look, red, green and blue of the place x {place}, of the sky x {sky}"
     return Appearance(path.stem, source, embedding, tone)
 
 

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from core.config import FIRST_STEPS, FIRST_VISITS, GAUSSIANS_A_PHOTO, LEAST, PIXELS_A_GAUSSIAN, VISITS, Settings
+from core.training.backdrop import is_cut_out
 from core.training.evidence import FEWEST_VIEWS, Evidence, gather_evidence
 from core.training.pictures import Picture
 
@@ -44,8 +45,9 @@ def decide(
 
     points: SfM points (P, 3), scene frame. pictures: the training photos, decoded at training size.
     """
-    sky = "dome" if all(picture.empty is None for picture in pictures) else "none"
-    settings = settings.decided(**sizes(pictures), sky=sky)
+    empty = is_cut_out(settings) or any(picture.empty is not None for picture in pictures)
+    settings = settings.changed(transparency="empty" if empty else "unseen")
+    settings = settings.decided(**sizes(pictures), sky="none" if empty else "dome")
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
         return settings.decided(), ()
@@ -99,7 +101,7 @@ def sh_degree(evidence: Evidence) -> Decision:
 
 def _too_little(evidence: Evidence) -> str:
     seen = f"{evidence.sightings} usable sightings of SfM points in {evidence.photos} photos"
-    return f"too little to judge by ({seen}), so it is kept"
+    return f"too little to judge by ({seen}), so it is kept; `wegs train --help` tells how to leave it out"
 
 
 JUDGES = {"appearance": appearance, "transients": transients, "sh_degree": sh_degree}

@@ -121,7 +121,7 @@ def create(folder: Path, collection: Collection, settings: Settings, decisions: 
         world = collection.frame.for_files().to_world(collection.points)
         write_points(folder / "input.ply", world, collection.point_colours)
         write_json(folder / "cameras.json", _cameras_json(collection))
-        write_text(folder / "cfg_args", _cfg_args(folder, collection, is_cut_out(collection, settings)))
+        write_text(folder / "cfg_args", _cfg_args(folder, collection, is_cut_out(settings)))
         write_config(folder, collection, settings, decisions)
     except BaseException:
         _clear(folder)

@@ -50,7 +50,7 @@ def save(folder: Path, look: Appearance, run: str) -> Path:
     """
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
-    facts = {"name": look.name, "run": run, "source": look.source, "embedding": [float(number) for number in look.embedding]}
+    facts = {"name": look.name, "run": run, "source": look.source, "embedding": [float(number) for number in look.embedding.detach()]}
     write_json(path, facts if look.tone is None else facts | {"tone": [[float(gain) for gain in row] for row in look.tone]})
     return path
 
@@ -61,10 +61,10 @@ def load(path: Path, run: str, size: int) -> Appearance:
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
-        name, source, owner, numbers = (facts[key] for key in ("name", "source", "run", "embedding"))
+        source, owner, numbers = (facts[key] for key in ("source", "run", "embedding"))
         embedding = torch.tensor([float(number) for number in numbers], dtype=torch.float32)
         tone = torch.tensor(facts["tone"], dtype=torch.float32) if "tone" in facts else None
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
         raise BadInput(
             f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME."
         ) from None
@@ -74,4 +74,4 @@ def load(path: Path, run: str, size: int) -> Appearance:
         raise BadInput(f"{path} does not hold {size} finite numbers.", "Save the look again.")
     if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
-    return Appearance(name, source, embedding, tone)
+    return Appearance(path.stem, str(source), embedding, tone)

@@ -25,7 +25,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
     report.say(f"Training {settings.steps} steps{on_gpu} at {spread} px, at most {settings.max_gaussians} Gaussians")
-    if trainer.is_cut_out and any(picture.empty is not None for picture in trainer.pictures.pictures):
+    if trainer.is_cut_out:
         report.say("Transparent pixels are learnt as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")

@@ -58,7 +58,7 @@ class Run:
     @property
     def is_cut_out(self) -> bool:
         """Whether what is transparent in photos was learnt as empty space."""
-        return backdrop.is_cut_out(self.collection, self.settings)
+        return backdrop.is_cut_out(self.settings)
 
     @property
     def backdrop(self) -> Colour:

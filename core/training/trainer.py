@@ -24,7 +24,7 @@ from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
 from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule, strangers
-from core.training.backdrop import is_cut_out
+from core.training.backdrop import is_cut_out, looks_for_empty
 from core.training.drawn import Drawn
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
@@ -72,12 +72,12 @@ class Trainer:
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         factor = auto_factor(collection.photos, self.device.type)
         size = settings.resolution, factor, settings.encoder_side_px, self.device
-        self.pictures = Pictures(collection.split("train"), *size, is_cut_out(collection, settings))
+        self.pictures = Pictures(collection.split("train"), *size, looks_for_empty(collection, settings))
         if not len(self.pictures):
             what = f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = needs.decide(settings, collection.points, self.pictures.pictures)
-        self.settings, self.is_cut_out = settings, is_cut_out(collection, settings)
+        self.settings, self.is_cut_out = settings, is_cut_out(settings)
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size, self.is_cut_out)
         self.model = AppearanceModel(settings, [picture.photo.name for picture in self.pictures.pictures]).to(self.device)
         if self.model.encoder is not None:

@@ -11,6 +11,7 @@ import torch
 from core import pipeline
 from core.config import Settings
 from core.data import load_collection
+from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
 from core.training import backdrop, checkpoint, run
 from core.training.trainer import Trainer
@@ -109,9 +110,17 @@ def test_photos_of_other_kinds_show_nothing_where_they_are_transparent_and_nothi
 
 def test_a_blender_scene_of_opaque_photos_has_a_sky(tmp_path):
     photos = small_collection(tmp_path)
-    settings = small_settings().changed(sky="auto")
-    trainer = Trainer(replace(photos, kind="blender"), settings, tmp_path)
-    assert trainer.settings == small_settings() and not trainer.is_cut_out
+    for given, sky in (("auto", "dome"), ("none", "none")):
+        trainer = Trainer(replace(photos, kind="blender"), small_settings().changed(sky=given), tmp_path)
+        assert trainer.settings == small_settings(sky=sky, transparency="unseen") and not trainer.is_cut_out
+
+
+def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(scene, tmp_path):
+    collection = replace(load_collection(scene), kind="nerfstudio")
+    trainer = Trainer(collection, Settings(**SMALL, transparency="empty"), tmp_path)
+    assert trainer.is_cut_out and trainer.settings.sky == "none" and trainer.pictures[0].empty is not None
+    with pytest.raises(BadSetting, match="a dome leaves nothing empty"):
+        Settings(transparency="empty", sky="dome")
 
 
 def test_a_dome_that_is_asked_for_stands_where_nobody_saw_anything(scene, tmp_path):

@@ -227,6 +227,8 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
     back = saved_look.load(saved_look.save(tmp_path, look, "abc"), "abc", 16)
     assert torch.equal(back.embedding, look.embedding)
     assert (back.name, back.source, back.tone) == (look.name, look.source, None)
+    (tmp_path / "copy.json").write_text((tmp_path / "appearance" / "dusk.json").read_text())
+    assert saved_look.load(tmp_path / "copy.json", "abc", 16).name == "copy"  # files are copied; what they say of themselves is no path
     night = replace(look, name="night", tone=torch.rand(2, 3))
     assert torch.equal(saved_look.load(saved_look.save(tmp_path, night, "abc"), "abc", 16).tone, night.tone)
 
@@ -240,6 +242,7 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 1' + 400 * "0" + "]}", "not a saved look"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1]}', "not two rows of three gains"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}', "not two rows"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),

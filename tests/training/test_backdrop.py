@@ -115,6 +115,15 @@ def test_a_blender_scene_of_opaque_photos_has_a_sky(tmp_path):
         assert trainer.settings == small_settings(sky=sky, transparency="unseen") and not trainer.is_cut_out
 
 
+def test_renders_that_say_too_little_are_of_one_look(scene, tmp_path):
+    undecided = {name: value for name, value in SMALL.items() if name not in ("appearance", "transients")}
+    for transparency, looks in (("auto", "off"), ("unseen", "full")):
+        trainer = Trainer(load_collection(scene), Settings(**undecided, transparency=transparency), tmp_path)
+        assert trainer.settings.appearance == looks
+        assert trainer.settings.transients == ("off" if looks == "off" else "on")
+        assert all(decision.figure is None for decision in trainer.decisions)
+
+
 def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(scene, tmp_path):
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL, transparency="empty"), tmp_path)

@@ -4,7 +4,7 @@
     python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
     python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg      # without its photos
 
-lights.jpg: six looks. styles.jpg: for each style photo a row, photo | neutral | its look | truth where it is known; below them
+lights.jpg, without -o: six looks. styles.jpg, or what -o names: for each style photo a row, photo | neutral | its look | truth where it is known; below them
 the looks between the first style (or neutral) and the last. Where the truth is known it also prints how near the look
 comes to it, beside the nearest look of a training photo and the look fitted to the truth itself, in dB of PSNR. With --renders: for each
 view a row, neutral and each look, and no photo, whose licence may not allow it.
@@ -53,8 +53,7 @@ QUALITY = 88  # of JPEG
 def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None) -> None:
     """Draw the looks of RUN (default: the newest)."""
     trained = load_run(run.find_run(run_folder))
-    output = output or HERE / "styles.jpg"
-    if output.suffix.lower() not in (".jpg", ".jpeg"):
+    if output is not None and output.suffix.lower() not in (".jpg", ".jpeg"):
         raise BadInput(f"{output} is no JPEG by its name.", "Let it end in .jpg.")
     if len(views) > 1 and not renders:
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
@@ -62,16 +61,17 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
         raise BadInput("The styles drawn by default are of samples/plaza, beside their photos.", "Add --style PHOTO.")
     if not styles:
         styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
-        from_left = trained.collection.view(PLAZA_VIEWS[0])
-        shots = [tile(rendered(trained, find_appearance(trained, look), from_left), 240) for look in PLAZA_LOOKS]
-        write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]])
+        if output is None:
+            from_left = trained.collection.view(PLAZA_VIEWS[0])
+            shots = [tile(rendered(trained, find_appearance(trained, look), from_left), 240) for look in PLAZA_LOOKS]
+            write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]])
     seen_from = [trained.collection.view(view) for view in views or (None,)]
     if renders:
         looks = [find_appearance(trained, word) for word in ("neutral", *styles)]
         rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
     else:
         rows = sheet(trained, styles, seen_from[0])
-    write_jpeg(output, rows)
+    write_jpeg(output or HERE / "styles.jpg", rows)
     for style in styles:
         if line := nearness(trained, style):
             click.echo(line)

@@ -26,10 +26,9 @@ from core.config import preset
 from core.data import load_collection, photos
 from core.data.collection import Collection, Photo
 from core.evaluation.metrics import psnr, quantised
-from core.evaluation.truth import load_truth
+from core.pipeline import held_out_view
 from core.training import run
 from core.training.outside import read_from_outside
-from core.training.pictures import shown_on
 from core.training.trained import Appearance, Run, bake, load_run
 from core.training.trainer import Trainer
 from wegs_cli.main import Told
@@ -84,15 +83,14 @@ def train(collection: Collection, settings, folder: Path, terminal: Terminal) ->
 @torch.no_grad()
 def compared(trained: Run, photo: Photo) -> tuple[float, float, float]:
     """How far out a photo's embedding lies (1: the end of reach), and the PSNR of its look drawn into reach, and with gains."""
-    picture = trained.picture(photo)
-    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
-    static = load_truth(trained.collection.root, photo.name, picture.camera.width, picture.camera.height).static
-    counted = torch.ones(pixels.shape[:2], dtype=torch.bool) if valid is None else valid
-    counted = counted if static is None else counted & static
-    embedding = trained.model.embedding_from_outside(picture.encoder_input)
-    looks = (trained.model.within_reach(embedding), None), read_from_outside(trained, picture.encoder_input)
-    images = (trained.rasterizer.render(bake(trained, Appearance("", "", *look)), picture.camera).image for look in looks)
-    return trained.model.reach(embedding), *(psnr(quantised(image), pixels, counted) for image in images)
+    view = held_out_view(trained, photo)
+    counted = [part for part in (view.valid, view.truth.static) if part is not None]
+    counted = torch.stack(counted).all(dim=0) if counted else None
+    picture = view.picture.permute(2, 0, 1)
+    embedding = trained.model.embedding_from_outside(picture)
+    looks = (trained.model.within_reach(embedding), None), read_from_outside(trained, picture)
+    images = (trained.rasterizer.render(bake(trained, Appearance("", "", *look)), view.camera).image for look in looks)
+    return trained.model.reach(embedding), *(psnr(quantised(image), view.picture, counted) for image in images)
 
 
 if __name__ == "__main__":

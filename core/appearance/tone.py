@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from core.scene.harmonics import SH_0
+from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 
 BANDS = 4  # horizontal ones of a photo, whose mean colours tell sky from place
@@ -54,5 +54,5 @@ def toned(splats: Splats, tone: Float[Tensor, "2 3"], sky: int) -> Splats:
     place = len(splats) - sky
     gains = torch.cat([tone[:1].expand(place, 3), tone[1:].expand(sky, 3)]).to(splats.sh)
     sh = splats.sh * gains[:, None]
-    sh[:, 0] += 0.5 * (gains - 1) / SH_0  # a colour is 0.5 + SH_0 * sh_0 + ...
+    sh[:, 0] += dc_of_colour(0.5 * gains)  # a colour is 0.5 + what its coefficients say
     return splats.with_sh(sh)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data import photos as files
 from core.data.collection import Collection, Photo, astray
@@ -16,7 +17,7 @@ from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
-from core.training.backdrop import CUT_OUT
+from core.training.backdrop import looks_for_empty
 from core.words import counted, list_names
 
 # In the words of the reader's notes: those about which nothing needs doing, or which a finding of its own is about.
@@ -138,7 +139,7 @@ def _photos(collection: Collection, report: Report) -> list[Finding]:
         width = min(SMALL_PX, photo.camera.width)
         height = max(1, round(photo.camera.height * width / photo.camera.width))
         try:
-            picture = files.load(photo, width, height, cut_out=collection.kind in CUT_OUT)
+            picture = files.load(photo, width, height, cut_out=looks_for_empty(collection, Settings()))
         except BadInput as problem:
             unreadable.append(named_with_fault(photo.name, photo.path, problem))
             continue

@@ -26,8 +26,9 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all.
 
     Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection,
-    or the file that structure from motion made it of; the name of a look saved in the run; that of a photo of the collection. A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is
-    near, if nothing fits, and for the mask of a look that comes from no photo.
+    or the file that structure from motion made it of; the name of a look saved in the run; that of a photo of the collection.
+    A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is near,
+    if nothing fits, and for the mask of a look that comes from no photo.
     """
     saved = _saved_as(trained, word)
     reads_photos = trained.settings.appearance != "off" and trained.settings.embedding == "encoder"

@@ -10,10 +10,9 @@ import torch
 from core import export
 from core.appearance.model import AppearanceModel
 from core.appearance.transfer_kernel import ROWS
-from core.config import LEAST, Settings
 from core.scene.splats import Splats
 from core.threads import in_parallel
-from samples.measurements.scenes import COEFFICIENTS, DEGREE
+from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE
 from samples.measurements.stopwatch import Stopwatch
 
 BAKED_GAUSSIANS, BAKES = 1_000_000, 5
@@ -23,8 +22,7 @@ def measure_bake(scale: float) -> dict:
     """A scene in one look, and its .ply. The products are of blocks that stay in cache, into memory that is there."""
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
-    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)
-    model, latents = AppearanceModel(settings, ()), torch.randn(count, settings.latent_size)
+    model, latents = AppearanceModel(BAKED, ()), torch.randn(count, BAKED.latent_size)
     hidden, output = (layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer))
     weights = [hidden.learned_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]
     factors = [(torch.randn(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
@@ -47,5 +45,5 @@ def measure_bake(scale: float) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         parts = stopwatch.repeat(partial(bake, Path(folder) / "look.ply"), 1, BAKES)
     ratios = [round(parts["bake"]["median"][kind] / parts["matrix products alone"]["median"][kind], 2) for kind in (0, 1)]
-    facts = {"gaussians": count, "sh_degree": DEGREE, "transfer_width": settings.transfer_width}
+    facts = {"gaussians": count, "sh_degree": DEGREE, "transfer_width": BAKED.transfer_width}
     return {"parts": parts, "facts": facts | {"times_the_products": ratios[0], "in_wall_time": ratios[1]}}

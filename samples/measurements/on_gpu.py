@@ -22,7 +22,7 @@ from core.training.trainer import Trainer
 from samples.measurements import peer
 from samples.measurements.drawing import draw
 from samples.measurements.gpu import GpuStopwatch, Place, compiled, copy_bandwidth, in_turns, profiled
-from samples.measurements.scenes import COEFFICIENTS, DEGREE, STEP_GAUSSIANS, garden, garden_camera
+from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE, STEP_GAUSSIANS, garden, garden_camera
 from samples.measurements.steps import trainer_with
 
 GAUSSIANS, SIZE_PX = 1_000_000, (1920, 1080)
@@ -79,9 +79,8 @@ def measure_picture(place: Place, scale: float) -> Iterable[Line]:
 def measure_baked(place: Place, scale: float) -> Iterable[Line]:
     """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
     (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
-    settings = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)
-    model = AppearanceModel(settings, ()).to(place.device)
-    latents = torch.zeros(len(scene), settings.latent_size, device=place.device)
+    model = AppearanceModel(BAKED, ()).to(place.device)
+    latents = torch.zeros(len(scene), BAKED.latent_size, device=place.device)
     with tempfile.TemporaryDirectory() as folder:
         looks = {"baked": model.bake(scene, model.mean_embedding, latents), "vanilla": scene}
         for name, look in looks.items():

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from core.config import LEAST, Settings
 from core.data import load_collection
 from core.data.collection import Collection
 from core.scene.camera import Camera
@@ -14,6 +15,7 @@ from core.scene.splats import Splats
 STEP_GAUSSIANS, STEP_SIZE_PX, STEP_PHOTOS = 30_000, (324, 210), 10
 GARDEN_GAUSSIANS, GARDEN_SIZE_PX = 140_000, (648, 420)
 DEGREE, COEFFICIENTS = 3, 16  # of the garden and of what is baked; steps have the default degree
+BAKED = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)  # the defaults, for a scene that needs all
 
 
 def plaza(scale: float) -> Collection:

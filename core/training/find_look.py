@@ -6,7 +6,6 @@ from pathlib import Path
 
 import torch
 
-from core.appearance.encoder import shrink
 from core.data import photos as files
 from core.data import sfm
 from core.data.collection import Photo
@@ -84,8 +83,8 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")
-    picture = shrink(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255, trained.settings.encoder_side_px)
-    embedding, tone = read_from_outside(trained, picture.to(trained.device))
+    picture = torch.from_numpy(pixels).to(trained.device).permute(2, 0, 1).float() / 255
+    embedding, tone = read_from_outside(trained, picture)
     source = f"photo {path.name} from outside the collection"
     if tone is not None:
         place, sky = (", ".join(f"{float(gain):.2f}" for gain in row) for row in tone)

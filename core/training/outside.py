@@ -4,6 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from core.appearance.encoder import shrink
 from core.appearance.tone import band_means, taken_off, tone_between, toned
 from core.data.collection import spread_over
 from core.training.trained import Run
@@ -21,7 +22,7 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     as brings the embedding within reach: a small share of it, the same power of its gains, for a photo that is only
     just beyond. What does not come within reach by any share takes the one that brings it nearest, and is moved there.
     """
-    model = trained.model
+    model, picture = trained.model, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
     if model.reach(embedding) <= 1:
         return embedding, None

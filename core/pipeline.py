@@ -201,7 +201,7 @@ def export(
     start = time.perf_counter()
     written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None, sky)
     if save_as is not None:
-        kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity)
+        kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
     seconds = time.perf_counter() - start
     report.say(f"{output}: {written} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")

@@ -122,8 +122,10 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     assert trained.model.reach(look.embedding) <= 1 + 1e-5
     assert "lit as no photo of it is" in look.source
 
-    saved_look.save(trained.folder, replace(look, name="night"), trained.identity)
+    saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
     assert torch.equal(rendered(trained, find_appearance(trained, "night")), shown)
+    with pytest.raises(BadInput, match="Save the look again"):  # what its numbers mean was still being learnt
+        find_appearance(replace(trained, step=trained.step + 1), "night")
     frames = [rendered(trained, blend(find_appearance(trained, "neutral"), look, share)) for share in np.linspace(0, 1, 10)]
     steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
     assert torch.equal(frames[-1], shown) and max(steps) <= 2 * np.mean(steps)

@@ -36,7 +36,7 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
     if word == NEUTRAL:
         return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
     if saved:
-        look = saved_look.load(saved, trained.identity, trained.settings.embedding_size)
+        look = saved_look.load(saved, trained.identity, trained.settings.embedding_size, trained.step)
         tone = None if look.tone is None else look.tone.to(trained.device)
         return replace(look, embedding=look.embedding.to(trained.device), tone=tone)
     photo = _of_collection(trained, word)

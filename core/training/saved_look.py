@@ -1,4 +1,4 @@
-"""Looks kept by name: an embedding in a small JSON file, worth something only beside the run whose model made it."""
+"""Looks kept by name: an embedding in a small JSON file, worth something only beside the run, at the step, whose model made it."""
 
 import json
 import re
@@ -43,20 +43,24 @@ def names(folder: Path) -> list[str]:
     return sorted(path.stem for path in (folder / FOLDER).glob("*.json"))
 
 
-def save(folder: Path, look: Appearance, run: str) -> Path:
+def save(folder: Path, look: Appearance, identity: str, step: int) -> Path:
     """Write the look into a run folder, in place of an older one of that name.
 
-    run: identity of the run (config.json), whose SH transfer alone understands the embedding.
+    identity: of the run (config.json), whose SH transfer alone, as it is after `step` steps, understands the embedding.
     """
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
-    facts = {"name": look.name, "run": run, "source": look.source, "embedding": [float(number) for number in look.embedding.detach()]}
+    facts = {"name": look.name, "run": identity, "step": step, "source": look.source}
+    facts["embedding"] = [float(number) for number in look.embedding.detach()]
     write_json(path, facts if look.tone is None else facts | {"tone": [[float(gain) for gain in row] for row in look.tone]})
     return path
 
 
-def load(path: Path, run: str, size: int) -> Appearance:
-    """Read a look; BadInput unless it is one of the run `run` with `size` finite numbers, and its tone, if any, six gains >= 0."""
+def load(path: Path, identity: str, size: int, step: int) -> Appearance:
+    """Read a look of the run `identity` after `step` steps; looks saved by versions that did not keep the step are taken for such.
+
+    Raises BadInput unless it is one, with `size` finite numbers, and its tone, if any, is six gains >= 0.
+    """
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
     try:
@@ -68,8 +72,10 @@ def load(path: Path, run: str, size: int) -> Appearance:
         raise BadInput(
             f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME."
         ) from None
-    if owner != run:
-        raise BadInput(f"{path} was saved by run {owner}, not by {run}.", "Name its run with --run, or save it again.")
+    if owner != identity:
+        raise BadInput(f"{path} was saved by run {owner}, not by {identity}.", "Name its run with --run, or save it again.")
+    if (saved_at := facts.get("step", step)) != step:
+        raise BadInput(f"{path} was saved at step {saved_at}; the run is at step {step} now.", "Save the look again.")
     if len(embedding) != size or not embedding.isfinite().all():
         raise BadInput(f"{path} does not hold {size} finite numbers.", "Save the look again.")
     if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):

@@ -17,12 +17,13 @@ NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
 
 
 def path_of(folder: Path, name: str) -> Path:
-    """Where a run keeps the look `name`; BadSetting unless it is a plain file name other than `neutral`."""
+    """Where a run keeps the look `name`; BadSetting unless it is a plain file name other than `neutral`, with `.json` or without."""
+    name = name.removesuffix(".json")
     if name == NEUTRAL:
         raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
     if not re.fullmatch(r"\w[\w. -]*", name):
         raise BadSetting(f"{name!r} cannot be the name of a look.", "Use letters, digits, '-', '_' and '.'.")
-    return folder / FOLDER / f"{name.removesuffix('.json')}.json"
+    return folder / FOLDER / f"{name}.json"
 
 
 def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) -> None:

@@ -264,12 +264,17 @@ def test_a_look_of_a_version_that_kept_no_step_is_read(tmp_path):
     assert saved_look.load(path, "abc", 2, 7).embedding.tolist() == [1, 2]
 
 
-@pytest.mark.parametrize("name", ["", "../dusk", "a/b", ".hidden", "neutral"])
+@pytest.mark.parametrize("name", ["", ".json", "../dusk", "a/b", ".hidden", "neutral"])
 def test_a_look_needs_a_plain_name(tmp_path, name):
     with pytest.raises(BadSetting):
         saved_look.path_of(tmp_path, name)
 
 
-def test_a_look_may_not_be_called_neutral_and_is_told_why(tmp_path):
+@pytest.mark.parametrize("name", ["neutral", "neutral.json"])
+def test_a_look_may_not_be_called_neutral_and_is_told_why(tmp_path, name):
     with pytest.raises(BadSetting, match="every run has"):
-        saved_look.path_of(tmp_path, "neutral")
+        saved_look.path_of(tmp_path, name)
+
+
+def test_a_look_may_be_named_with_its_suffix(tmp_path):
+    assert saved_look.path_of(tmp_path, "dusk.json") == saved_look.path_of(tmp_path, "dusk")

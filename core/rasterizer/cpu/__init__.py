@@ -4,7 +4,5 @@ backend (the contract, as a torch.autograd.Function) -> project and project_back
 -> bin (depth order, tile lists) -> blend_forward and blend_backward (the pixels), over blend (a chunk of eight pixels)
 and simd (the vectors), run by core.threads.
 
-Numba's cache is keyed by the file that holds a kernel, not by the files that it calls: after a change in simd,
-tuples, footprint, harmonics, blend or the contract's constants delete the `__pycache__` folders here, or the
-old machine code goes on running.
+After an edit of what these files import from, old machine code may go on running: core/README.md, "A trap".
 """

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from core.rasterizer import Rasterizer
+from core.rasterizer import BLACK, Colour, Rasterizer
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.camera import Camera
@@ -35,6 +35,7 @@ class Trim:
     fade between them, and a fade begins and ends with the two bakes bit for bit). Which bands go follows from the look.
 
     sky: how many of the last Gaussians are the dome. A viewer turns where no photo looked, and would see holes in it.
+    background: what looks are shown over, and so what their changes are seen over.
     kept: (N,) Gaussians that stay in every look, unless one is so bright that it must keep all of `drawn`.
     drawn: (N,) Gaussians that reach any pixel of any view at all, the dome, and those that are not finite, which the writer
     of the file counts.
@@ -47,9 +48,10 @@ class Trim:
         cameras: Sequence[Camera],
         rasterizer: Rasterizer,
         sky: int = 0,
+        background: Colour = BLACK,
         progress: Callable[[int, int], None] = lambda done, total: None,
     ):
-        self.cameras, self.rasterizer = cameras, rasterizer
+        self.cameras, self.rasterizer, self.background = cameras, rasterizer, background
         self.told: list[str] = []
         strongest = largest_contributions(splats, cameras, rasterizer, progress)
         strongest[~splats.finite_rows()] = torch.inf
@@ -97,19 +99,22 @@ class Trim:
         for camera in self.cameras:
             if min(largest, default=1.0) > HALF_STEP:
                 break
-            whole = self.rasterizer.render(look, camera).image.clamp(0, 1)
+            whole = self._shown(look, camera)
             for number, option in enumerate(options):
                 if largest[number] <= HALF_STEP:
-                    change = (self.rasterizer.render(option, camera).image.clamp(0, 1) - whole).abs().max()
+                    change = (self._shown(option, camera) - whole).abs().max()
                     largest[number] = max(largest[number], float(change))
         for option, change in zip(options, largest, strict=True):
             if change <= HALF_STEP:
                 return Trimmed(option, len(look) - len(option), look.degree - option.degree, change * 255)
         return Trimmed(look[self.drawn], int((~self.drawn).sum()), 0, 0.0)
 
+    def _shown(self, look: Splats, camera: Camera) -> Tensor:
+        return self.rasterizer.render(look, camera, self.background).image.clamp(0, 1)
+
 
 def trim_of(trained: Run, report: Report) -> Trim:
     """The Trim of a run, over its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
-    given = trained.splats, cameras, trained.rasterizer, trained.sky
+    given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.backdrop
     return Trim(*given, lambda done, total: report.progress("Training views", done, total))

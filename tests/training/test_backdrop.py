@@ -15,6 +15,7 @@ from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
 from core.training import backdrop, checkpoint, run
 from core.training.trainer import Trainer
+from core.training.trim import trim_of
 from tests.heard import Heard
 from tests.small import small_collection, small_settings
 from tests.training.cut_out_scene import write_cut_out
@@ -169,6 +170,10 @@ def test_figures_are_over_white_and_count_every_pixel(finished):
     assert results.means()["photo"]["zero_shot"]["psnr"] == pytest.approx(np.mean(decibels), abs=1e-6)
     last = (folder / "history.csv").read_text().splitlines()[-1].split(",")
     assert float(last[-2]) == pytest.approx(np.mean(decibels), abs=0.01)  # of pictures that were not rounded to 8 bits
+
+
+def test_what_goes_from_a_look_is_judged_over_white(finished):
+    assert trim_of(pipeline.load_run(finished[0]), Heard()).background == backdrop.WHITE
 
 
 def test_frames_are_over_white(finished, tmp_path):

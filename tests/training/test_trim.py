@@ -4,6 +4,7 @@ import pytest
 import torch
 
 import core.rasterizer
+from core.rasterizer import BLACK
 from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 from core.training.trainer import Trainer
@@ -111,6 +112,18 @@ def test_a_look_too_bright_for_the_bound_keeps_all_that_is_drawn():
     trimmed = trim(bright)
     assert len(trimmed.splats) == trim.drawn.sum() and trimmed.largest == 0
     assert largest_change(bright, trimmed.splats) == 0
+
+
+def test_the_bound_holds_over_what_the_look_is_shown_over():
+    """A black one behind is nothing over black; over white its absence adds to that of the band."""
+    front, behind = gaussians([[0.0, 0.0, 0.0]], 0.3, 0.9, 0.1, degree=1), gaussians([[0.0, 0.0, 0.5]], 0.05, 4.5 / 255, 0.0, degree=1)
+    front.sh[:, 2] = -0.004
+    look, white = Splats.concatenate([front, behind]), (1.0, 1.0, 1.0)
+    for background, bands in ((BLACK, 1), (white, 0)):
+        trimmed = Trim(look, CAMERAS[:1], RASTERIZER, background=background)(look)
+        assert (trimmed.gaussians, trimmed.bands) == (1, bands)
+        shown = [RASTERIZER.render(splats, CAMERAS[0], background).image.clamp(0, 1) for splats in (look, trimmed.splats)]
+        assert trimmed.largest == pytest.approx(255 * float((shown[0] - shown[1]).abs().max())) and 0.3 < trimmed.largest <= 0.5
 
 
 def test_gaussians_that_are_not_finite_are_left_for_the_writer_to_count():

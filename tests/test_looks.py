@@ -145,6 +145,15 @@ def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
     assert float(whole.mean()) < strengths[1] - 0.02  # as much of it as brings the photo within reach, and no more
 
 
+def test_around_an_object_cut_out_of_empty_space_no_photo_tells_a_tone(trained, tmp_path):
+    """What the neutral look shows there is no light to compare a photo's with."""
+    night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)
+    cut_out = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
+    look = find_appearance(cut_out, str(night))
+    assert look.tone is None and trained.model.reach(look.embedding) <= 1 + 1e-5
+    assert look.source == "photo 0.15.png from outside the collection"
+
+
 def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
     neutral = bake(trained, find_appearance(trained, "neutral"))
     night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)

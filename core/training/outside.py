@@ -21,11 +21,14 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     Else the tone is what turns the mean of the training views in the neutral look into the photo, and as much of it is taken off the photo
     as brings the embedding within reach: a small share of it, the same power of its gains, for a photo that is only
     just beyond. What does not come within reach by any share takes the one that brings it nearest, and is moved there.
+    Where transparency is empty space it is moved there as it is: what such a photo shows around the object is no sky of the run.
     """
     model, picture = trained.model, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
     if model.reach(embedding) <= 1:
         return embedding, None
+    if trained.is_cut_out:
+        return model.within_reach(embedding), None
     shares = _shares(trained)
     whole = tone_between(shares, band_means(picture))
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]

@@ -25,9 +25,7 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     """
     model, picture = trained.model, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
-    if model.reach(embedding) <= 1:
-        return embedding, None
-    if trained.is_cut_out:
+    if trained.is_cut_out or model.reach(embedding) <= 1:
         return model.within_reach(embedding), None
     shares = _shares(trained)
     whole = tone_between(shares, band_means(picture))

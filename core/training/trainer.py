@@ -37,6 +37,7 @@ from core.training.run import HISTORY
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4
+REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
 COLUMNS = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr", "held_out_ssim")
 
 
@@ -332,8 +333,7 @@ class Trainer:
         if self.optimizer is not None:
             tensors |= {f"optimizer.{name}": t for name, t in checkpoint.optimizer_tensors(self.optimizer).items()}
         tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
-        names = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")
-        facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in names}}
+        facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in REMEMBERED}}
         facts["photos"] = [picture.photo.name for picture in self.pictures.pictures]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
@@ -346,5 +346,5 @@ class Trainer:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
         torch.set_rng_state(saved.tensors["random.torch"])
-        for name, value in saved.facts["trainer"].items():
-            setattr(self, name, value)
+        for name in REMEMBERED:
+            setattr(self, name, saved.facts["trainer"][name])

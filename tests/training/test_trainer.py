@@ -64,6 +64,18 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, 
         assert torch.equal(tensor, actual[name]), name
 
 
+def test_a_checkpoint_sets_what_a_run_remembers_and_nothing_else(collection, tmp_path):
+    trainer, _ = run(collection, tmp_path / "run", small_settings(steps=2))
+    saved = checkpoint.load(checkpoint.newest(tmp_path / "run"))
+    saved.facts["trainer"]["train"] = None
+    trainer.resume(saved)
+    assert callable(trainer.train)
+    del saved.facts["trainer"]["order"]
+    path = checkpoint.save(tmp_path / "run", saved)
+    with pytest.raises(BadInput, match="does not fit its run: KeyError: 'order'"), checkpoint.fitting(path):
+        trainer.resume(saved)
+
+
 def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, tmp_path):
     first, *others = collection.photos
     trainer = Trainer(replace(collection, photos=(damage(first), *others)), small_settings(), tmp_path)

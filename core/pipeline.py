@@ -117,6 +117,8 @@ def _go_on(folder: Path, report: Report) -> Path:
             f"{folder} is finished: {settings.steps} steps.",
             f"Type: {command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
         )
+    if settings.device == "cuda" and not device.can_use_gpu():
+        raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
     if not before.root.is_dir():
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
     collection = with_masks_of(load_collection(before.root), before)

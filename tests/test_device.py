@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from core import device
-from core.errors import BadSetting, TrainingStopped
+from core.errors import BadInput, BadSetting, TrainingStopped
+from core.pipeline import resume
 from core.training import checkpoint, run
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.trained import load_run
@@ -55,6 +56,14 @@ def test_a_run_of_a_cpu_goes_on_there_when_a_gpu_comes(machine, tmp_path):
     settings = Trainer(collection, small_settings(device="auto"), tmp_path).settings
     machine(gpu=True)
     assert Trainer(collection, settings, tmp_path).device == device.CPU
+
+
+@pytest.mark.parametrize("gpu", [False, True])
+def test_a_run_of_a_gpu_does_not_go_on_where_none_can_be_used(machine, tmp_path, gpu):
+    run.create(tmp_path / "run", small_collection(tmp_path), small_settings(device="cuda"))
+    machine(gpu=gpu, triton=False)
+    with pytest.raises(BadInput, match="begun on a GPU, and none can be used here. Go on with it on a machine that has one"):
+        resume(tmp_path / "run")
 
 
 def test_cuda_without_a_gpu_is_one_line(machine):

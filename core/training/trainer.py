@@ -68,7 +68,7 @@ class Trainer:
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        # Explicit: a run that goes on elsewhere keeps to its pictures' sizes.
+        # Explicit: the run goes on only there, and is used at its pictures' sizes anywhere.
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         factor = auto_factor(collection.photos, self.device.type)

@@ -40,11 +40,11 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: floa
 class StepFacts(NamedTuple):
     """What is told of a step: scalars of the device that computes it, numbers once they have arrived.
 
-    loss: all but the gauge's. residual_size: mean absolute residual. sound: whether the losses were in order; taken: and the
-    Gaussians' gradient finite; learnt: and the networks'.
+    residual_size: mean absolute residual. sound: whether the losses were in order; taken: and the Gaussians' gradient finite;
+    learnt: and the networks'.
     """
 
-    loss: Tensor | float
+    loss_without_gauge: Tensor | float
     gauge_loss: Tensor | float
     picture_loss: Tensor | float
     residual_size: Tensor | float
@@ -52,6 +52,11 @@ class StepFacts(NamedTuple):
     sound: Tensor | float
     taken: Tensor | float
     learnt: Tensor | float
+
+    @property
+    def loss(self) -> Tensor | float:
+        """What the step minimised."""
+        return self.loss_without_gauge + self.gauge_loss
 
 
 def fault(facts: StepFacts, usual: float) -> str | None:

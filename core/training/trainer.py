@@ -150,12 +150,12 @@ class Trainer:
             self.last_losses[index] = facts.picture_loss
             messages = self._remember(drawn.look, index, facts.mask_mean, progress)
         else:
-            messages = [self._skip(index, fault)]
+            messages = [self._skip(index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
         return StepReport(
             step=self.done,
             seconds=self.seconds,
             gaussians=self.gaussians.solid,
-            loss=facts.loss + facts.gauge_loss,
+            loss=facts.loss,
             picture_loss=facts.picture_loss,
             mask_mean=self.mask_mean,
             residual=facts.residual_size,
@@ -283,7 +283,7 @@ class Trainer:
             + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 
-    def _skip(self, index: int, fault: str) -> str:
+    def _skip(self, index: int, fault: str, outcome: str) -> str:
         name = self.pictures[index].photo.name
         self.skipped += 1
         self.skipped_in_a_row += 1
@@ -297,7 +297,7 @@ class Trainer:
                 f"Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
-        return f"Step {self.done} was skipped: its {fault} (photo {name})."
+        return f"Step {self.done} {outcome}: its {fault} (photo {name})."
 
     def _next_photo(self) -> int:
         if not self.order:

@@ -133,12 +133,13 @@ def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, bu
 @given(
     known=st.lists(st.sampled_from([None, 0.0, 1e-30, 0.2, 1.9]), min_size=1, max_size=6),
     loss=st.sampled_from([0.0, 0.2, 1.9, 2.1, 30.0, 1e30, *POISON]),
+    gauge=st.sampled_from([0.0, 1e3, *POISON]),
 )
-def test_no_loss_within_the_range_of_photos_is_a_spike(known, loss):
+def test_no_loss_within_the_range_of_photos_is_a_spike(known, loss, gauge):
     usual, tensor = guards.usual_loss(0, known), torch.tensor(loss)
-    sound = bool(guards.sound(tensor, tensor, usual))
-    fault = guards.fault(guards.StepFacts(loss, 0.0, loss, 0.0, 1.0, sound, True, True), usual)
-    if not math.isfinite(loss):
+    sound = bool(guards.sound(tensor + gauge, tensor, usual))
+    fault = guards.fault(guards.StepFacts(loss, gauge, loss, 0.0, 1.0, sound, True, True), usual)
+    if not math.isfinite(loss + gauge):
         assert fault == "loss was not finite"
     elif loss < 2 or known == [None] * len(known):
         assert fault is None

@@ -82,14 +82,17 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
 
 
 def prune_faint(gaussians: Gaussians, largest: Tensor, share: float) -> None:
-    """Remove Gaussians whose largest contribution to any view (N,) is below `share`, but keep LEAST_KEPT of them."""
-    if gaussians.solid:
-        strong = largest[: gaussians.solid].sort().values[int((1 - LEAST_KEPT) * gaussians.solid)]
-        gaussians.keep(largest >= min(share, float(strong)))
+    """Remove Gaussians whose largest contribution to any view (N,) is below `share`, but keep LEAST_KEPT of them, the strongest."""
+    solid = gaussians.solid
+    least = solid - int((1 - LEAST_KEPT) * solid)
+    kept = largest >= share
+    # By rank: most may reach nothing, and then a quarter of them is still a quarter.
+    kept[torch.sort(largest[:solid], descending=True, stable=True).indices[:least]] = True
+    gaussians.keep(kept)
 
 
 def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
-    """Clone or split the Gaussians that the pictures pull at most, at most `budget` of them.
+    """Clone or split the Gaussians that the pictures pull most, at most `budget` of them.
 
     A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
     """

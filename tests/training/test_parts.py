@@ -75,6 +75,21 @@ def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gauss
     assert gaussians.solid == len(points) - 2
 
 
+@pytest.mark.parametrize("reaching", [0.0, 0.1, 0.5, 1.0])
+def test_a_quarter_stays_whatever_it_contributes_and_no_more_than_that_of_the_faint(gaussians, reaching):
+    solid, means = gaussians.solid, gaussians.parameters["means"].clone()
+    largest = torch.zeros(len(gaussians))
+    largest[: round(reaching * solid)] = torch.linspace(0.15, 0.05, round(reaching * solid))
+    strong = int((largest >= 0.1).sum())
+    densify.prune_faint(gaussians, largest, 0.1)
+    quarter = solid - int(0.75 * solid)
+    assert gaussians.solid == max(strong, quarter) and gaussians.sky == len(means) - solid
+    assert torch.equal(gaussians.parameters["means"][: gaussians.solid], means[: gaussians.solid])  # the strongest
+    gaussians.keep(torch.zeros(len(gaussians), dtype=torch.bool))
+    densify.prune_faint(gaussians, torch.zeros(len(gaussians)), 0.1)
+    assert gaussians.solid == 0
+
+
 @pytest.mark.parametrize("gather", [densify.gather, densify.plain_gather])
 def test_what_pulls_at_the_seen_is_gathered_in_half_pictures_unless_the_step_is_dropped(gaussians, gather):
     rows, pulls = torch.tensor([1, 4, 5]), torch.tensor([[3.0, 0.0], [0.0, -2.0], [0.6, 0.4]])

@@ -167,7 +167,7 @@ class Settings:
     densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
     densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
-    reach: float = setting(4.0, "Gaussians farther from SfM points than this many times their spacing there are removed; 0 keeps all.", low=0)
+    reach: float = setting(4.0, "Gaussians farther from SfM points than this many times their spacing there, or their median spacing if that is larger, are removed; 0 keeps all.", low=0)
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
     prune_contribution: float = setting(
         UNDECIDED,

@@ -10,7 +10,6 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 350
-# wegs_cli -> bench -> pipeline, doctor -> training | evaluation -> appearance | rasterizer | data | export -> scene -> config -> errors
 LAYERS = [
     {"core", "core.compiled", "core.errors", "core.launch", "core.report", "core.threads", "core.words"},  # "core" itself: the version
     {"core.awake", "core.config", "core.memory", "core.ply_file", "core.simd"},

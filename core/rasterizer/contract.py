@@ -56,8 +56,8 @@ class Rendering:
 class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
 
-    pairs: at most as many pairs of one of these and a tile that it touches; handed to `render` of exactly these in this view,
-    whatever their look, it saves waiting for a GPU to count. None on a CPU.
+    pairs: a bound on how many pairs there are of one of these Gaussians and a tile that it touches. `render` of exactly these in
+    this view, in whatever look, takes it, and need not wait until a GPU has counted. None on a CPU.
     """
 
     rows: Int[Tensor, " v"]

@@ -32,7 +32,7 @@ class Checkpoint:
 
 
 def save(folder: Path, checkpoint: Checkpoint) -> Path:
-    """Write FOLDER/checkpoint_STEP.safetensors under a temporary name, rename it, and drop the older ones."""
+    """Write FOLDER/checkpoint_STEP.safetensors under a temporary name, rename it, and drop all others."""
     path = folder / f"checkpoint_{checkpoint.facts['step']:06d}.safetensors"
     temporary = path.with_suffix(".tmp")
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.tensors.items()}

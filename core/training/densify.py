@@ -49,8 +49,8 @@ def plain_gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, wid
 class Surroundings:
     """Where Gaussians may be: near the SfM points, as near as these lie to each other.
 
-    What floats elsewhere explains one photo and spoils the view of the others. Each point allows a ball of `reach` times
-    its distance to its fourth neighbour around it.
+    What floats elsewhere explains one photo and spoils the view of the others. Each point allows a ball around it, of `reach`
+    times its distance to its fourth neighbour, but no less than the median of these.
     """
 
     def __init__(self, points: np.ndarray, reach: float):

@@ -30,10 +30,11 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
 
 @contextmanager
 def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[Callable[[], None]]:
-    """Run the way back inside: `work`, that through the encoder, starts as soon as the embedding has its gradient. Yields what waits for it.
+    """Lets the way back through the encoder, `work`, begin while the one through the SH transfer, run inside, goes on.
 
-    embedding: the leaf whose gradient `work` begins with. On a CPU it starts on another thread: other gradients are then still on
-    their way, through the SH transfer's hidden layers. Elsewhere, and where there is no such gradient, the one who waits does it.
+    Yields a function that returns once `work` is done. embedding: the leaf whose gradient `work` begins with. On a CPU `work` starts on
+    another thread as soon as that gradient is there: others are then still on their way through the SH transfer's hidden layers.
+    Elsewhere, and where the embedding gets no gradient, the yielded function does the work itself.
     """
     started: list[Callable[[], None]] = []
 

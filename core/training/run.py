@@ -1,7 +1,7 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, masks/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
+history.csv, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
 """
 
 import hashlib
@@ -51,7 +51,7 @@ def is_run(folder: Path) -> bool:
 
 
 def newest_run() -> Path:
-    """The run begun last under runs/, or the current folder if it is a run; BadInput if there is none."""
+    """The current folder if it is a run, else the run begun last under runs/; BadInput if there is none."""
     if is_run(here := Path(".")):
         return here
     runs = [path.parent for path in RUNS.glob(f"*/{CONFIG}") if is_run(path.parent)]
@@ -102,7 +102,7 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
 
 
 def check_writable(folder: Path) -> None:
-    """Raise BadInput unless `folder`, a run or one in it, can be written in: no option leads what it holds elsewhere."""
+    """Raise BadInput unless `folder`, a run or one in it, can be written in: what belongs there can be put nowhere else by an option."""
     check_folder(folder, "Make it writable, or copy the run and name the copy by --run.")
 
 

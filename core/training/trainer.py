@@ -60,7 +60,7 @@ class StepReport:
 class Trainer:
     """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed.
 
-    settings: with nothing left to be decided. decisions: those that the photos took; none for a run that goes on.
+    settings: those given, and what the photos decided where nothing was. decisions: these; none for a run that goes on.
     """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path):

@@ -53,9 +53,9 @@ def test_the_command_line_sets_it(soft_limit_put_back):
 
 
 def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
-    assert pictures.Pictures((), 1, 1.0, 64)._most_bytes == pictures.TARGET_BYTES
+    assert pictures.Pictures((), pictures.Sizes(1, 1.0, 64))._most_bytes == pictures.TARGET_BYTES
     memory.hold_to(8)
-    assert pictures.Pictures((), 1, 1.0, 64)._most_bytes == pictures.TARGET_SHARE * memory.limit() < pictures.TARGET_BYTES
+    assert pictures.Pictures((), pictures.Sizes(1, 1.0, 64))._most_bytes == pictures.TARGET_SHARE * memory.limit() < pictures.TARGET_BYTES
 
 
 def test_a_lower_limit_of_the_shell_is_told(monkeypatch):

@@ -2,6 +2,7 @@
 
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from core import memory
 from core.appearance.encoder import shrink
-from core.config import AUTO_PIXELS
+from core.config import AUTO_PIXELS, Settings
 from core.data import photos as files
 from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
@@ -38,22 +39,31 @@ def check_resolution(resolution: int) -> None:
         )
 
 
-def training_size(photo: Photo, resolution: int, auto_factor: float) -> tuple[int, int]:
-    """Width and height (px) that a photo is trained at; `auto_factor` divides where resolution is -1."""
-    width, height = photo.camera.width, photo.camera.height
-    if resolution in DIVISORS:
-        factor = float(resolution)
-    elif resolution > 0:
-        factor = max(width / resolution, 1.0)
-    else:
-        factor = auto_factor
-    return max(1, round(width / factor)), max(1, round(height / factor))
+@dataclass(frozen=True)
+class Sizes:
+    """What sizes the photos of a run are used at. resolution, encoder_side_px: the settings. factor: divides where resolution is -1."""
 
+    resolution: int
+    factor: float
+    encoder_side_px: int
 
-def auto_factor(photos: tuple[Photo, ...], device: str) -> float:
-    """By how much -r -1 shrinks every photo so that the mean one has AUTO_PIXELS; never enlarges."""
-    mean = sum(photo.camera.width * photo.camera.height for photo in photos) / max(len(photos), 1)
-    return max(1.0, math.sqrt(mean / AUTO_PIXELS[device]))
+    @staticmethod
+    def of(settings: Settings, photos: Sequence[Photo]) -> "Sizes":
+        """Of all photos of a collection: at -r -1 the mean one gets the AUTO_PIXELS of the device, and none is enlarged."""
+        mean = sum(photo.camera.width * photo.camera.height for photo in photos) / max(len(photos), 1)
+        most = AUTO_PIXELS["cuda" if settings.device == "cuda" else "cpu"]
+        return Sizes(settings.resolution, max(1.0, math.sqrt(mean / most)), settings.encoder_side_px)
+
+    def camera(self, photo: Photo) -> Camera:
+        """The camera of a photo at the size that it is trained at."""
+        width, height = photo.camera.width, photo.camera.height
+        if self.resolution in DIVISORS:
+            factor = float(self.resolution)
+        elif self.resolution > 0:
+            factor = max(width / self.resolution, 1.0)
+        else:
+            factor = self.factor
+        return photo.camera.resized(max(1, round(width / factor)), max(1, round(height / factor)))
 
 
 @dataclass(frozen=True)
@@ -78,18 +88,15 @@ class Picture:
         return (self.empty == 0) & (True if self.valid is None else self.valid)
 
 
-def load_picture(
-    photo: Photo, resolution: int, factor: float, encoder_side_px: int, device: torch.device = CPU, cut_out: bool = False
-) -> Picture:
-    """Decode a photo at the size that `training_size` gives it; BadInput if it is missing or damaged.
+def load_picture(photo: Photo, sizes: Sizes, device: torch.device = CPU, cut_out: bool = False) -> Picture:
+    """Decode a photo at the size that it is trained at; BadInput if it is missing or damaged.
 
     device: of the encoder's input; the pixels stay in the machine's own memory. cut_out: what is transparent is empty.
     """
-    width, height = training_size(photo, resolution, factor)
-    loaded = files.load(photo, width, height, cut_out)
+    camera = sizes.camera(photo)
+    loaded = files.load(photo, camera.width, camera.height, cut_out)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
-    camera = photo.camera.resized(width, height)
-    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, encoder_side_px).to(device), loaded.empty)
+    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
 
 
 def shown_on(
@@ -106,21 +113,13 @@ class Pictures:
     encoder's inputs and the targets. cut_out: what is transparent is empty.
     """
 
-    def __init__(
-        self,
-        photos: tuple[Photo, ...],
-        resolution: int,
-        factor: float,
-        encoder_side_px: int,
-        device: torch.device = CPU,
-        cut_out: bool = False,
-    ):
+    def __init__(self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, cut_out: bool = False):
         self.device = device
         self.pictures: list[Picture] = []
         damaged = []
         for photo in photos:
             try:
-                self.pictures.append(load_picture(photo, resolution, factor, encoder_side_px, device, cut_out))
+                self.pictures.append(load_picture(photo, sizes, device, cut_out))
             except BadInput as problem:
                 damaged.append(named_with_fault(photo.name, photo.path, problem))
         self.notes = name_them("damaged, not used", damaged) + _doubtful_masks(self.pictures)

@@ -19,7 +19,7 @@ from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training import backdrop, checkpoint, run
 from core.training.gaussians import Gaussians
-from core.training.pictures import Picture, auto_factor, load_picture, training_size
+from core.training.pictures import Picture, Sizes, load_picture
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,16 @@ class Run:
         root = self.collection.root
         if not root.is_dir():
             raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
-        return load_picture(photo, self.settings.resolution, self._factor, self.settings.encoder_side_px, self.device, self.is_cut_out)
+        return load_picture(photo, self.sizes, self.device, self.is_cut_out)
 
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo of the collection at the size it was trained at; the photo itself is not needed."""
-        return photo.camera.resized(*training_size(photo, self.settings.resolution, self._factor))
+        return self.sizes.camera(photo)
+
+    @property
+    def sizes(self) -> Sizes:
+        """What sizes its photos were trained at."""
+        return Sizes.of(self.settings, self.collection.photos)
 
     @property
     def is_cut_out(self) -> bool:
@@ -80,10 +85,6 @@ class Run:
     def where(self) -> str:
         """A few words for the user where the GPU, or its absence, is news; else nothing."""
         return f", on {device.named(self.device)}" if self.settings.device == "cuda" else ""
-
-    @property
-    def _factor(self) -> float:
-        return auto_factor(self.collection.photos, "cuda" if self.settings.device == "cuda" else "cpu")
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
 from core.training.photometric import Target, photometric, photometric_of_mask, photometric_paper
-from core.training.pictures import Pictures, auto_factor
+from core.training.pictures import Pictures, Sizes
 from core.training.run import HISTORY
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
@@ -71,15 +71,14 @@ class Trainer:
         # Explicit: the run goes on only there, and is used at its pictures' sizes anywhere.
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
-        factor = auto_factor(collection.photos, self.device.type)
-        size = settings.resolution, factor, settings.encoder_side_px, self.device
-        self.pictures = Pictures(collection.split("train"), *size, looks_for_empty(collection, settings))
+        sizes = Sizes.of(settings, collection.photos)
+        self.pictures = Pictures(collection.split("train"), sizes, self.device, looks_for_empty(collection, settings))
         if not len(self.pictures):
             what = f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = needs.decide(settings, collection.points, self.pictures.pictures)
         self.settings, self.is_cut_out = settings, is_cut_out(settings)
-        self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], *size, self.is_cut_out)
+        self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.is_cut_out)
         self.model = AppearanceModel(settings, [picture.photo.name for picture in self.pictures.pictures]).to(self.device)
         if self.model.encoder is not None:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)

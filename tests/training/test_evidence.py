@@ -14,7 +14,7 @@ from core.training.evidence import (
     strange_share,
     tones_of,
 )
-from core.training.pictures import Pictures
+from core.training.pictures import Pictures, Sizes
 from core.training.sightings import NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
 from tests.training.known_scene import HEIGHT, WIDTH, crowded, known_collection, plain
 
@@ -143,7 +143,7 @@ def test_without_photos_from_nearby_nothing_is_said_of_passers_by(random):
 
 def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see_them(tmp_path):
     collection = known_collection(tmp_path, photos=8)
-    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
     hidden = pictures[3].photo.points[:40]
     fewer = replace(pictures[3], photo=replace(pictures[3].photo, points=pictures[3].photo.points[40:]))
     found = find_sightings(collection.points, [*pictures[:3], fewer, *pictures[4:]])
@@ -162,7 +162,7 @@ def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see
 
 def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
     collection = known_collection(tmp_path, plain, photos=8)
-    pictures = Pictures(collection.split("train"), 1, 1.0, 32).pictures
+    pictures = Pictures(collection.split("train"), Sizes(1, 1.0, 32)).pictures
     everywhere = find_sightings(collection.points, pictures)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     empty, valid = (255 * (columns < WIDTH // 2)).astype(np.uint8), rows >= HEIGHT // 2
@@ -176,7 +176,7 @@ def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
 def test_a_point_behind_others_is_not_expected(tmp_path):
     """What stays may hide it: only places that ought to be free say something of passers-by."""
     collection = known_collection(tmp_path, photos=8)
-    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
     found = find_sightings(collection.points, pictures)
     expected = found[~found.matched]
     possible = len(pictures) * len(np.unique(found.point)) - found.matched.sum()
@@ -185,7 +185,7 @@ def test_a_point_behind_others_is_not_expected(tmp_path):
 
 def test_too_few_points_give_no_figures(tmp_path):
     collection = known_collection(tmp_path, photos=6)
-    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
     few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in pictures]
     assert gather_evidence(collection.points, few).differ is None
     none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in pictures]
@@ -195,7 +195,7 @@ def test_too_few_points_give_no_figures(tmp_path):
 
 def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
     collection = known_collection(tmp_path, photos=6)
-    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
     own, shared = np.arange(60), np.arange(60, len(collection.points))
     seen = [shared] * 5 + [own]
     pictures = [replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s))) for p, s in zip(pictures, seen, strict=True)]
@@ -205,13 +205,13 @@ def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
 
 def test_figures_do_not_change_from_call_to_call(tmp_path):
     collection = known_collection(tmp_path, crowded, photos=12)
-    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
     assert gather_evidence(collection.points, pictures) == gather_evidence(collection.points, pictures)
 
 
 def test_invalid_pixels_are_not_looked_at(tmp_path):
     collection = known_collection(tmp_path, plain, photos=6)
-    pictures = Pictures(collection.photos, 1, 1.0, 32).pictures
+    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
     valid = np.ones((120, 160), bool)
     valid[:, :80] = False
     half = [replace(picture, valid=valid) for picture in pictures]

@@ -11,7 +11,7 @@ from core import pipeline
 from core.data.given_masks import with_masks
 from core.errors import BadInput
 from core.training import run
-from core.training.pictures import Pictures
+from core.training.pictures import Pictures, Sizes
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
@@ -64,7 +64,7 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
         for mask in (tmp_path / "masks").iterdir() if inverted else ():
             cv2.imwrite(str(mask), 255 - cv2.imread(str(mask)))
         given = with_masks(collection, tmp_path / "masks").split("train")
-        notes = Pictures(given, 1, 1.0, 32).notes
+        notes = Pictures(given, Sizes(1, 1.0, 32)).notes
         assert notes == (["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."] * inverted)
 
 

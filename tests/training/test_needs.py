@@ -14,7 +14,7 @@ from core.config import Settings, preset
 from core.data import load_collection
 from core.training import checkpoint, needs, run
 from core.training.evidence import Evidence
-from core.training.pictures import Pictures, auto_factor
+from core.training.pictures import Pictures, Sizes
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.real_data import real
@@ -26,7 +26,7 @@ SMALL = {"max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encode
 
 def decisions(collection, settings: Settings | None = None, change=lambda picture: picture) -> dict:
     """What is decided for the training photos, by setting; `change` may alter the pictures."""
-    pictures = Pictures(collection.split("train"), -1, auto_factor(collection.photos, "cpu"), 32).pictures
+    pictures = Pictures(collection.split("train"), Sizes.of(Settings(encoder_side_px=32), collection.photos)).pictures
     decided, taken = needs.decide(settings or Settings(), collection.points, list(map(change, pictures)))
     assert not decided.undecided
     assert all(getattr(decided, decision.setting) == decision.value for decision in taken)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import torch
 
-from core.training.pictures import Pictures, training_size
+from core.training.pictures import Pictures, Sizes
 from tests.small import HEIGHT, WIDTH, small_collection
 
 SIDE_PX = 32
@@ -14,12 +14,13 @@ SIDE_PX = 32
 
 def test_a_width_never_enlarges(tmp_path):
     photo = small_collection(tmp_path, photos=1).photos[0]
-    assert [training_size(photo, width, 1.0) for width in (24, WIDTH, 640)] == [(24, 18), (WIDTH, HEIGHT), (WIDTH, HEIGHT)]
+    cameras = [Sizes(width, 1.0, SIDE_PX).camera(photo) for width in (24, WIDTH, 640)]
+    assert [(camera.width, camera.height) for camera in cameras] == [(24, 18), (WIDTH, HEIGHT), (WIDTH, HEIGHT)]
 
 
 def test_a_target_that_is_made_again_is_the_same(tmp_path):
     photos = small_collection(tmp_path).split("train")
-    kept, small = (Pictures(photos, 1, 1.0, SIDE_PX) for _ in range(2))
+    kept, small = (Pictures(photos, Sizes(1, 1.0, SIDE_PX)) for _ in range(2))
     small._most_bytes = 1
     for factor in (1, 2):
         for index in (0, 1, 0):
@@ -34,7 +35,7 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, 4:5] = mask[:, 9:24] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    valid = Pictures((replace(photo, mask=tmp_path / "mask.png"),), 1, 1.0, SIDE_PX).target(0, 4)[1].valid
+    valid = Pictures((replace(photo, mask=tmp_path / "mask.png"),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
     expected = torch.ones(HEIGHT // 4, WIDTH // 4, dtype=torch.bool)
     expected[:, 2:6] = False
     assert torch.equal(valid, expected)

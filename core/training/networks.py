@@ -51,7 +51,7 @@ def update(
 ) -> Bool[Tensor, ""]:
     """One step at the rates of this moment, if the step is `taken` and all gradients are finite, which is returned.
 
-    taught: waits for the last of the gradients, the encoder's. They are gone afterwards.
+    taught: waits for the last of the gradients, the encoder's.
     """
     taught()
     learnt = taken & guards.finite((weight.grad for weight in model.parameters()), taken.device)
@@ -62,5 +62,4 @@ def update(
     if learnt.device.type != "cpu":
         optimizer.found_inf = (~learnt).float()  # as torch's GradScaler leaves the choice to the GPU
     optimizer.step()
-    optimizer.zero_grad(set_to_none=True)
     return learnt

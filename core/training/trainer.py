@@ -164,6 +164,7 @@ class Trainer:
     def _draw(self, index: int, progress: float) -> Drawn:
         """The way there. The encoder is at work beside the projection, and L_regSH beside the rasterizer."""
         settings = self.settings
+        self.model.zero_grad()
         camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
         gain, behind = draw_gain(settings, self.generator), backdrop.of_step(self.is_cut_out, self.generator)
         looking = beside(lambda: self._look(index, photo, gain, behind))
@@ -286,8 +287,6 @@ class Trainer:
         name = self.pictures[index].photo.name
         self.skipped += 1
         self.skipped_in_a_row += 1
-        if self.optimizer is not None:
-            self.optimizer.zero_grad(set_to_none=True)
         if self.skipped_in_a_row >= SKIPS_ALLOWED:
             self.skipped_in_a_row = 0  # what goes on from here is given as many again
             path = self.save()

@@ -38,7 +38,6 @@ TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_re
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4
 REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
-COLUMNS = ("step", "seconds", "gaussians", "loss", "picture_loss", "mask_mean", "residual", "held_out_psnr", "held_out_ssim")
 
 
 @dataclass(frozen=True)
@@ -55,6 +54,9 @@ class StepReport:
     held_out_psnr: float | None = None
     held_out_ssim: float | None = None
     messages: tuple[str, ...] = ()
+
+
+COLUMNS = tuple(item.name for item in dataclasses.fields(StepReport) if item.name != "messages")  # of history.csv
 
 
 class Trainer:
@@ -84,6 +86,7 @@ class Trainer:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
         self.optimizer = networks.optimizer_of(self.model, settings)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
+        self.grow_at, self.drop_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
         self.seconds = 0.0
@@ -101,8 +104,6 @@ class Trainer:
     def train(self) -> Iterator[StepReport]:
         """Run to the last step, yielding a report after each; checkpoints and history.csv are written on the way."""
         settings = self.settings
-        densify_at = set(schedule.densification_steps(settings))
-        drop_at = schedule.contribution_steps(settings)
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
         awake = cores_awake() if self.device.type == "cpu" else nullcontext()
@@ -111,19 +112,13 @@ class Trainer:
             if not file.tell():
                 history.writeheader()
             while self.done < settings.steps:
-                start, before = time.perf_counter(), self.gaussians.solid
+                start = time.perf_counter()
                 report = self.step()
-                if self.done in densify_at:
-                    self.control_density()
-                if self.done in drop_at:
-                    self.drop_unneeded()
-                if before and not self.gaussians.solid:
-                    report = dataclasses.replace(report, messages=(*report.messages, guards.ALL_GONE))
+                told = (*report.messages, *self._change_gaussians())
                 self.seconds += time.perf_counter() - start
-                if self.done in checks:
-                    psnr, ssim = self.held_out_quality()
-                    report = dataclasses.replace(report, held_out_psnr=psnr, held_out_ssim=ssim)
-                report = dataclasses.replace(report, seconds=self.seconds, gaussians=self.gaussians.solid)
+                psnr, ssim = self.held_out_quality() if self.done in checks else (None, None)
+                now = {"seconds": self.seconds, "gaussians": self.gaussians.solid, "held_out_psnr": psnr, "held_out_ssim": ssim}
+                report = dataclasses.replace(report, **now, messages=told)
                 if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
                     history.writerow({name: getattr(report, name) for name in COLUMNS})
                     file.flush()
@@ -291,8 +286,7 @@ class Trainer:
             self.skipped_in_a_row = 0  # what goes on from here is given as many again
             path = self.save()
             raise TrainingStopped(
-                f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {name}). "
-                f"Saved {path}.",
+                f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
         return f"Step {self.done} {outcome}: its {fault} (photo {name})."
@@ -304,12 +298,20 @@ class Trainer:
 
     # --- density, quality, checkpoints
 
+    def _change_gaussians(self) -> list[str]:
+        """Grow and prune where the schedule says so; a line if that leaves none."""
+        before = self.gaussians.solid
+        if self.done in self.grow_at:
+            self.control_density()
+        if self.done in self.drop_at:
+            self.drop_unneeded()
+        return [guards.ALL_GONE] if before and not self.gaussians.solid else []
+
     def control_density(self) -> None:
         """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
         settings, self.foreseen = self.settings, None
         densify.prune(self.gaussians, settings, self.surroundings)
-        rounds = schedule.densification_steps(settings)
-        now = sum(step <= self.done for step in rounds) / len(rounds)
+        now = sum(step <= self.done for step in self.grow_at) / len(self.grow_at)
         allowed = round(settings.max_gaussians * (0.25 + 0.75 * now))
         densify.grow(self.gaussians, allowed - self.gaussians.solid, self.generator)
 

@@ -15,7 +15,8 @@ import core.rasterizer
 from core import device, pipeline
 from core.evaluation.lpips import Lpips
 from core.rasterizer import Rendering, Visible
-from core.training import pictures
+from core.training import gaussians
+from core.training.adam import plain_adam_rows
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
 from tests.heard import Heard
@@ -60,7 +61,7 @@ def on_device(monkeypatch):
     rasterizer = Distant()
     monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
     monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
-    monkeypatch.setitem(pictures.AUTO_PIXELS, DEVICE.type, pictures.AUTO_PIXELS["cpu"])
+    monkeypatch.setattr(gaussians, "adam_rows", plain_adam_rows)  # a GPU has a kernel of its own
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread

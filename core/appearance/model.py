@@ -193,8 +193,3 @@ class AppearanceModel(nn.Module):
         weight = (1 - decay) / (1 - decay ** int(self.remembered))
         # A new tensor, not a change in place: looks and graphs that hold the old mean keep their value.
         self.mean_embedding = torch.lerp(self.mean_embedding, embedding, weight)
-
-
-def interpolate(first: Float[Tensor, " e"], second: Float[Tensor, " e"], share: float) -> Float[Tensor, " e"]:
-    """The embedding `share` of the way from one look to another; exactly the one or the other at 0 and 1."""
-    return torch.lerp(first, second, share)

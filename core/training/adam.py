@@ -58,15 +58,12 @@ class Moved(NamedTuple):
 
 
 def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
-    """One Adam step (Kingma & Ba 2015) on some rows of all these, in place.
+    """One Adam step (Kingma & Ba 2015) on some rows of all these, in place; on a CPU.
 
     counts: (N,) int32 updates of each row, this one included. rows: (V,) int64.
     """
     if not len(rows):
         return  # a view of nothing
-    if rows.device.type != "cpu":
-        plain_adam_rows(tensors, counts, rows)
-        return
     flat = [[tensor.reshape(len(tensor), -1).numpy() for tensor in one[:-1]] + [one.rates.numpy()] for one in tensors]
     table = corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
     fixed = counts.numpy(), table, rows.numpy()

@@ -9,7 +9,7 @@ from torch import Tensor
 
 import core.rasterizer
 from core import device
-from core.appearance.model import AppearanceModel, interpolate
+from core.appearance.model import AppearanceModel
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
@@ -133,4 +133,4 @@ def blend(first: Appearance, last: Appearance, share: float) -> Appearance:
     if first.tone is not None or last.tone is not None:
         one = torch.ones(2, 3, device=first.embedding.device)
         tone = torch.lerp(*(one if end.tone is None else end.tone for end in (first, last)), share)
-    return Appearance(name, name, interpolate(first.embedding, last.embedding, share), tone)
+    return Appearance(name, name, torch.lerp(first.embedding, last.embedding, share), tone)

@@ -7,7 +7,7 @@ import safetensors.torch
 import torch
 
 from core.appearance.encoder import shrink
-from core.appearance.model import MEAN_WINDOW_ROUNDS, AppearanceModel, interpolate
+from core.appearance.model import MEAN_WINDOW_ROUNDS, AppearanceModel
 from core.errors import BadInput
 from core.scene.splats import Splats
 from tests.small import whole_settings
@@ -251,13 +251,6 @@ def test_a_photo_from_outside_is_encoded_as_if_all_of_it_were_static():
     assert not torch.allclose(whole, masked, atol=1e-3)
     table = model_of(embedding="glo", transients="off")
     assert torch.equal(table.embedding_from_outside(photo), table.mean_embedding)
-
-
-def test_interpolation_ends_exactly():
-    first, second = torch.randn(2, 6)
-    assert torch.equal(interpolate(first, second, 0.0), first)
-    assert torch.equal(interpolate(first, second, 1.0), second)
-    assert torch.allclose(interpolate(first, second, 0.25), 0.75 * first + 0.25 * second, atol=1e-6)
 
 
 @pytest.mark.parametrize("changes", [{}, {"embedding": "glo", "mask": "mlp"}, {"appearance": "exposure"}], ids=str)

@@ -13,7 +13,7 @@ from core.doctor.views import cameras_beside
 from core.scene.frame import SceneFrame
 from core.training import run
 from core.training.find_look import find_appearance
-from core.training.trained import Run, load_run
+from core.training.trained import Appearance, Run, blend, load_run
 from core.training.trainer import Trainer
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
@@ -46,6 +46,17 @@ def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_pa
     found = find_appearance(trained, str(outside)).embedding
     torch.testing.assert_close(found, whole)
     assert not torch.allclose(found, masked)
+
+
+def test_looks_mix_in_shares_and_end_as_themselves():
+    """One without a tone is one whose gains are 1."""
+    embeddings = torch.randn(2, 6, generator=torch.Generator().manual_seed(0))
+    day, night = Appearance("day", "a photo", embeddings[0]), Appearance("night", "a photo", embeddings[1], torch.full((2, 3), 0.2))
+    assert blend(day, night, 0.0) is day and blend(day, night, 1.0) is night
+    mixed = blend(day, night, 0.25)
+    torch.testing.assert_close(mixed.embedding, 0.75 * day.embedding + 0.25 * night.embedding)
+    torch.testing.assert_close(mixed.tone, torch.full((2, 3), 0.8))
+    assert mixed.name == "0.250 of the way from day to night" and blend(day, day, 0.5).tone is None
 
 
 def test_results_tell_by_how_much_photos_were_shrunk(trained):

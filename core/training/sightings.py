@@ -50,17 +50,8 @@ def find_sightings(points: np.ndarray, pictures: Sequence[Picture]) -> Sightings
     them. Those with other points close by in front are left out, as something that stays may.
     """
     pictures = [pictures[number] for number in _evenly(np.arange(len(pictures)), MOST_PHOTOS)]
-    counts = np.zeros(len(points), dtype=np.int64)
-    for picture in pictures:
-        counts[picture.photo.points] += 1
-    chosen = _evenly(np.flatnonzero(counts >= FEWEST_PHOTOS), MOST_POINTS)
+    chosen, matched = _matches(len(points), pictures)
     positions = points[chosen]
-    row_of = np.full(len(points), -1)
-    row_of[chosen] = np.arange(len(chosen))
-    matched = np.zeros((len(chosen), len(pictures)), dtype=bool)
-    for column, picture in enumerate(pictures):
-        rows = row_of[picture.photo.points]
-        matched[rows[rows >= 0], column] = True
     centres = np.array([picture.camera.centre for picture in pictures]).reshape(-1, 3)
     rays = positions[:, None] - centres
     distances = np.linalg.norm(rays, axis=2)
@@ -92,6 +83,21 @@ def rows_of_each(numbers: np.ndarray) -> list[np.ndarray]:
     """The rows that share a number (photo, point), for each number that occurs."""
     order = np.argsort(numbers, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
+
+
+def _matches(count: int, pictures: Sequence[Picture]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (P,) of those of `count` points that enough pictures matched, and which of these matched each, (P, K)."""
+    photos = np.zeros(count, dtype=np.int64)
+    for picture in pictures:
+        photos[picture.photo.points] += 1
+    chosen = _evenly(np.flatnonzero(photos >= FEWEST_PHOTOS), MOST_POINTS)
+    row_of = np.full(count, -1)
+    row_of[chosen] = np.arange(len(chosen))
+    matched = np.zeros((len(chosen), len(pictures)), dtype=bool)
+    for column, picture in enumerate(pictures):
+        rows = row_of[picture.photo.points]
+        matched[rows[rows >= 0], column] = True
+    return chosen, matched
 
 
 def _evenly(numbers: np.ndarray, most: int) -> np.ndarray:

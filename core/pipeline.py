@@ -24,7 +24,7 @@ from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results,
 from core.evaluation.sheet import picture_sheet, write_views
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
-from core.export.atomic import check_file, filling
+from core.export.atomic import check_apart, check_file, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.report import Report
 from core.training import checkpoint, run, saved_look
@@ -89,6 +89,8 @@ def train(
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:
+        if run.is_run(folder):
+            check_apart(folder, [scene] if masks is None else [scene, masks])
         collection = prepared(scene, folder.parent / f"{name}-scene", report)
         if settings.all_photos:
             collection = collection.undivided()
@@ -229,6 +231,7 @@ def interpolate(
     ends = [find_appearance(trained, word) for word in (first, last)]
     photo = trained.collection.view(view)
     output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
+    check_apart(output, [Path(first), Path(last)])
     camera = trained.camera(photo)
     rasterizer = trained.rasterizer
     report.say(f"{trained.folder}{trained.where}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")

@@ -4,7 +4,7 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,15 @@ def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     if not os.access(there, os.W_OK):
         raise BadInput(f"The folder {there} may not be written in.", fix)
+
+
+def check_apart(folder: Path, given: Iterable[Path]) -> None:
+    """Raise BadInput where something that the user gave lies in `folder`, whose files are about to be deleted for new ones."""
+    for path in given:
+        # A link in the folder goes as well, though what it leads to stays.
+        inside = path.resolve().is_relative_to(folder.resolve()) or path.absolute().is_relative_to(folder.absolute())
+        if inside and path.exists():
+            raise BadInput(f"{path} lies in {folder}, whose files are replaced.", "Choose another -o, or move it out first.")
 
 
 def check_file(path: Path) -> None:

@@ -1,16 +1,16 @@
 """COLMAP folders: a model and the photos it was made from, at whatever size they are found."""
 
-from dataclasses import replace
+from copy import copy
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
-from core.data.collection import Collection
 from core.data.model_file import holds_model, lacking_files, read_model
 from core.data.photo_file import list_photos
+from core.data.phototourism import find_split_tables
 from core.data.placing import View
-from core.data.posed import Points, Posed, collect, usable
+from core.data.posed import Points, Posed, usable
 from core.errors import BadInput
 from core.words import name_them
 
@@ -38,13 +38,14 @@ def _numbered(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: int(path.name))
 
 
-def load_colmap(root: Path, model: Path, kind: str) -> Collection:
-    """The collection of the COLMAP `model` below `root`, its photos in images/, images_N/ or beside.
+def read_colmap(root: Path) -> Posed:
+    """What the COLMAP model below `root` says of the photos in images/, images_N/ or beside; with a split .tsv, "phototourism".
 
-    Cameras are scaled to the photos found and, where the photo on disk is distorted, stand for its undistorted picture.
-    Photos that are missing, unreadable, without a pose or of another shape than their camera are left out and noted.
-    Raises BadInput for a damaged model, one without points, and where no photo is left.
+    Raises BadInput for a damaged model and one without poses.
     """
+    model = find_model(root)
+    if model is None:
+        raise BadInput(f"{root} has no COLMAP model any more.", "Put it back.")
     reconstruction = read_model(model)
     found = sorted((image for image in reconstruction.images.values() if image.has_pose), key=lambda image: image.name)
     if not found:
@@ -53,31 +54,33 @@ def load_colmap(root: Path, model: Path, kind: str) -> Collection:
     notes += _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
     views = [_view(image, images) for image in found]
-    fix = f"Put the photos into {root / 'images'}, named as in the model."
-    collection = collect(root, Posed(kind, model, views, points, f"of the model missing in {images}", fix))
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
     extra = {path.name for path in there} - {image.name for image in found}
     notes += name_them(f"in {images} without a pose, not used", sorted(extra))
-    return replace(collection, notes=(*notes, *collection.notes))
+    kind = "phototourism" if find_split_tables(root) else "colmap"
+    fix = f"Put the photos into {root / 'images'}, named as in the model."
+    return Posed(kind, model, views, points, f"of the model missing in {images}", fix, notes)
 
 
 def _view(image: pycolmap.Image, images: Path) -> View:
-    pose, camera = image.cam_from_world().matrix(), image.camera
+    pose = image.cam_from_world().matrix()
+    camera = copy(image.camera)  # the model's own goes with the model
     rotation = pose[:, :3]
     with np.errstate(invalid="ignore", over="ignore"):  # what is no pose is left out when the photo is placed
         centre = -rotation.T @ pose[:, 3]
     return View(image.name, images / image.name, lambda width, height: camera, rotation, centre)
 
 
-def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points, list[str]]:
-    """The usable points of a model and which of its photos sees which; notes. BadInput where there are none."""
+def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:
+    """The usable points of a model, if any, and which of its photos sees which; notes."""
     # By id: pycolmap's own order is that of a hash table, and a run must begin the same each time.
     points = [point for _, point in sorted(reconstruction.points3D.items(), key=lambda item: item[0])]
     positions = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
     good, notes = usable(positions)
+    if not points and any(image.num_points3D for image in reconstruction.images.values()):
+        notes.append(f"{model} lacks the points that its photos see: copy it again if you have them.")
     if not good.any():
-        where = f" at usable coordinates, of {len(points)}" if points else ""
-        raise BadInput(f"{model} has no 3D points{where}.", "Run COLMAP's triangulation, or type: wegs sfm PHOTOS -o SCENE")
+        return None, notes
     kept = [point for point, is_good in zip(points, good, strict=True) if is_good]
     colours = np.array([point.color for point in kept], np.float32) / 255
     seen: dict[int, list[int]] = {number: [] for number in reconstruction.images}

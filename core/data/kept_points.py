@@ -56,5 +56,8 @@ def scene_of(folder: Path) -> tuple[Path, str] | None:
 
 
 def read_kept(folder: Path) -> tuple[Points, list[str]]:
-    """The points and notes on them; BadInput for a damaged model."""
-    return read_points(read_model(folder / MODEL), folder / MODEL)
+    """The points and notes on them; BadInput for a damaged model, or one of no points."""
+    points, notes = read_points(read_model(folder / MODEL), folder / MODEL)
+    if points is None:
+        raise BadInput(f"{folder / MODEL} holds no points any more.", f"Remove {folder} to have them found again.")
+    return points, notes

@@ -4,25 +4,26 @@ from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.colmap import find_model, load_colmap
+from core.data.colmap import find_model, read_colmap
 from core.data.kept_points import read_kept, scene_of
 from core.data.model_file import holds_model
 from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
 from core.data.phototourism import find_split_tables
-from core.data.posed import collect
+from core.data.posed import Posed, collect
 from core.data.scene_folder import is_of_run
 from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
 from core.errors import BadInput, command
 
 PHOTO_FOLDERS = (".", "images", "photos")
-POSED = {"nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
+FOUND_BY_SFM = {"colmap": read_colmap, "phototourism": read_colmap}  # cameras that hang on their points
+POSED = {**FOUND_BY_SFM, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
 
 
 def load_collection(path: Path) -> Collection:
     """The posed photos in the folder `path`, of any kind but plain photos.
 
-    Where cameras come without points (NeRF's formats), the collection has none; core.data.prepare makes them.
+    Where cameras come without points (most often in NeRF's formats), the collection has none; core.data.prepare makes them.
     Raises BadInput where there is no such folder, no photos, no cameras, or nothing usable in them; photos that cannot be
     used while others can are left out and named in the collection's notes.
     """
@@ -33,18 +34,22 @@ def load_collection(path: Path) -> Collection:
         raise BadInput(
             f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}"
         )
-    if kind not in POSED:
-        return load_colmap(path, find_model(path), kind)
-    of = scene_of(path)
-    if of is None:
-        return collect(path, POSED[kind](path))
-    posed, (points, notes) = POSED[kind](of[0]), read_kept(path)
-    collection = collect(of[0], replace(posed, points=points, notes=posed.notes + notes))
-    return replace(collection, root=path)
+    if (of := scene_of(path)) is None:
+        return collect(path, _read(path, kind))
+    scene, _ = of
+    posed, (points, notes) = _read(scene, kind), read_kept(path)
+    return replace(collect(scene, replace(posed, points=points, notes=posed.notes + notes)), root=path)
+
+
+def _read(path: Path, kind: str) -> Posed:
+    posed = POSED[kind](path)
+    other = posed_kind(path) if kind in FOUND_BY_SFM else None
+    notes = [f"{path} holds a {other} scene as well; its COLMAP model {posed.source} is used."] if other else []
+    return replace(posed, notes=notes + posed.notes)
 
 
 def find_kind(path: Path) -> str:
-    """What a folder holds: "phototourism" (a COLMAP model and a split .tsv), "colmap", one of POSED, or "photos" (without poses).
+    """What a folder holds: one of POSED ("phototourism" is a COLMAP model and a split .tsv), or "photos" (without poses).
 
     A folder of triangulated points is of the kind of the scene whose points they are. A model beats a transforms.json.
     Raises BadInput for anything else.
@@ -53,8 +58,8 @@ def find_kind(path: Path) -> str:
         raise BadInput(f"There is no folder {path}.", "Give the folder that holds your photos.")
     if not path.is_dir():
         raise BadInput(f"{path} is a file, not a folder.", "Give the folder that holds your photos.")
-    if (of := scene_of(path)) and of[1] in POSED:
-        scene, kind = of
+    scene, kind = scene_of(path) or (None, None)
+    if kind in POSED:
         if not scene.is_dir():
             raise BadInput(f"{path} holds the points of {scene}, which is gone.", "Move it back.")
         return kind
@@ -72,7 +77,7 @@ def kind_with_cameras(path: Path) -> str | None:
 
 
 def posed_kind(path: Path) -> str | None:
-    """Which of POSED the folder is, by the files in it; None for none."""
+    """Which of NeRF's kinds the folder is, by the files in it; None for none."""
     if (path / FILE).exists():
         return "nerfstudio"
     if (path / BLENDER_FILES["train"]).exists():
@@ -88,11 +93,17 @@ def check_cameras_unknown(path: Path) -> None:
 
 
 def find_photos(path: Path) -> Path:
-    """The folder of plain photos: `path`, or images/ or photos/ in it. Raises BadInput where there are none."""
-    for name in PHOTO_FOLDERS:
-        if (path / name).is_dir() and not is_of_run(path / name) and list_photos(path / name):
-            return path / name
+    """The folder of plain photos: `path`, or images/ or photos/ in it, whichever holds most. Raises BadInput where there are none."""
+    counts = count_photos(path)
+    if any(counts.values()):
+        return max(counts, key=counts.get)  # the first of equals
     if holds_model(path):
         fix = "Give the folder above it that holds the photos as well."
         raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)
     raise no_photos(path, "no photos and no COLMAP model")
+
+
+def count_photos(path: Path) -> dict[Path, int]:
+    """How many photos there are in each folder of plain photos that `path` may mean."""
+    folders = [path / name for name in PHOTO_FOLDERS]
+    return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not is_of_run(folder)}

@@ -4,8 +4,10 @@ pycolmap 4.2 never returns from some truncated files and reads others as zeros, 
 record.
 """
 
+import shutil
 import signal
 import struct
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +17,8 @@ import pycolmap
 
 from core.errors import BadInput
 
-PARTS = ("cameras", "images", "points3D")
+NEEDED, POINTS = ("cameras", "images"), "points3D"
+NO_POINTS = {".bin": bytes(8), ".txt": b""}  # a file of no points, by the suffixes of a model's two kinds of files
 POSE_BYTES = 7 * 8  # quaternion and translation
 
 if threading.current_thread() is threading.main_thread():  # Python sets handlers in no other
@@ -24,36 +27,43 @@ if threading.current_thread() is threading.main_thread():  # Python sets handler
 
 
 def holds_model(folder: Path) -> bool:
-    """Whether `folder` has the files of a COLMAP model, binary or text."""
-    return any(not missing for missing in _missing_files(folder))
+    """Whether `folder` has the files of a COLMAP model, binary or text; that of the points may be missing."""
+    return any(_has(folder, suffix, *NEEDED) for suffix in NO_POINTS)
 
 
 def lacking_files(folder: Path) -> list[str]:
     """The files that `folder` lacks for the COLMAP model of which it has a part; none where it has all, or nothing."""
-    fewest = min(_missing_files(folder), key=len)
-    return fewest if len(fewest) < len(PARTS) else []
+    begun = [suffix for suffix in NO_POINTS if any(_has(folder, suffix, part) for part in (*NEEDED, POINTS))]
+    lacking = ([part + suffix for part in NEEDED if not _has(folder, suffix, part)] for suffix in begun)
+    return min(lacking, key=len, default=[])
 
 
-def _missing_files(folder: Path) -> list[list[str]]:
-    """What is missing for a binary model, and for one in text."""
-    kinds = ([f"{part}.{suffix}" for part in PARTS] for suffix in ("bin", "txt"))
-    return [[name for name in names if not (folder / name).is_file()] for names in kinds]
+def _has(folder: Path, suffix: str, *parts: str) -> bool:
+    return all((folder / (part + suffix)).is_file() for part in parts)
 
 
 def read_model(folder: Path) -> pycolmap.Reconstruction:
-    """The model in `folder`, binary (preferred) or text, with or without rigs and frames.
+    """The model in `folder`, binary (preferred) or text, with or without rigs, frames and points.
 
     Raises BadInput for files that are truncated, damaged or no model.
     """
     fix = "Copy the model again, or run COLMAP again."
-    if all((folder / f"{part}.bin").is_file() for part in PARTS):
-        for part, walk in WALKS.items():
-            file = folder / f"{part}.bin"
-            if file.is_file() and not _whole(file.read_bytes(), walk):
-                raise BadInput(f"{file} is truncated or damaged.", fix)
+    whole = next((suffix for suffix in NO_POINTS if _has(folder, suffix, *NEEDED, POINTS)), None)
+    suffix = whole or next((suffix for suffix in NO_POINTS if _has(folder, suffix, *NEEDED)), None)
+    for part, walk in WALKS.items() if suffix == ".bin" else ():
+        file = folder / f"{part}.bin"
+        if file.is_file() and not _whole(file.read_bytes(), walk):
+            raise BadInput(f"{file} is truncated or damaged.", fix)
     try:
-        with quiet():
-            return pycolmap.Reconstruction(str(folder))
+        with quiet(), tempfile.TemporaryDirectory() as copy:
+            if whole or suffix is None:
+                return pycolmap.Reconstruction(str(folder))
+            # pycolmap wants all files.
+            for part in WALKS:
+                if _has(folder, suffix, part):
+                    shutil.copyfile(folder / (part + suffix), Path(copy, part + suffix))
+            Path(copy, POINTS + suffix).write_bytes(NO_POINTS[suffix])
+            return pycolmap.Reconstruction(copy)
     except (ValueError, IndexError, RuntimeError) as problem:
         reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__
         raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None

@@ -5,8 +5,9 @@ from pathlib import Path
 from core.data.collection import Collection
 from core.data.found_cameras import scene_of_photos
 from core.data.kept_points import points_beside
-from core.data.load import POSED, find_kind, find_photos, load_collection
+from core.data.load import count_photos, find_kind, find_photos, load_collection
 from core.report import Report
+from core.words import counted
 
 
 def prepared(scene: Path, wanted: Path, report: Report) -> Collection:
@@ -16,8 +17,12 @@ def prepared(scene: Path, wanted: Path, report: Report) -> Collection:
     structure from motion, and of reading.
     """
     if find_kind(scene) == "photos":
-        return load_collection(scene_of_photos(find_photos(scene), wanted, report))
+        photos = find_photos(scene)
+        for folder, count in count_photos(scene).items():
+            if count and folder != photos:
+                report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
+        return load_collection(scene_of_photos(photos, wanted, report))
     collection = load_collection(scene)
-    if len(collection.points) or collection.kind not in POSED:
+    if len(collection.points):
         return collection
     return load_collection(points_beside(collection, wanted, report))

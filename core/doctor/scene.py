@@ -10,7 +10,8 @@ from core.data import photos as files
 from core.data.collection import Collection, Photo, astray
 from core.data.features import LEAST_PHOTOS
 from core.data.found_cameras import scene_around
-from core.data.load import POSED
+from core.data.kept_points import scene_of
+from core.data.load import FOUND_BY_SFM
 from core.data.photo_file import list_photos, list_unreadable, named_with_fault
 from core.data.placing import USUAL_FOCAL_LENGTHS
 from core.doctor import views
@@ -113,7 +114,7 @@ def _points(collection: Collection) -> list[Finding]:
     figure = f"{count:,}, {np.median(list(seen.values())):.0f} a photo (median), the farthest {farthest:.3g} radii off"
     more = "Run SfM with more features." if count < POINTS_WANTED else ""
     found = Finding("points", figure, "Gaussians start from them", more)
-    if collection.kind in POSED:
+    if collection.kind not in FOUND_BY_SFM or scene_of(collection.root):
         return [found]  # poses that were given do not hang on them
     return [
         found,

@@ -182,8 +182,8 @@ def test_points_beyond_reason_are_dropped_and_counted(tmp_path):
     collection = load_collection(rewritten(tmp_path, spoil))
     assert len(collection.points) == 18 and np.linalg.norm(collection.points, axis=1).max() < 10
     assert notes_with(collection, "2 points at NaN, infinite or absurd coordinates")
-    with pytest.raises(BadInput, match="no 3D points at usable coordinates, of 20"):
-        load_collection(SmallScene(unit=1e200).write(tmp_path / "all"))
+    nothing = load_collection(SmallScene(unit=1e200).write(tmp_path / "all"))
+    assert not len(nothing.points) and notes_with(nothing, "20 points at NaN, infinite or absurd coordinates")
 
 
 def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path):
@@ -201,10 +201,25 @@ def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path):
         assert np.abs(pixels - scene.seen(index)[kept]).max() < 1e-6
 
 
-def test_a_model_without_points(tmp_path):
-    scene = SmallScene(points=np.empty((0, 3)))
-    with pytest.raises(BadInput, match="no 3D points"):
-        load_collection(scene.write(tmp_path / "scene"))
+@pytest.mark.parametrize("suffix", [".bin", ".txt"])
+@pytest.mark.parametrize("has_file", [True, False])
+def test_a_model_without_points_keeps_its_poses(tmp_path, suffix, has_file):
+    whole, scene = SmallScene(), SmallScene(points=np.empty((0, 3)))
+    root = scene.write(tmp_path / "scene")
+    model = root / "sparse" / "0"
+    for path in model.iterdir():
+        path.unlink()
+    made = whole.reconstruction() if not has_file else scene.reconstruction()
+    (made.write_binary if suffix == ".bin" else made.write_text)(str(model))
+    if not has_file:
+        (model / f"points3D{suffix}").unlink()
+    collection = load_collection(root)
+    assert collection.kind == "colmap" and collection.points.shape == (0, 3)
+    for index, photo in enumerate(collection.photos):
+        pixels, _ = photo.camera.in_world(collection.frame).project(whole.points)
+        assert np.abs(pixels - whole.seen(index)).max() < 1e-6
+    assert notes_with(collection, "No points are given with the cameras")
+    assert bool(notes_with(collection, "lacks the points that its photos see: copy it again if you have them")) != has_file
 
 
 def test_a_photo_that_sees_no_point_stays(tmp_path):

@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data import find_kind, find_photos, load_collection
+from core.data import find_kind, find_photos, load_collection, prepare
 from core.data.load import check_cameras_unknown
 from core.data.photos import load
 from core.errors import BadInput
 from tests.data.small_scene import SmallScene
+from tests.heard import Heard
 from tests.real_data import real
 
 
@@ -73,7 +74,7 @@ def test_pictures_of_runs_and_fades_are_no_photos(tmp_path):
     assert find_photos(tmp_path) == run and find_photos(fade) == fade
 
 
-@pytest.mark.parametrize("lacking", [["points3D.bin"], ["cameras.bin", "images.bin"]])
+@pytest.mark.parametrize("lacking", [["images.bin"], ["cameras.bin", "images.bin"]])
 def test_a_model_with_files_missing_is_not_taken_for_plain_photos(tmp_path, lacking):
     root = SmallScene().write(tmp_path / "scene")
     for name in lacking:
@@ -93,6 +94,24 @@ def test_kinds_are_told_by_their_files(tmp_path, mark, kind):
     root = SmallScene().write(tmp_path / "scene")
     (root / mark).mkdir(parents=True)
     assert load_collection(root).kind == "colmap"  # a model beats the rest
+
+
+def test_a_model_that_is_used_beside_other_cameras_says_so(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    (root / "transforms.json").write_text("{}")
+    assert load_collection(root).notes[0] == f"{root} holds a nerfstudio scene as well; its COLMAP model {root / 'sparse/0'} is used."
+
+
+def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monkeypatch):
+    for name in ("map.png", "images/a.jpg", "images/b.jpg"):
+        save_photo(tmp_path / name)
+    assert find_photos(tmp_path) == tmp_path / "images"
+    monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
+    heard = Heard()
+    prepare.prepared(tmp_path, tmp_path / "made", heard)
+    assert heard.lines == [f"! 1 photo in {tmp_path} not used: {tmp_path / 'images'} holds as many or more."]
+    save_photo(tmp_path / "plan.png")
+    assert find_photos(tmp_path) == tmp_path
 
 
 def test_cameras_that_are_known_are_not_looked_for(tmp_path):

@@ -15,6 +15,7 @@ from core.data.found_cameras import scene_of_photos
 from core.data.photos import load
 from core.data.prepare import prepared
 from core.data.triangulate import NEAREST, SPREAD, off_line_px, partners, triangulate
+from core.doctor import examine
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
@@ -134,6 +135,31 @@ def no_points(corner, tmp_path, change, words):
     with pytest.raises(BadInput, match=words):
         prepared(changed(other, change), tmp_path / "scene", Report())
     assert not (tmp_path / "scene").exists()
+
+
+@pytest.mark.parametrize("split", ["", "filename\tid\tsplit\n1.png\t1\ttest\n" + "".join(f"{n}.png\t{n}\ttrain\n" for n in range(2, 6))])
+def test_a_colmap_model_without_points_gets_them(corner, kept, tmp_path, split):
+    scene, heard = tmp_path / "scene", Heard()
+    shutil.copytree(corner, scene / "images")
+    shutil.copytree(kept[0] / "points", scene / "sparse")
+    (scene / "sparse" / "points3D.bin").unlink()
+    if split:
+        (scene / "corner.tsv").write_text(split)
+    collection = prepared(scene, tmp_path / "scene-scene", heard)
+    assert (collection.kind, collection.root) == ("phototourism" if split else "colmap", tmp_path / "scene-scene")
+    off = np.abs(collection.frame.to_world(collection.points) - [-1, 1, 5]).min(axis=1)
+    assert len(off) > 500 and np.median(off) < 0.02
+    assert [photo.name for photo in collection.split("test")] == ["1.png"]
+    assert prepared(scene, tmp_path / "scene-scene", heard).root == collection.root
+    found = {finding.name: finding for finding in examine(scene, heard)} | {finding.name: finding for finding in examine(collection.root, heard)}
+    assert found["points"].figure.startswith(f"{len(off):,},") and "photos with few points" not in found
+
+
+def test_kept_points_that_were_taken_out(kept, tmp_path):
+    folder = copy_of(kept, tmp_path)
+    (folder / "points" / "points3D.bin").unlink()
+    with pytest.raises(BadInput, match="points holds no points any more. Remove .*corner-scene to have them found again"):
+        load_collection(folder)
 
 
 def test_a_damaged_and_an_empty_photo_do_no_harm(corner, tmp_path):

@@ -7,6 +7,7 @@ Blender scenes of NeRF (Mildenhall et al. 2020). Poses lead from camera to world
 import json
 import math
 import os
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -150,9 +151,11 @@ class _Reading:
         return Points(positions[good], colours[good], None)
 
     def posed(self, kind: str, source: Path, views: list[View], points: Points | None) -> Posed:
-        """All of it, photos named from the folder on that holds them all."""
-        folder = Path(os.path.commonpath([view.path.parent for view in views])) if views else self.root
-        views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
+        """All of it, photos named from the folder on that holds them all, or by whole paths where none does (drives of Windows)."""
+        folder = self.root
+        with suppress(ValueError):
+            folder = Path(os.path.commonpath([view.path.parent for view in views]))
+            views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
         notes = [note for why, names in self.faults.items() for note in name_them(why, names)] + self.notes
         missing_words = f"of {source.name} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."

@@ -170,7 +170,8 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn.
     identity = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
-    facts["scene"]["from_run"] = os.path.relpath(collection.root.resolve(), folder.resolve())
+    with suppress(ValueError):  # Windows has no way from one drive to another
+        facts["scene"]["from_run"] = Path(os.path.relpath(collection.root.resolve(), folder.resolve())).as_posix()
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
@@ -184,8 +185,9 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
         facts = json.loads(path.read_text(encoding="utf-8"))
         settings = Settings().changed(**facts["settings"])
         root = Path(facts["scene"]["path"])
-        together = folder.resolve() / facts["scene"].get("from_run", ".")  # where scene and run were moved with each other
-        root = together.resolve() if together.is_dir() and not root.is_dir() else root
+        if (way := facts["scene"].get("from_run")) and not root.is_dir():
+            together = (folder / way).resolve()  # where scene and run were moved with each other
+            root = together if together.is_dir() else root
         collection = Collection(
             name=facts["scene"]["name"],
             root=root,
@@ -219,7 +221,7 @@ def _photo_to_json(photo: Photo, root: Path) -> dict:
 def _path_to_json(path: Path, root: Path) -> str:
     """Relative where it lies in the scene's folder, so that this may be moved."""
     path = path.resolve()
-    return str(path.relative_to(root.resolve()) if path.is_relative_to(root.resolve()) else path)
+    return (path.relative_to(root.resolve()) if path.is_relative_to(root.resolve()) else path).as_posix()
 
 
 def _photo_from_json(values: dict, root: Path) -> Photo:

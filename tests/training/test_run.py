@@ -175,6 +175,16 @@ def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
     assert run.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == moved.root
 
 
+def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, collection, monkeypatch):
+    def relpath(*_):
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr(run.os.path, "relpath", relpath)
+    run.create(tmp_path / "run", replace(collection, root=tmp_path / "scene"), small_settings())
+    assert "from_run" not in json.loads((tmp_path / "run" / "config.json").read_text())["scene"]
+    assert run.read_config(tmp_path / "run")[2].root == tmp_path / "scene"  # is gone, and the run itself is none
+
+
 def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
     identities = set()
     for number, settings in enumerate((small_settings(), small_settings(), small_settings(seed=1))):

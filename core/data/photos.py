@@ -107,8 +107,13 @@ def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
-    """(H, W) bool, True where the mask of a photo of this `size` is white, both as displayed; resized to the nearest pixel."""
-    white = (read(path).mean(axis=2) >= 128).astype(np.uint8)
+    """(H, W) bool, True where the mask of a photo of this `size` is white, both as displayed; resized to the nearest pixel.
+
+    What is transparent is not white: many programs save a selection so.
+    """
+    header, pixels, alpha = _read_file(path)
+    shade = pixels.mean(axis=2) if alpha is None else pixels.mean(axis=2) * (alpha / 255)
+    white = upright((shade >= 128).astype(np.uint8), header.orientation)
     return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
 
 
@@ -135,7 +140,7 @@ def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Heade
         flags = REDUCTIONS.get(_reduction(header, wanted), cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
         pixels = decode(path, data, flags)
         if _runs_out(pixels):
-            raise bad_photo(path, TRUNCATED)
+            raise bad_photo(path, f"{TRUNCATED}, or has a grey border below, which is to be cut off")
         return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
     pixels = decode(path, data, cv2.IMREAD_UNCHANGED)  # the only way to alpha; ignores EXIF
     if pixels.dtype == np.uint16:
@@ -176,12 +181,11 @@ def _undistort(
     pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
-    channels = pixels.shape[2]
-    if valid is not None:
-        pixels = np.dstack([pixels, valid * np.uint8(255)])
+    channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]
     most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if header.orientation >= 5 else wanted))
     if pixels.shape[1] > most[0] and pixels.shape[0] > most[1]:
-        pixels = _resize(pixels, *most)
+        layers = [_resize(layer, *most) for layer in layers]  # one by one: OpenCV averages over four channels at most
+    pixels = np.dstack(layers)
     if "orientation" not in photo.lens:  # the lens is that of the picture as displayed
         pixels = upright(pixels, header.orientation)
     height, width = pixels.shape[:2]

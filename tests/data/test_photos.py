@@ -121,7 +121,8 @@ def test_opaque_photos_have_nothing_empty(tmp_path):
         assert picture.empty is None and picture.pixels.shape == (30, 44, 3)
 
 
-def test_emptiness_goes_through_lens_and_mask_as_colours_do(tmp_path):
+@pytest.mark.parametrize("size", [(44, 30), (31, 21)])  # the second is shrunk before it is undistorted, by no whole factor
+def test_emptiness_goes_through_lens_and_mask_as_colours_do(tmp_path, size):
     pixels = cv2.GaussianBlur(noise(60, 88, 4), (0, 0), 3)
     grey = np.dstack([255 - pixels[..., 3]] * 3)
     mask = np.full((60, 88), 255, np.uint8)
@@ -130,10 +131,20 @@ def test_emptiness_goes_through_lens_and_mask_as_colours_do(tmp_path):
     loaded = []
     for name, kept in (("a.png", pixels), ("b.png", grey)):
         photo = replace(photo_at(save(tmp_path / name, kept), 88, 60, lens), mask=save(tmp_path / "mask.png", mask))
-        loaded.append(load(photo, 44, 30, cut_out=True))
+        loaded.append(load(photo, *size, cut_out=True))
     cut_out, opaque = loaded
     assert 0.3 < opaque.valid.mean() < 0.9 and np.array_equal(cut_out.valid, opaque.valid)
     assert np.array_equal(cut_out.empty[opaque.valid], opaque.pixels[opaque.valid][:, 0])
+
+
+@pytest.mark.parametrize("white", [(255, 255, 255, 255), (255, 255, 255, 140)])
+@pytest.mark.parametrize("hidden", [(0, 0, 0, 255), (255, 255, 255, 0), (0, 0, 0, 0), (255, 255, 255, 100)])
+def test_what_is_transparent_in_a_mask_is_hidden(tmp_path, white, hidden):
+    mask = np.empty((30, 44, 4), np.uint8)
+    mask[:10], mask[10:] = hidden, white
+    path = save(tmp_path / "mask.png", mask)
+    photo = replace(photo_at(save(tmp_path / "a.png", noise()), 44, 30), mask=path)
+    assert (load(photo, 44, 30).valid == (np.arange(30) >= 10)[:, None]).all()
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
@@ -175,7 +186,7 @@ def test_jpeg_whose_end_marker_was_put_where_the_data_ran_out(tmp_path):
     path = save(tmp_path / "a.jpg", noise(200, 200))
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2] + b"\xff\xd9")
-    with pytest.raises(BadInput, match="a.jpg .*truncated"):
+    with pytest.raises(BadInput, match="a.jpg .*truncated.*or has a grey border below"):
         read(path)
 
 

@@ -8,7 +8,7 @@ import pycolmap
 
 from core.data.model_file import holds_model, lacking_files, read_model
 from core.data.photo_file import list_photos
-from core.data.phototourism import find_split_tables
+from core.data.phototourism import find_tables
 from core.data.placing import View
 from core.data.posed import Points, Posed, usable
 from core.errors import BadInput
@@ -57,7 +57,7 @@ def read_colmap(root: Path) -> Posed:
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
     extra = {path.name for path in there} - {image.name for image in found}
     notes += name_them(f"in {images} without a pose, not used", sorted(extra))
-    kind = "phototourism" if find_split_tables(root) else "colmap"
+    kind = "phototourism" if find_tables(root)[0] else "colmap"
     fix = f"Put the photos into {root / 'images'}, named as in the model."
     return Posed(kind, model, views, points, f"of the model missing in {images}", fix, notes)
 

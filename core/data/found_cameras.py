@@ -4,6 +4,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from core.data import sfm
+from core.data.colmap import find_model
 from core.data.load import kind_with_cameras
 from core.data.scene_folder import kept, read_mark
 from core.errors import BadInput
@@ -11,11 +12,16 @@ from core.report import Report
 
 
 def scene_around(photos: Path) -> tuple[Path, str] | None:
-    """The scene with cameras that the folder `photos` lies in, and its kind; None for none."""
+    """The scene with cameras that the folder `photos` lies in, and its kind; None for none.
+
+    Where that is the dense/ of a PhotoTourism scene, the whole is meant, which holds the split.
+    """
     above = photos.resolve().parent
-    with suppress(BadInput):  # parts of a model are no cameras
-        if kind := kind_with_cameras(above):
-            return above, kind
+    for scene in (above.parent, above):
+        with suppress(BadInput):  # parts of a model are no cameras
+            kind = kind_with_cameras(scene)
+            if kind and (scene == above or (find_model(scene) or scene).is_relative_to(above)):
+                return scene, kind
     return None
 
 

@@ -9,7 +9,7 @@ from core.data.kept_points import read_kept, scene_of
 from core.data.model_file import holds_model
 from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
-from core.data.phototourism import find_split_tables
+from core.data.phototourism import find_tables
 from core.data.posed import Posed, collect
 from core.data.scene_folder import is_of_run
 from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
@@ -72,7 +72,7 @@ def find_kind(path: Path) -> str:
 def kind_with_cameras(path: Path) -> str | None:
     """Which kind of scene with cameras the folder holds, None for none; BadInput where files of a model are missing."""
     if find_model(path):
-        return "phototourism" if find_split_tables(path) else "colmap"
+        return "phototourism" if find_tables(path)[0] else "colmap"
     return posed_kind(path)
 
 

@@ -24,9 +24,21 @@ class SplitTable:
     unknown_split: tuple[str, ...]
 
 
-def find_split_tables(root: Path) -> list[Path]:
-    """The .tsv files in `root`, by name."""
-    return sorted(path for path in root.glob("*.tsv") if path.is_file() and not path.name.startswith("."))
+def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
+    """The .tsv files in `root`, by name: those that hold a split, and others.
+
+    A split's first line names its columns. Where none does, those that name photos count as splits: reading them says what they lack.
+    """
+    paths = sorted(path for path in root.glob("*.tsv") if path.is_file() and not path.name.startswith("."))
+    columns = {path: _columns(path) for path in paths}
+    splits = [path for path in paths if columns[path] >= COLUMNS] or [path for path in paths if "filename" in columns[path]]
+    return splits, [path for path in paths if path not in splits]
+
+
+def _columns(path: Path) -> set[str]:
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
+        line = file.readline().replace("\0", "")
+    return set(next(csv.reader([line], delimiter="\t"), []))
 
 
 def read_split_table(path: Path) -> SplitTable:

@@ -1,8 +1,9 @@
 """Which photos are held out for testing: as a .tsv says, or test.txt, or else every eighth."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from core.data.phototourism import find_split_tables, read_split_table
+from core.data.phototourism import COLUMNS, find_tables, read_split_table
 from core.errors import BadInput
 from core.words import list_names, name_them
 
@@ -17,58 +18,69 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     names: the usable photos, sorted. in_model: all photos that the model knows, usable or not, so that a list naming a
     photo that is merely missing is not called wrong. Raises BadInput where nothing is left to train on.
     """
-    tables = find_split_tables(root)
+    tables, others = find_tables(root)
+    no_splits = [f"{path.name} holds no split (its first line lacks {', '.join(sorted(COLUMNS))}): not used." for path in others]
     lists = [path for folder in (root, model) if (path := folder / TEST_LIST).is_file()]
     if tables:
-        splits, notes = _by_table(tables[0], names, in_model)
-        if len(tables) > 1:
-            notes.append(
-                f"Several .tsv files: {tables[0].name} is used, {list_names([path.name for path in tables[1:]])} not."
-            )
         source = tables[0]
+        splits, notes = _by_table(source, names, in_model)
+        if len(tables) > 1:
+            notes.append(f"Several split tables: {source.name} is used, {list_names([path.name for path in tables[1:]])} not.")
     elif lists:
-        splits, notes = _by_list(lists[0], names, in_model)
         source = lists[0]
+        splits, notes = _by_list(source, names, in_model)
     elif len(names) == 1:
-        return {names[0]: "train"}, ["One photo: none is held out for testing."]
+        return {names[0]: "train"}, ["One photo: none is held out for testing.", *no_splits]
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
-        return splits, [f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."]
+        return splits, [f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing.", *no_splits]
     if "train" not in splits.values():
         why = f": {'; '.join(notes)}" if notes else ""
         raise BadInput(f"{source} leaves no photo of this model to train on{why}.", f"Correct or remove {source.name}.")
     if "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
-    return splits, notes
+    return splits, notes + no_splits
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
     table = read_split_table(path)
-    listed = table.splits.keys() | set(table.without_id) | set(table.unknown_split)
-    known = in_model | {_short(name) for name in in_model}
-    splits = {name: _look_up(table.splits, name) for name in names}
-    notes = name_them(f"of {path.name} without an id, not used", _present(table.without_id, names))
-    notes += name_them(f"of {path.name} in neither train nor test, not used", _present(table.unknown_split, names))
-    notes += name_them(f"of {path.name} not in the model", sorted(listed - known))
-    notes += name_them(f"not in {path.name}, not used", [name for name in names if not {name, _short(name)} & listed])
-    return {name: split for name, split in splits.items() if split}, notes
+    listed = set(table.splits) | set(table.without_id) | set(table.unknown_split)
+    rows = _rows_of(in_model.union(names), listed)
+    splits = {name: table.splits[rows[name]] for name in names if rows.get(name) in table.splits}
+    unused = {"without an id": set(table.without_id), "in neither train nor test": set(table.unknown_split)}
+    notes = []
+    for why, those in unused.items():
+        notes += name_them(f"of {path.name} {why}, not used", [name for name in names if rows.get(name) in those])
+    notes += name_them(f"of {path.name} not in the model", sorted(listed - set(rows.values())))
+    notes += name_them(f"not in {path.name}, not used", [name for name in names if name not in rows])
+    return splits, notes
 
 
 def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     listed = {line.strip() for line in lines if line.strip()}
-    known = in_model | {_short(name) for name in in_model}
-    splits = {name: "test" if {name, _short(name)} & listed else "train" for name in names}
-    return splits, name_them(f"of {path.name} not in the model", sorted(listed - known))
+    rows = _rows_of(in_model.union(names), listed)
+    splits = {name: "test" if name in rows else "train" for name in names}
+    return splits, name_them(f"of {path.name} not in the model", sorted(listed - set(rows.values())))
 
 
-def _short(name: str) -> str:
-    return name.rsplit("/", 1)[-1]
+def _rows_of(names: Iterable[str], listed: set[str]) -> dict[str, str]:
+    """What photos are called in a list, if they are in it: by their name, by its end, or by the one longer path that ends in it."""
+    longer: dict[str, list[str]] = {}
+    for row in listed:
+        for end in _ends(row)[1:]:
+            longer.setdefault(end, []).append(row)
+    rows = {}
+    for name in names:
+        shorter = [end for end in _ends(name) if end in listed]
+        if shorter:
+            rows[name] = shorter[0]
+        elif len(longer.get(name, ())) == 1:
+            (rows[name],) = longer[name]
+    return rows
 
 
-def _look_up(splits: dict[str, str], name: str) -> str | None:
-    return splits.get(name) or splits.get(_short(name))
-
-
-def _present(listed: tuple[str, ...], names: list[str]) -> list[str]:
-    return [name for name in names if {name, _short(name)} & set(listed)]
+def _ends(name: str) -> list[str]:
+    """The name, and what is left of it without the outermost folder, the next one, and so on."""
+    parts = name.split("/")
+    return ["/".join(parts[number:]) for number in range(len(parts))]

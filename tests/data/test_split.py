@@ -74,7 +74,7 @@ def test_tsv_matches_photos_in_folders_by_their_last_name(tmp_path):
 def test_several_tsv_files(tmp_path):
     for name in ("a.tsv", "b.tsv"):
         (tmp_path / name).write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
-    assert split(tmp_path, NAMES[:2])[1] == ["Several .tsv files: a.tsv is used, b.tsv not."]
+    assert split(tmp_path, NAMES[:2])[1] == ["Several split tables: a.tsv is used, b.tsv not."]
 
 
 def test_no_test_photo_is_noted_and_no_training_photo_refused(tmp_path):
@@ -94,11 +94,32 @@ def test_a_split_in_capitals_and_a_folder_named_like_a_table(tmp_path):
     assert split(tmp_path, NAMES[:2]) == ({"a.jpg": "train", "b.jpg": "test"}, [])
 
 
-@pytest.mark.parametrize("content", [b"", b"name\tvalue\n1\t2\n", b"filename\tid\tsplit\n", b"\xff\xfe\x80\n"])
-def test_tsv_that_is_no_split_table(tmp_path, content):
+@pytest.mark.parametrize("content", [b"filename\tid\n", b"filename\tid\tsplit\n", b"filename\tid\tsplit\n\xff\xfe\x80\n"])
+def test_a_split_table_that_cannot_be_read(tmp_path, content):
     (tmp_path / "x.tsv").write_bytes(content)
     with pytest.raises(BadInput, match="x.tsv is not a"):
         split(tmp_path)
+
+
+@pytest.mark.parametrize("content", [b"", b"name\tvalue\n1\t2\n", b"\xff\xfe\x80\n", b"filename\tid\n"])
+def test_a_tsv_of_something_else_beside_the_split_is_not_used(tmp_path, content):
+    unused = "a.tsv holds no split (its first line lacks filename, id, split): not used."
+    (tmp_path / "a.tsv").write_bytes(content)
+    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
+    splits, notes = split(tmp_path, NAMES[:2])
+    assert splits == {"a.jpg": "train", "b.jpg": "test"} and notes == [unused]
+    (tmp_path / "x.tsv").unlink()
+    if not content.startswith(b"filename"):
+        assert split(tmp_path, NAMES[:2])[1][1:] == [unused]
+
+
+def test_listed_paths_that_end_in_the_name_of_one_photo(tmp_path):
+    (tmp_path / "test.txt").write_text("images/a.jpg\nb.jpg\nleft/c.jpg\nright/c.jpg\n")
+    splits, notes = split(tmp_path, ["a.jpg", "some/b.jpg", "c.jpg", "other/a.jpg"])
+    assert splits == {"a.jpg": "test", "some/b.jpg": "test", "c.jpg": "train", "other/a.jpg": "train"}
+    assert notes == ["2 photos of test.txt not in the model: left/c.jpg, right/c.jpg"]
+    (tmp_path / "x.tsv").write_text(table(("images/a.jpg", "1", "train", "x"), ("images/b.jpg", "2", "test", "x")))
+    assert split(tmp_path, ["a.jpg", "b.jpg"]) == ({"a.jpg": "train", "b.jpg": "test"}, [])
 
 
 def test_rows_that_are_too_short(tmp_path):

@@ -6,12 +6,14 @@ the bake with everything.
 """
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
 import core.export
+from core.bench.errors import LIMIT, errors
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.levers import truncated
 from core.bench.machine import made_on
@@ -22,13 +24,14 @@ from core.report import Report
 from core.scene.splats import Splats
 from core.training.find_look import find_appearance
 from core.training.trained import Run, bake
+from core.training.trim import trim_of
 
-LIMIT = (0.5, "half an 8-bit step")
+LIMIT_STEPS = 255 * LIMIT[0], LIMIT[1]
 QUANTITIES = (
     Quantity("megabytes", "MB of .ply", "log"),
     Quantity("seconds", "s to bake and write", "log"),
-    Quantity("rms_steps", "RMS error, 8-bit steps", "log", limit=LIMIT, floor=1e-3),
-    Quantity("max_steps", "max error, 8-bit steps", "log", limit=LIMIT, floor=1e-3),
+    Quantity("rms_steps", "RMS error, 8-bit steps", "log", limit=LIMIT_STEPS, floor=1e-3),
+    Quantity("max_steps", "max error, 8-bit steps", "log", limit=LIMIT_STEPS, floor=1e-3),
     Quantity("milliseconds", "ms a picture", "log"),
 )
 PANELS = (Panel("megabytes", "rms_steps"), Panel("megabytes", "max_steps"), Panel("seconds", "rms_steps"))
@@ -36,12 +39,13 @@ SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 NOTES = (
     "Errors of the training views in the neutral look, against the bake with everything.",
     "Gaussians are left out in the order of their largest contribution to any pixel of any training view; the sky stays.",
+    "`wegs bake` looks through all training views for what it may leave out, which its seconds count.",
 )
 
 
 @torch.no_grad()
 def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Figure:
-    """Bands kept and shares pruned of a run. views: training views that errors are measured in, spread evenly.
+    """What `wegs bake` does, and bands kept and shares pruned, of a run. views: training views that errors are measured in, spread evenly.
 
     budget: see `stopwatch.timed`.
     """
@@ -56,47 +60,38 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
     whole = bake(trained, neutral)
     truth = [rasterizer.render(whole, camera).image.clamp(0, 1) for camera in cameras]
     points = []
-    total = len(SHARES) * (whole.degree + 1)
+    total = len(SHARES) * (whole.degree + 1) + 1
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "look.ply"
 
-        def written(rows: Tensor, degree: int) -> Splats:
-            latents = None if trained.latents is None else trained.latents[rows]
-            look = trained.model.bake(trained.splats[rows], neutral.embedding, latents)
-            look = truncated(look, degree)
+        def written(look: Splats) -> Splats:
             core.export.write(path, look.in_world(trained.collection.frame), "bench")
             return look
 
+        def some(rows: Tensor, degree: int) -> Splats:
+            latents = None if trained.latents is None else trained.latents[rows]
+            return truncated(trained.model.bake(trained.splats[rows], neutral.embedding, latents), degree)
+
+        def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
+            look, seconds = timed(lambda: written(make()), budget)
+            pictures, drawing = timed(lambda: [rasterizer.render(look, camera).image for camera in cameras], budget)
+            apart = errors([picture.clamp(0, 1) for picture in pictures], truth)
+            values = {
+                "megabytes": Spread.exactly(path.stat().st_size / 1e6),
+                "seconds": seconds,
+                "milliseconds": drawing.scaled(1000 / len(cameras)),
+                "rms_steps": apart["rms_error"].scaled(255),
+                "max_steps": apart["max_error"].scaled(255),
+            }
+            points.append(Point(curve, label, values, is_default))
+            report.progress("Baking", len(points), total, f"{curve}, {label}")
+
+        add("wegs bake", "pruned within its bound", lambda: trim_of(trained, Report())(bake(trained, neutral)).splats, is_default=True)
         for degree in range(whole.degree, -1, -1):
             for share in SHARES:
                 rows = order[round(share * solid) :].sort().values
-                look, seconds = timed(lambda rows=rows, degree=degree: written(rows, degree), budget)
-                pictures, drawing = timed(
-                    lambda look=look: [rasterizer.render(look, camera).image for camera in cameras], budget
-                )
-                points.append(
-                    Point(
-                        curve=f"SH degree {degree}",
-                        label=f"{share:.0%} pruned",
-                        values={
-                            "megabytes": Spread.exactly(path.stat().st_size / 1e6),
-                            "seconds": seconds,
-                            "milliseconds": drawing.scaled(1000 / len(cameras)),
-                            **steps_apart(pictures, truth),
-                        },
-                        is_default=share == 0 and degree == whole.degree,
-                    )
-                )
-                report.progress("Baking", len(points), total, f"degree {degree}, {share:.0%} pruned")
+                is_all = share == 0 and degree == whole.degree
+                label = "everything (--prune off)" if is_all else f"{share:.0%} pruned"
+                add(f"SH degree {degree}", label, lambda rows=rows, degree=degree: some(rows, degree))
     title = f"Baking {trained.folder.name}: {len(whole)} Gaussians of degree {whole.degree}"
     return Figure("baking", title, QUANTITIES, PANELS, tuple(points), made_on(trained.settings.seed), NOTES)
-
-
-def steps_apart(pictures: list[Tensor], truth: list[Tensor]) -> dict[str, Spread]:
-    """RMS and largest difference over all pixels of all pictures, clamped to [0, 1], in 8-bit steps."""
-    pairs = zip(pictures, truth, strict=True)
-    differences = torch.cat([255 * (a.clamp(0, 1) - b).flatten().double() for a, b in pairs])
-    return {
-        "rms_steps": Spread.exactly(float(differences.square().mean().sqrt())),
-        "max_steps": Spread.exactly(float(differences.abs().max())),
-    }

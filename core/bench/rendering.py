@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 import core.rasterizer
+from core.bench.errors import LIMIT, errors
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.levers import UNTHRESHOLDED, Levers, draw, recompiled, truncated
 from core.bench.machine import made_on
@@ -21,12 +22,11 @@ from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
-HALF_STEP = 0.5 / 255, "half an 8-bit step"
 QUANTITIES = (
     Quantity("milliseconds", "ms a picture", "log"),
-    Quantity("max_error", "max error", "log", limit=HALF_STEP, floor=1e-9),
-    Quantity("rms_error", "RMS error", "log", limit=HALF_STEP, floor=1e-9),
-    Quantity("rms_unthresholded", "RMS error against no thresholds", "log", limit=HALF_STEP),
+    Quantity("max_error", "max error", "log", limit=LIMIT, floor=1e-9),
+    Quantity("rms_error", "RMS error", "log", limit=LIMIT, floor=1e-9),
+    Quantity("rms_unthresholded", "RMS error against no thresholds", "log", limit=LIMIT),
 )
 PANELS = tuple(Panel("milliseconds", quantity.name) for quantity in QUANTITIES[1:])
 NOTES = (
@@ -128,12 +128,3 @@ def choices(splats: Splats, cameras: list[Camera], full: bool) -> Iterator[Choic
         for degree in range(splats.degree + 1):
             way = Way(tiled, replace(plain, sh_degree=degree))
             yield Choice(f"{backend}: SH degree", f"degree {degree}", way, is_auto and way.levers == plain)
-
-
-def errors(pictures: list[Tensor], truth: list[Tensor]) -> dict[str, Spread]:
-    """The largest and the root mean square difference over all pixels and channels of all pictures."""
-    differences = torch.cat([(a.double() - b).flatten() for a, b in zip(pictures, truth, strict=True)])
-    return {
-        "max_error": Spread.exactly(float(differences.abs().max())),
-        "rms_error": Spread.exactly(float(differences.square().mean().sqrt())),
-    }

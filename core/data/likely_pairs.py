@@ -13,7 +13,7 @@ from core.report import Report
 
 # Statue of Liberty, 87 photos, of the ten that each shares most points with: 512 features find 74, 87, 91 % among 10, 20, 30 partners,
 # 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
-LARGEST = 512  # features of a photo
+FEATURES = 512  # of a photo, the largest
 PARTNERS = 30  # of a photo
 RATIO = 0.85  # of the angles to the most and the second most similar feature (Lowe 2004, section 7.1)
 
@@ -21,7 +21,7 @@ RATIO = 0.85  # of the angles to the most and the second most similar feature (L
 def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str, str]]:
     """The pairs of the photos in the database that are to be matched; of many each photo's PARTNERS likeliest, so linear in their number.
 
-    Photos are the likelier to overlap the more of their LARGEST features find each other (Wu 2013, Towards linear-time
+    Photos are the likelier to overlap the more of their FEATURES largest features find each other (Wu 2013, Towards linear-time
     incremental structure from motion, section 3): what is large is seen from near and far, and it is a small sample.
     """
     total = len(names) * (len(names) - 1) // 2
@@ -60,7 +60,7 @@ def _largest_features(work: Path, names: list[str]) -> list[np.ndarray]:
         for name in names:
             number = database.read_image_with_name(name).image_id
             shapes = database.read_keypoints(number).reshape(-1, 6)[:, 2:]  # 2 x 2, its columns as long as the feature is large
-            order = np.argsort(-np.hypot(shapes[:, 0], shapes[:, 2]), kind="stable")[:LARGEST]
+            order = np.argsort(-np.hypot(shapes[:, 0], shapes[:, 2]), kind="stable")[:FEATURES]
             descriptors = database.read_descriptors(number).data[order].astype(np.float32)
             features.append(descriptors / np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1e-6))
     return features

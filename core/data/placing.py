@@ -15,7 +15,7 @@ from core.scene.camera import Camera
 from core.words import counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
-LARGEST = 1e100  # a coordinate; the square of a larger one may be infinite
+LARGEST_COORDINATE = 1e100  # the square of a larger one may be infinite
 USUAL_FOCAL_LENGTHS = (0.1, 10.0)  # in lengths of the longer side: COLMAP's own bounds
 
 
@@ -73,7 +73,7 @@ class Placing:
             self.unreadable.append(named_with_fault(view.name, view.path, problem))
             return None
         lens = view.lens(header.width, header.height)
-        if not lenses.usable(lens) or not all((np.abs(part) < LARGEST).all() for part in (view.rotation, view.centre)):
+        if not lenses.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (view.rotation, view.centre)):
             self.broken.append(view.name)
             return None
         return self._fit(view, lens, header)

@@ -7,7 +7,7 @@ import numpy as np
 
 from core.data.collection import FAR, Collection, Photo, astray
 from core.data.given_masks import masked
-from core.data.placing import LARGEST, Placing, View
+from core.data.placing import LARGEST_COORDINATE, Placing, View
 from core.data.split import split_photos
 from core.errors import BadInput
 from core.scene.frame import SceneFrame
@@ -109,7 +109,7 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
 
 def usable(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """(P,) bool, which of the points (P, 3) lie at usable coordinates, and a note on those that do not."""
-    finite = (np.abs(positions) < LARGEST).all(axis=1)  # so that NaN fails it
+    finite = (np.abs(positions) < LARGEST_COORDINATE).all(axis=1)  # so that NaN fails it
     if finite.any():
         frame = SceneFrame.around(positions[finite], quantile=0.5)
         finite[finite] = np.linalg.norm(frame.to_scene(positions[finite]), axis=1) < STRAY
@@ -126,7 +126,7 @@ def from_camera_to_world(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     orthonormal (the nearest rotation, by SVD). Raises ValueError, which says what it is, for any other that is no rotation.
     """
     axes, centre = matrix[:3, :3], matrix[:3, 3]
-    if not (np.abs(matrix[:3]) < LARGEST).all():
+    if not (np.abs(matrix[:3]) < LARGEST_COORDINATE).all():
         raise ValueError("with numbers that are not finite")
     left, lengths, right = np.linalg.svd(axes)
     if not lengths[2] > (1 - CROOKED) * lengths[0]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HALF_STEP = 2.0**-24  # float32 rounds a number by at most this share of it
+FLOAT32_ROUNDING = 2.0**-24  # float32 rounds a number by at most this share of it
 # In scene units. A camera sees a scene unit in at most some thousand pixels: 0.02 px, which no picture shows.
 ROUNDING_ALLOWED = 1e-5
 
@@ -30,7 +30,7 @@ class SceneFrame:
     @property
     def rounding(self) -> float:
         """By how much float32 moves a coordinate of the scene if it is kept in the world frame; world units."""
-        return HALF_STEP * (float(np.abs(self.centre).max()) + self.radius)
+        return FLOAT32_ROUNDING * (float(np.abs(self.centre).max()) + self.radius)
 
     @property
     def file_offset(self) -> np.ndarray:

@@ -4,9 +4,13 @@ import torch
 
 import core.rasterizer
 from core.bench import baking
-from core.bench.baking import baking_figure, steps_apart
+from core.bench.baking import baking_figure
+from core.bench.errors import errors
 from core.rasterizer.views import largest_contributions
 from core.report import Report
+from core.training.find_look import find_appearance
+from core.training.trained import bake
+from core.training.trim import trim_of
 from tests.rasterizer.scenes import camera, cloud
 
 
@@ -14,15 +18,19 @@ def test_bytes_fall_and_errors_grow_along_each_curve(trained, monkeypatch):
     monkeypatch.setattr(baking, "SHARES", (0.0, 0.5, 0.9))
     made = baking_figure(trained, views=2, report=Report(), budget=0.0)
     curves = made.curves()
-    assert list(curves) == ["SH degree 1", "SH degree 0"]
+    assert list(curves) == ["wegs bake", "SH degree 1", "SH degree 0"]
+    (as_it_bakes,) = curves.pop("wegs bake")
     for points in curves.values():
         sizes = [point.values["megabytes"].median for point in points]
-        errors = [point.values["rms_steps"].median for point in points]
-        assert sizes[0] > sizes[1] > sizes[2] and errors[0] < errors[1] < errors[2]
+        grown = [point.values["rms_steps"].median for point in points]
+        assert sizes[0] > sizes[1] > sizes[2] and grown[0] < grown[1] < grown[2]
     whole, bare = curves["SH degree 1"][0], curves["SH degree 0"][0]
-    assert whole.is_default and whole.values["rms_steps"].median == whole.values["max_steps"].median == 0
+    assert whole.label == "everything (--prune off)" and whole.values["rms_steps"].median == whole.values["max_steps"].median == 0
     assert bare.values["rms_steps"].median > 0
-    assert [point for point in made.points if point.is_default] == [whole]
+    assert [point for point in made.points if point.is_default] == [as_it_bakes]
+    left = trim_of(trained, Report())(bake(trained, find_appearance(trained, "neutral")))
+    assert as_it_bakes.values["max_steps"].median <= 0.5
+    assert (as_it_bakes.values["megabytes"].median < whole.values["megabytes"].median) == (left.gaussians > 0)
 
 
 def test_a_contribution_is_the_largest_over_all_views():
@@ -35,8 +43,7 @@ def test_a_contribution_is_the_largest_over_all_views():
     assert torch.equal(both, torch.maximum(*alone)) and float(both.max()) > 0
 
 
-def test_errors_are_in_8_bit_steps_of_clamped_pictures():
-    truth = [torch.ones(1, 2, 3)]
-    found = steps_apart([torch.tensor([[[1.0, 7.0, 1.0], [1.0, 1.0, 1 - 3 / 255]]])], truth)
-    assert abs(found["max_steps"].median - 3) < 1e-4  # float32 beside 1: 255 * 6e-8
-    assert abs(found["rms_steps"].median - 3 / 6**0.5) < 1e-4
+def test_errors_are_the_largest_and_the_mean_of_all_pictures():
+    truth = [torch.ones(1, 2, 3), torch.zeros(1, 1, 3)]
+    found = errors([torch.tensor([[[1.0, 1.0, 1.0], [1.0, 1.0, 0.25]]]), truth[1]], truth)
+    assert found["max_error"].median == 0.75 and found["rms_error"].median == 0.25  # sqrt(0.75^2 / 9)

@@ -8,8 +8,9 @@ import torch
 
 import core.rasterizer
 from core.bench import rendering, small_scene
+from core.bench.errors import errors
 from core.bench.levers import UNTHRESHOLDED, Levers, draw, recompiled
-from core.bench.rendering import DEFINITION, choices, errors, rendering_figure
+from core.bench.rendering import DEFINITION, choices, rendering_figure
 from core.rasterizer.contract import ALPHA_MIN, STOP_TRANSMITTANCE
 from core.report import Report
 from tests.rasterizer.scenes import SCENES, camera, cloud

@@ -1,13 +1,17 @@
 """What a folder holds, and what a user is told who gave another; real collections where they are at hand."""
 
+import os
+
 import cv2
 import numpy as np
 import pytest
 
 from core.data import find_kind, find_photos, load_collection, prepare
+from core.data.collection import place_of
 from core.data.load import check_cameras_unknown
 from core.data.photos import load
 from core.errors import BadInput
+from tests.data.converted import write_nerfstudio
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.real_data import real
@@ -112,6 +116,16 @@ def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monke
     assert heard.lines == [f"! 1 photo in {tmp_path} not used: {tmp_path / 'images'} holds as many or more."]
     save_photo(tmp_path / "plan.png")
     assert find_photos(tmp_path) == tmp_path
+
+
+def test_photos_on_several_drives_of_windows_are_named_by_their_whole_paths(tmp_path, monkeypatch):
+    def commonpath(_):
+        raise ValueError("Paths don't have the same drive")
+
+    monkeypatch.setattr(os.path, "commonpath", commonpath)
+    found = load_collection(write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene"))
+    assert [photo.name for photo in found.photos] == [photo.path.as_posix() for photo in found.photos]
+    assert len({place_of(photo.name) for photo in found.photos}) == 4
 
 
 def test_cameras_that_are_known_are_not_looked_for(tmp_path):

@@ -1,6 +1,5 @@
 """transforms.json and Blender's siblings: the same cameras as of a COLMAP model, and a line for everything that is wrong."""
 
-import os
 import re
 import shutil
 from pathlib import Path
@@ -11,7 +10,6 @@ import pycolmap
 import pytest
 
 from core.data import load_collection
-from core.data.collection import place_of
 from core.data.photos import load
 from core.errors import BadInput
 from tests.data.converted import LENS_TERMS, changed, images_of, write_json, write_nerf_osr, write_nerfstudio
@@ -61,16 +59,6 @@ def test_cameras_and_points_are_those_of_the_model(tmp_path, model):
     assert [photo.split for photo in found.photos] == ["test", "train", "train", "train"]  # every eighth
     assert len(notes_with(found, "Nothing says which photo sees which point")) == 1
     assert not any(len(photo.points) for photo in found.photos)
-
-
-def test_photos_on_several_drives_of_windows_are_named_by_their_whole_paths(scene, monkeypatch):
-    def commonpath(_):
-        raise ValueError("Paths don't have the same drive")
-
-    monkeypatch.setattr(os.path, "commonpath", commonpath)
-    found = load_collection(scene)
-    assert [photo.name for photo in found.photos] == [photo.path.as_posix() for photo in found.photos]
-    assert len({place_of(photo.name) for photo in found.photos}) == 4
 
 
 def test_a_third_radial_term_is_taken_along(tmp_path):

@@ -1,4 +1,4 @@
-"""Numbers and names in sentences."""
+"""Numbers, names and reasons in sentences."""
 
 NAMES_SHOWN = 12
 
@@ -8,9 +8,35 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-def name_them(what: str, names: list[str]) -> list[str]:
+class Note(str):
+    """A line about what was found. harmless: nothing needs doing about it."""
+
+    harmless: bool
+
+    def __new__(cls, text: str, harmless: bool = False):
+        note = super().__new__(cls, text)
+        note.harmless = harmless
+        return note
+
+
+def name_them(what: str, names: list[str], harmless: bool = False) -> list[Note]:
     """A note that counts and names photos, or none where there are none: "3 photos WHAT: a.jpg, b.jpg, c.jpg"."""
-    return [f"{counted(len(names), 'photo')} {what}: {list_names(names)}"] if names else []
+    return [Note(f"{counted(len(names), 'photo')} {what}: {list_names(names)}", harmless)] if names else []
+
+
+class Reasons:
+    """Photos by what is said of them, the first reason first."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[str, bool], list[str]] = {}
+
+    def add(self, what: str, name: str, harmless: bool = False) -> None:
+        """`what` is said of the photo `name`, in words that follow "1 photo" and "3 photos"."""
+        self._names.setdefault((what, harmless), []).append(name)
+
+    def notes(self) -> list[Note]:
+        """A line for each reason."""
+        return [note for (what, harmless), names in self._names.items() for note in name_them(what, names, harmless)]
 
 
 def list_names(names: list[str]) -> str:

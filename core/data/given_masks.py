@@ -6,7 +6,7 @@ from pathlib import Path
 from core.data.collection import Collection, place_of
 from core.data.photo_file import SUFFIXES, list_photos, probe
 from core.errors import BadInput
-from core.words import counted, name_them
+from core.words import Note, counted, name_them
 
 
 def with_masks(collection: Collection, folder: Path) -> Collection:
@@ -52,8 +52,9 @@ def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Coll
         for photo in training
         if photo.name in known and probe(known[photo.name]).displayed != (photo.camera.width, photo.camera.height)
     ]
-    notes = [f"{counted(sum(photo.name in known for photo in training), 'photo')} with a mask from {source}."]
-    notes += name_them("without one, used whole", [photo.name for photo in training if photo.name not in known])
+    found = f"{counted(sum(photo.name in known for photo in training), 'photo')} with a mask from {source}."
+    notes = [Note(found, harmless=True)]
+    notes += name_them("without a mask, used whole", [photo.name for photo in training if photo.name not in known])
     notes += name_them("with a mask of another size, which is resized", resized)
     photos = tuple(replace(photo, mask=known.get(photo.name)) for photo in collection.photos)
     return replace(collection, photos=photos, notes=(*collection.notes, *notes))

@@ -15,7 +15,7 @@ from core.data.photo_file import list_photos
 from core.data.placing import View
 from core.data.posed import Posed, from_camera_to_world
 from core.errors import BadInput
-from core.words import name_them
+from core.words import Note, Reasons
 
 PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
 TRAINING, HELD_OUT = "train", ("test", "validation")  # the first of these that has photos
@@ -42,13 +42,13 @@ def read_nerf_osr(root: Path) -> Posed:
         raise BadInput(f"{source / TRAINING / 'rgb'} holds no photos.", fix)
     held_out = next((split for split in HELD_OUT if photos[split]), None)
     notes = [
-        f"{split}/ is not used: {held_out}/ is what is held out."
+        Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True)
         for split in HELD_OUT
         if photos[split] and split != held_out
     ]
     used = [(split, path) for split in (TRAINING, held_out) if split for path in photos[split]]
     names = [path.name for _, path in used]
-    views, faults = [], {}
+    views, faults = [], Reasons()
     masks = {split: _masks(source / split / "mask") for split in (TRAINING, *HELD_OUT)}
     for split, path in used:
         name = path.name if len(set(names)) == len(names) else f"{split}/{path.name}"
@@ -57,11 +57,10 @@ def read_nerf_osr(root: Path) -> Posed:
             lens = _lens(_matrix(source / split / "intrinsics", path.stem))
             rotation, centre = _pose(_matrix(source / split / "pose", path.stem))
         except ValueError as fault:
-            faults.setdefault(str(fault), []).append(name)
+            faults.add(f"{fault}, not used", name)
             continue
         views.append(View(name, path, lens, rotation, centre, role, masks[split](path.stem)))
-    notes += [note for why, names in faults.items() for note in name_them(f"{why}, not used", names)]
-    return Posed("nerf-osr", source, views, None, f"missing in {source}", fix, notes)
+    return Posed("nerf-osr", source, views, None, f"missing in {source}", fix, notes + faults.notes())
 
 
 def _photos(folder: Path) -> list[Path]:

@@ -12,7 +12,7 @@ from core.data import lens as lenses
 from core.data.photo_file import Header, named_with_fault, probe
 from core.errors import BadInput
 from core.scene.camera import Camera
-from core.words import counted, name_them
+from core.words import Note, Reasons, counted
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
 LARGEST_COORDINATE = 1e100  # the square of a larger one may be infinite
@@ -47,34 +47,28 @@ class Placed:
 
 @dataclass
 class Placing:
-    """Turns views into placed photos, and remembers which it could not, and why.
+    """Turns views into placed photos, and remembers what is to be said of them.
 
     missing_words: what is said of photos that are not there, after "3 photos".
     """
 
     missing_words: str
-    missing: list[str] = field(default_factory=list)
-    unreadable: list[str] = field(default_factory=list)
-    broken: list[str] = field(default_factory=list)
-    misfits: list[str] = field(default_factory=list)
-    mirrored: list[str] = field(default_factory=list)
-    rotated: list[str] = field(default_factory=list)
-    extreme: list[str] = field(default_factory=list)
+    said: Reasons = field(default_factory=Reasons)
     undistorted: int = 0
 
     def place(self, view: View) -> Placed | None:
-        """The view's photo with its camera, or None, with the name put on the list that says why."""
+        """The view's photo with its camera, or None, and what is said of it is remembered."""
         if not os.path.isfile(view.path):  # pathlib's raises for names that are too long
-            self.missing.append(view.name)
+            self.said.add(self.missing_words, view.name)
             return None
         try:
             header = probe(view.path)
         except BadInput as problem:
-            self.unreadable.append(named_with_fault(view.name, view.path, problem))
+            self.said.add("unreadable, not used", named_with_fault(view.name, view.path, problem))
             return None
         lens = view.lens(header.width, header.height)
         if not lenses.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (view.rotation, view.centre)):
-            self.broken.append(view.name)
+            self.said.add("with a camera or pose that is broken or no perspective one, not used", view.name)
             return None
         return self._fit(view, lens, header)
 
@@ -83,11 +77,12 @@ class Placing:
         fits the pixels as stored, it is that of the stored pixels, and is turned together with them."""
         stored = _same_shape(lens, header.width, header.height)
         if not stored and not _same_shape(lens, *header.displayed):
-            self.misfits.append(f"{view.name} ({header.width}x{header.height}, camera {lens.width}x{lens.height})")
+            sizes = f"{header.width}x{header.height}, camera {lens.width}x{lens.height}"
+            self.said.add("of another shape than the camera says, not used", f"{view.name} ({sizes})")
             return None
         orientation = header.orientation if stored else 1
         if orientation not in lenses.TURNS:
-            self.mirrored.append(view.name)
+            self.said.add("mirrored by EXIF orientation, not used", view.name)
             return None
         width, height = (header.width, header.height) if stored else header.displayed
         camera = Camera(view.rotation, view.centre, *lenses.pinhole(lens, width, height), width, height)
@@ -96,27 +91,20 @@ class Placing:
             self.undistorted += 1
             description = lenses.describe(lens)
         if orientation != 1:
-            self.rotated.append(view.name)
+            self.said.add("turned by EXIF orientation, camera and all", view.name, harmless=True)
             camera = lenses.turned(camera, orientation)
             if description is not None:
                 description["orientation"] = orientation
         low, high = USUAL_FOCAL_LENGTHS
         if not low <= lens.mean_focal_length() / max(lens.width, lens.height) <= high:
-            self.extreme.append(f"{view.name} ({camera.fx:.3g} px at a width of {camera.width})")
+            length = f"{camera.fx:.3g} px at a width of {camera.width}"
+            self.said.add("with an unusual focal length, used all the same", f"{view.name} ({length})", harmless=True)
         return Placed(camera, description)
 
     def notes(self) -> list[str]:
         """One line for each reason that occurred."""
-        notes = name_them(self.missing_words, self.missing)
-        notes += name_them("unreadable, not used", self.unreadable)
-        notes += name_them("with a camera or pose that is broken or no perspective one, not used", self.broken)
-        notes += name_them("of another shape than their camera, not used", self.misfits)
-        notes += name_them("mirrored by their EXIF orientation, not used", self.mirrored)
-        notes += name_them("turned by their EXIF orientation; their cameras were turned along", self.rotated)
-        notes += name_them("with an unusual focal length, used all the same", self.extreme)
-        if self.undistorted:
-            notes.append(f"{counted(self.undistorted, 'photo')} will be undistorted.")
-        return notes
+        undistorted = f"{counted(self.undistorted, 'photo')} will be undistorted."
+        return self.said.notes() + [Note(undistorted, harmless=True)] * bool(self.undistorted)
 
 
 def _same_shape(lens: pycolmap.Camera, width: int, height: int) -> bool:

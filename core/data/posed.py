@@ -11,7 +11,7 @@ from core.data.placing import LARGEST_COORDINATE, Placing, View
 from core.data.split import split_photos
 from core.errors import BadInput
 from core.scene.frame import SceneFrame
-from core.words import counted, name_them
+from core.words import Note, counted, name_them
 
 STRAY = 1e6  # median distances from the middle; SfM puts points near infinity, and float32 ends there
 CROOKED = 0.01  # by which axes may differ in length: matrices are often written with three or four digits
@@ -62,9 +62,9 @@ def collect(root: Path, posed: Posed) -> Collection:
     splits, split_notes = _split(root, posed, list(placed))
     points, points_notes = posed.points, []
     if points is None:
-        points, points_notes = Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [NO_POINTS]
+        points, points_notes = Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [Note(NO_POINTS, harmless=True)]
     elif points.seen is None:
-        points_notes = [UNSEEN_POINTS]
+        points_notes = [Note(UNSEEN_POINTS, harmless=True)]
     centres = np.array([found.camera.centre for found in placed.values()])
     frame = SceneFrame.around(points.positions if len(points.positions) else centres)
     seen = points.seen or {}
@@ -82,9 +82,9 @@ def collect(root: Path, posed: Posed) -> Collection:
         if name in splits
     )
     notes = posed.notes + placing.notes() + split_notes + points_notes + frame.offset_notes()
-    notes += name_them("that see no SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
+    notes += name_them("without any SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
-    notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far)
+    notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
     name = root.resolve().name
     collection = Collection(
         name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)

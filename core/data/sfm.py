@@ -72,7 +72,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         _write_scene(work, model, copies)
         write_mark(work / "scene" / MARK, made_of)
         write_mark(work / "scene" / NAMES, {str(paths[int(copy[:-4]) - 1].resolve()): name for copy, name in copies.items()})
-    for line in name_them("that fit nowhere, left out", sorted(set(copies.values()) - placed)):
+    for line in name_them("without a place among the others, left out", sorted(set(copies.values()) - placed)):
         report.warn(line)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from core.data.phototourism import COLUMNS, find_tables, read_split_table
 from core.errors import BadInput
-from core.words import list_names, name_them
+from core.words import Note, list_names, name_them
 
 EVERY = 8  # of the original 3DGS and of everything compared with it
 TEST_LIST = "test.txt"
@@ -30,10 +30,11 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         source = lists[0]
         splits, notes = _by_list(source, names, in_model)
     elif len(names) == 1:
-        return {names[0]: "train"}, ["One photo: none is held out for testing.", *no_splits]
+        return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits]
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
-        return splits, [f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing.", *no_splits]
+        every = f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."
+        return splits, [Note(every, harmless=True), *no_splits]
     if "train" not in splits.values():
         why = f": {'; '.join(notes)}" if notes else ""
         raise BadInput(f"{source} leaves no photo of this model to train on{why}.", f"Correct or remove {source.name}.")

@@ -19,7 +19,7 @@ from core.data.placing import View
 from core.data.point_file import read_points_file
 from core.data.posed import Points, Posed, from_camera_to_world, usable
 from core.errors import BadInput
-from core.words import list_names, name_them
+from core.words import Note, Reasons, list_names, name_them
 
 FILE = "transforms.json"
 BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
@@ -59,7 +59,8 @@ def read_blender(root: Path) -> Posed:
     there = [root / BLENDER_FILES[split] for split in ("test", "val") if (root / BLENDER_FILES[split]).is_file()]
     if there:
         held_out = reading.views(there[0], _read_json(there[0], may_be_empty=True))
-    reading.notes += [f"{path.name} is not used: {there[0].name} is what is held out." for path in there[1:]]
+    unused = (f"{path.name} is not used: {there[0].name} is what is held out." for path in there[1:])
+    reading.notes += [Note(line, harmless=True) for line in unused]
     if held_out:
         training = [replace(view, split="train") for view in training]
     views = training + [replace(view, split="test") for view in held_out]
@@ -72,7 +73,7 @@ class _Reading:
 
     root: Path
     notes: list[str] = field(default_factory=list)
-    faults: dict[str, list[str]] = field(default_factory=dict)  # why -> photos
+    faults: Reasons = field(default_factory=Reasons)
 
     def views(self, source: Path, facts: dict) -> list[View]:
         """The frames that can be used, each photo once."""
@@ -92,7 +93,7 @@ class _Reading:
                 mask = self.find(mask) if isinstance(mask, str) else None
                 views[path] = View(str(path), path, lens.camera, rotation, centre, mask=mask)
             except _Fault as fault:
-                self.faults.setdefault(str(fault), []).append(label)
+                self.faults.add(str(fault), label)
         return list(views.values())
 
     def find(self, name: str) -> Path:
@@ -122,7 +123,7 @@ class _Reading:
         paths = {view.path for view in views}
         for words, odd in (
             ("listed for training and as held out, held out", given & held_out),
-            (f"that {source.name} lists but has no usable frame of", split.keys() - paths),
+            (f"listed in {source.name} without a usable frame", split.keys() - paths),
             ("listed neither for training nor for testing, not used", paths - split.keys()),
         ):
             self.notes += name_them(words, sorted(path.name for path in odd))
@@ -156,10 +157,9 @@ class _Reading:
         with suppress(ValueError):
             folder = Path(os.path.commonpath([view.path.parent for view in views]))
             views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
-        notes = [note for why, names in self.faults.items() for note in name_them(why, names)] + self.notes
         missing_words = f"of {source.name} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."
-        return Posed(kind, source, views, points, missing_words, fix, notes)
+        return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes)
 
 
 class _Fault(Exception):

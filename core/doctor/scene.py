@@ -19,20 +19,8 @@ from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
 from core.training.backdrop import looks_for_empty
-from core.words import counted, list_names
+from core.words import Note, counted, list_names
 
-# In the words of the reader's notes: those about which nothing needs doing, or which a finding of its own is about.
-HARMLESS = (
-    "held out for testing",
-    "is what is held out",
-    "will be undistorted",
-    "their cameras were turned along",
-    "with a mask from",
-    "Nothing says which photo",
-    "`wegs train` triangulates",
-    "used all the same",
-    "files are written around",
-)
 FEW_POINTS = 20  # a photo that sees fewer is held by little; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
 ODD_DISTANCE = 10.0  # times the median camera's from the middle of the scene
@@ -57,9 +45,9 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
 
 
 def _note(note: str) -> Finding:
-    """What the reader noted, which asks for a look unless it is known to be harmless."""
-    advice = "" if any(words in note for words in HARMLESS) else "Correct it unless it is meant."
-    return Finding("reading", note.rstrip("."), "noted by the reader", advice)
+    """What the reader noted, which asks for a look unless it is harmless, or a finding of its own is about it."""
+    advice = "" if isinstance(note, Note) and note.harmless else "Correct it unless it is meant."
+    return Finding("reading", note.rstrip("."), "said while the scene was read", advice)
 
 
 def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:

@@ -229,7 +229,7 @@ def test_a_photo_that_sees_no_point_stays(tmp_path):
 
     collection = load_collection(rewritten(tmp_path, blind))
     assert len(collection.photos[2].points) == 0
-    assert "photo_2.png" in notes_with(collection, "see no SfM point")[0]
+    assert "photo_2.png" in notes_with(collection, "without any SfM point")[0]
 
 
 @pytest.mark.parametrize("params", [[3e6, 3e6, 80, 60], [1.0, 1.0, 80, 60]])

@@ -41,7 +41,7 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     assert all(photo.mask is None for photo in found.split("test"))
     assert found.notes == (
         f"2 photos with a mask from {folder}.",
-        "2 photos without one, used whole: photo_3.png, photo_4.png",
+        "2 photos without a mask, used whole: photo_3.png, photo_4.png",
         "1 photo with a mask of another size, which is resized: photo_1.png",
         "1 mask of no photo in use, such as passer.png.",
     )

@@ -57,7 +57,7 @@ def test_exif_rotation_turns_the_camera_along(tmp_path, model, orientation):
     collection = load_collection(root)
     camera = collection.photos[1].camera
     assert (camera.width < camera.height) == (orientation != 3)
-    assert any("turned by their EXIF orientation" in note and "photo_1.png" in note for note in collection.notes)
+    assert any("turned by EXIF orientation" in note and "photo_1.png" in note for note in collection.notes)
     check_dots(collection, 1, least=12)
 
 

@@ -76,7 +76,7 @@ def test_masks_belong_to_the_photo_of_their_stem(scene):
         assert cv2.imwrite(str(scene / "final" / split / "mask" / f"{stem}.jpg"), mask)
     collection = load_collection(scene)
     assert [photo.mask and photo.mask.name for name in ("test", "train") for photo in collection.split(name)] == [None, None, "photo_2.jpg"]
-    assert notes_with(collection, "1 photo without one, used whole: photo_1.png")
+    assert notes_with(collection, "1 photo without a mask, used whole: photo_1.png")
 
 
 def matrix(change):

@@ -61,7 +61,7 @@ def test_cameras_are_found_again(tmp_path):
     listener = Listener()
     scene = reconstruct(photos, tmp_path / "new" / "scene", listener)
     assert any("cut.jpg" in line and "truncated" in line for line in listener.lines)
-    assert any("fit nowhere" in line and "stranger.jpg" in line for line in listener.lines)
+    assert any("without a place among the others" in line and "stranger.jpg" in line for line in listener.lines)
     assert "1 photo turned upright, as EXIF says." in listener.lines
     assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]

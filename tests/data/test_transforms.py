@@ -187,7 +187,7 @@ def turned(by):
         (spoil("fl_x", float("nan")), "camera or pose that is broken or no perspective one, not used: photo_1.png"),
         (spoil("fl_x", 0), "camera or pose that is broken"),
         (spoil("w", 0), "a w or h that no photo has"),
-        (spoil("w", 300), "of another shape than their camera, not used: photo_1.png .160x120, camera 300x120."),
+        (spoil("w", 300), "of another shape than the camera says, not used: photo_1.png .160x120, camera 300x120."),
         (spoil("k4", 0.1), "a k4, which only OPENCV_FISHEYE lenses have"),
         (lambda frame: (frame.pop("fl_x"), frame.pop("fl_y")), "without fl_x or camera_angle_x, not used"),
     ],
@@ -268,7 +268,7 @@ def splits(collection):
         ({"train": named(0), "val": named(1), "test": named(2, 3)}, {0: "train", 2: "test", 3: "test"}, "for testing, not used: photo_1.png"),
         ({"train": named(0, 1), "test": named(1, 2)}, {0: "train", 1: "test", 2: "test"}, "held out: photo_1.png"),
         ({"train": named(0, 1, 2)}, {0: "train", 1: "train", 2: "train"}, "holds out no photo"),
-        ({"train": named(0, 9), "test": named(2)}, {0: "train", 2: "test"}, "lists but has no usable frame of: photo_9.png"),
+        ({"train": named(0, 9), "test": named(2)}, {0: "train", 2: "test"}, "listed in transforms.json without a usable frame: photo_9.png"),
     ],
 )  # fmt: skip
 def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
@@ -330,7 +330,7 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     assert [photo.mask and photo.mask.name for photo in collection.split("train")] == ["1.png", "2.png", None]
     assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.name == "0.png"
     assert notes_with(collection, "2 photos with a mask from") and notes_with(
-        collection, "without one, used whole: photo_3.png"
+        collection, "without a mask, used whole: photo_3.png"
     )
     assert not load(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
 

@@ -106,6 +106,15 @@ def test_files_that_are_meant_to_be_left_out_ask_for_nothing(tmp_path):
     assert [finding.advice for finding in noted] == [""]
 
 
+def test_notes_are_judged_by_who_wrote_them_not_by_their_words(tmp_path):
+    names = [f"photo_{index}.png" for index in range(4)]
+    scene = SmallScene(names=[*names, "used all the same.png"]).write(tmp_path / "scene")
+    (scene / "images" / "used all the same.png").unlink()
+    noted = {finding.figure: finding.advice for finding in examine(scene, Heard()) if finding.name == "reading"}
+    assert [bool(advice) for figure, advice in noted.items() if "missing in" in figure] == [True]
+    assert [bool(advice) for figure, advice in noted.items() if "every 8th" in figure] == [False]
+
+
 def test_what_the_reader_notes_asks_for_a_look(tmp_path):
     scene = SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "scene")
     (scene / "test.txt").write_text("bogus.png\n")

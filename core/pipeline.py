@@ -1,6 +1,7 @@
 """Photos -> scene -> trained run -> .ply: the whole story on one page. The command line is a thin skin over it."""
 
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +20,9 @@ from core.data.prepare import prepared
 from core.data.scene_folder import FADE
 from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
-from core.evaluation.protocols import View, measure
+from core.evaluation.protocols import View, ViewPictures, ViewResult, measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
-from core.evaluation.sheet import picture_sheet, write_views
+from core.evaluation.sheet import picture_sheet, row_of, write_view
 from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
 from core.export.atomic import check_apart, check_file, filling
@@ -273,29 +274,21 @@ def evaluate(
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: {len(photos)} held-out photos, protocol {protocol}{', over white' * trained.is_cut_out}")
-    subject = subject_of(trained)
     distance = lpips.load()
     if distance is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
     else:
         distance = distance.to(trained.device)
+    kept = f"{PICTURES}/{protocol}/"
     start = time.perf_counter()
-    views, pictures, scales, unusable = [], [], [], []
-    for number, photo in enumerate(photos):
-        try:
-            view = held_out_view(trained, photo)
-            measured, picture = measure(subject, view, protocol, refine, distance)
-        except BadInput as problem:
-            if photo is photos[-1] and not views:
-                raise
-            unusable.append(named_with_fault(photo.name, photo.path, problem))
-            continue
+    views, rows, scales = [], [], []
+    for photo, measured, pictures in _measured(trained, photos, protocol, refine, distance, report):
         views.append(measured)
-        pictures.append(picture)
-        scales.append(view.camera.width / photo.camera.width)
-        report.progress("Photos", number + 1, len(photos), photo.name)
-    for note in name_them("not measured", unusable):
-        report.warn(note)
+        scales.append(measured.width / photo.camera.width)
+        figures = (f"{whose} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
+        rows.append(row_of(pictures, ", ".join(figures)))
+        if keep_pictures:
+            write_view(trained.folder / kept, pictures)
     results = Results(
         protocol=protocol,
         views=tuple(views),
@@ -310,15 +303,30 @@ def evaluate(
         over_white=trained.is_cut_out,
     )
     results.save(trained.folder)
-    notes = [", ".join(f"{whose} {score.psnr:.2f} dB" for whose, score in view.scores["photo"].items()) for view in views]
-    names = [file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)]
-    write_png(trained.folder / names[-1], picture_sheet(pictures, notes, protocol))
-    if keep_pictures:
-        names.append(f"{PICTURES}/{protocol}/")
-        write_views(trained.folder / names[-1], pictures)
+    write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol))
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
+    names = [*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[kept] * keep_pictures]
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results
+
+
+def _measured(
+    trained: Run, photos: Sequence[Photo], protocol: str, refine: bool, distance: lpips.Lpips | None, report: Report
+) -> Iterator[tuple[Photo, ViewResult, ViewPictures]]:
+    """Each photo that can be measured, one by one: pictures are large. The others are named at the end; BadInput where none can."""
+    subject, unusable = subject_of(trained), []
+    for number, photo in enumerate(photos, 1):
+        try:
+            measured, pictures = measure(subject, held_out_view(trained, photo), protocol, refine, distance)
+        except BadInput as problem:
+            unusable.append(named_with_fault(photo.name, photo.path, problem))
+            if len(unusable) == len(photos):
+                raise
+            continue
+        report.progress("Photos", number, len(photos), photo.name)
+        yield photo, measured, pictures
+    for note in name_them("not measured", unusable):
+        report.warn(note)
 
 
 def subject_of(trained: Run) -> TrainedScene:

@@ -21,7 +21,6 @@ import click
 import numpy as np
 import torch
 
-from core.awake import cores_awake
 from core.config import preset
 from core.data import load_collection, photos
 from core.data.collection import Collection, Photo
@@ -70,7 +69,6 @@ def without(collection: Collection, by: str) -> Collection:
     return replace(collection, photos=tuple(left))
 
 
-@cores_awake()
 def train(collection: Collection, settings, folder: Path, terminal: Terminal) -> Run:
     """A finished run in `folder`."""
     trainer = Trainer(collection, settings, folder)

@@ -13,7 +13,8 @@ from core.bench.machine import made_on
 from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import metrics
-from core.evaluation.protocols import REFINE_STEPS, View, refinement, regions
+from core.evaluation.protocols import REFINE_STEPS, View, fit_of, refinement
+from core.evaluation.subject import Subject
 from core.pipeline import held_out_view, subject_of
 from core.report import Report
 from core.training.trained import Run
@@ -31,12 +32,13 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
     """
     points = []
     for name, run in trained.items():
+        subject = subject_of(run)
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
             courses = []
             for number, photo in enumerate(chosen):
                 try:
-                    courses.append(_course(run, held_out_view(run, photo), protocol))
+                    courses.append(_course(subject, held_out_view(run, photo), protocol))
                 except BadInput as problem:  # one damaged photo is no reason to know nothing of the others
                     report.warn(f"{photo.name} is not measured: {problem}")
                 report.progress(f"Refinement of {name}, {protocol}", number + 1, len(chosen), photo.name)
@@ -53,22 +55,17 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
     return Figure("refinement", title, tuple(quantities), tuple(panels), tuple(points), made, NOTES)
 
 
-def _course(trained: Run, view: View, protocol: str) -> list[dict[str, float]]:
+def _course(subject: Subject, view: View, protocol: str) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
-    subject = subject_of(trained)
-    fitted, scored = regions(view, protocol)
-    photo = metrics.quantised(view.picture)
-    region, valid = photo[:, fitted], None if view.valid is None else view.valid[:, fitted]
-    start = subject.embed(region.permute(2, 0, 1).contiguous())
-    camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
+    fit = fit_of(subject, view, protocol)
     course, seconds, since = [], 0.0, time.perf_counter()
-    for step, embedding in enumerate(refinement(subject, start, camera, region, valid)):
+    for step, embedding in enumerate(refinement(subject, fit.start, fit.camera, fit.region, fit.valid)):
         seconds += time.perf_counter() - since
         if step in MEASURED:
             with torch.no_grad():
                 image = metrics.quantised(subject.render(embedding, view.camera))
-            part = None if view.valid is None else view.valid[:, scored]
-            psnr = metrics.psnr(image[:, scored], photo[:, scored], part)
+            part = None if view.valid is None else view.valid[:, fit.scored]
+            psnr = metrics.psnr(image[:, fit.scored], fit.photo[:, fit.scored], part)
             first = course[0]["psnr"] if course else psnr
             course.append({"steps": step, "seconds": seconds, "gain": psnr - first, "psnr": psnr})
         since = time.perf_counter()

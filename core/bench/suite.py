@@ -33,23 +33,23 @@ CHECKS = 12  # times a run that is trained for a figure is measured on the way
 class Size:
     """How much is measured. budget: see `stopwatch.timed`.
 
-    Of training: share of each preset's steps, most Gaussians, width_px of photos (-1 leaves it to the preset), seeds.
+    Of training: share of each preset's steps, most Gaussians, resolution of photos (a width in px; -1 leaves it to the preset), seeds.
     views: that baking is judged by. photos: that are refined. cameras: of a run that are rendered.
     """
 
     share: float
     gaussians: int
     budget: float
-    width_px: int
+    resolution: int
     seeds: int
     views: int
     photos: int
     cameras: int
 
 
-SMALL = Size(share=0.2, gaussians=4000, budget=0.5, width_px=160, seeds=1, views=8, photos=4, cameras=1)
+SMALL = Size(share=0.2, gaussians=4000, budget=0.5, resolution=160, seeds=1, views=8, photos=4, cameras=1)
 FULL = Size(
-    share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, width_px=-1, seeds=3, views=32, photos=100, cameras=3
+    share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, resolution=-1, seeds=3, views=32, photos=100, cameras=3
 )
 
 
@@ -78,7 +78,7 @@ def bench(
     trained = None if run_folder is None else load_run(run.find_run(run_folder))  # fails now, not after minutes
     collection = None
     if scene is not None:
-        collection = prepared(scene, output.parent / f"{scene.resolve().name}-scene", report)
+        collection = prepared(scene, output.parent / f"{scene.resolve().name or 'scene'}-scene", report)
     names = _measurable(names, trained.collection if trained else collection, report)
     figures = []
 
@@ -214,13 +214,12 @@ def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
     settings = preset(name).decided(**LEAST)
     steps = max(1, round(min(settings.steps, LEAST["steps"]) * size.share))
     gaussians = min(settings.max_gaussians, size.gaussians)
-    width = 1 if is_built_in else size.width_px
     return replace(
         settings,
         steps=steps,
         max_gaussians=gaussians,
         seed=seed,
-        resolution=width,
+        resolution=1 if is_built_in else size.resolution,
         held_out_checks=CHECKS,
         checkpoints=1,
     )
@@ -228,6 +227,6 @@ def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
 
 def _train(collection: Collection, settings: Settings, folder: Path, report: Report) -> None:
     trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, trainer.settings)
+    run.create(folder, collection, trainer.settings, trainer.decisions)
     for step in trainer.train():
         report.progress(f"Training {folder.name}", step.step, settings.steps, f"loss {step.loss:.3f}")

@@ -40,6 +40,31 @@ class View:
 
 
 @dataclass(frozen=True)
+class Fit:
+    """What a look of a view is read from, and where it is scored. start: the encoder's embedding of `region`.
+
+    photo: quantised, whole. region: its columns that give the look, as `camera` sees them. valid: of the region. scored: columns.
+    """
+
+    photo: Float[Tensor, "h w 3"]
+    region: Float[Tensor, "h w_fitted 3"]
+    camera: Camera
+    valid: Bool[Tensor, "h w_fitted"] | None
+    scored: slice
+    start: Float[Tensor, " e"]
+
+
+def fit_of(subject: Subject, view: View, protocol: str) -> Fit:
+    """The fit of a view by `protocol`; raises what `regions` raises."""
+    fitted, scored = regions(view, protocol)
+    photo = metrics.quantised(view.picture)
+    region = photo[:, fitted]
+    camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
+    valid = None if view.valid is None else view.valid[:, fitted]
+    return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
+
+
+@dataclass(frozen=True)
 class Scores:
     """psnr: dB. ssim, lpips: None where they cannot be computed (too small a picture; no weights)."""
 
@@ -84,15 +109,12 @@ def measure(
     refine: also refine the embedding on the region it came from. The figures without it are given in any case.
     Raises what `regions` raises.
     """
-    fitted, scored = regions(view, protocol)
-    height, width = view.picture.shape[:2]
-    photo = metrics.quantised(view.picture)
-    region = photo[:, fitted]
-    embeddings = {"zero_shot": subject.embed(region.permute(2, 0, 1).contiguous())}
+    fit = fit_of(subject, view, protocol)
+    photo, scored = fit.photo, fit.scored
+    height, width = photo.shape[:2]
+    embeddings = {"zero_shot": fit.start}
     if refine:
-        valid = None if view.valid is None else view.valid[:, fitted]
-        camera = view.camera.cropped(0, 0, fitted.stop, height)
-        refined = refine_embedding(subject, embeddings["zero_shot"], camera, region, valid)
+        refined = refine_embedding(subject, fit.start, fit.camera, fit.region, fit.valid)
         if refined is not None:
             embeddings["refined"] = refined
 

@@ -1,6 +1,7 @@
 """What to look at of an evaluation: a sheet with a row a photo, photo | render | mask | error; and the pictures one by one."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -32,40 +33,49 @@ def titles(protocol: str, embedding: str) -> tuple[str, str, str, str]:
     return f"photo (protocol {protocol})", f"render ({embedding})", "mask (white: static)", error
 
 
-def picture_sheet(rows: Sequence[ViewPictures], notes: Sequence[str], protocol: str) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """All rows below a line of titles, each above a line with its name and its note (a figure, say); RGB.
+@dataclass(frozen=True)
+class Row:
+    """A photo on the sheet, shrunk already, so that many can wait for the others. tiles: of one size, RGB."""
 
-    A row without a mask has a grey tile there.
-    """
-    widest = max(min(TILE_PX, row.photo.shape[1]) for row in rows)
-    step = widest + GAP_PX
+    line: str
+    embedding: str
+    tiles: tuple[UInt8[np.ndarray, "h w 3"], ...]
+
+
+def row_of(view: ViewPictures, note: str) -> Row:
+    """The row of a view; `note` (a figure, say) stands beside its name. Without a mask there is a grey tile in its place."""
+    height, width = view.photo.shape[:2]
+    share = min(1.0, TILE_PX / width)
+    size = max(1, round(width * share)), max(1, round(height * share))
+    pictures = view.photo, view.render, _mask_picture(view.mask, size), error_picture(view.photo, view.render)
+    tiles = (one if one.shape[1::-1] == size else cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in pictures)
+    return Row(f"{view.name}  {note}", view.embedding, tuple(tiles))
+
+
+def picture_sheet(rows: Sequence[Row], protocol: str) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """All rows below a line of titles, each above a line with its name and its note; RGB."""
+    step = max(row.tiles[0].shape[1] for row in rows) + GAP_PX
     columns = titles(protocol, " or ".join(dict.fromkeys(row.embedding for row in rows)))
     parts = [_line(step, columns)]
-    for row, note in zip(rows, notes, strict=True):
-        parts.append(_row(row, widest))
-        parts.append(_line(step * len(columns), (f"{row.name}  {note}",)))
+    for row in rows:
+        parts.append(_side_by_side(row.tiles, step))
+        parts.append(_line(step * len(columns), (row.line,)))
     return np.concatenate(parts)
 
 
-def write_views(folder: Path, views: Sequence[ViewPictures]) -> None:
-    """The renders as PNG in color/ of `folder`, the photos in gt-color/, named as the photos: as nerfbaselines lays them out."""
-    for view in views:
-        for part, pixels in (("color", view.render), ("gt-color", view.photo)):
-            path = folder / part / place_of(view.name).with_suffix(".png")
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_png(path, pixels)
+def write_view(folder: Path, view: ViewPictures) -> None:
+    """The render as PNG in color/ of `folder`, the photo in gt-color/, named as the photo: as nerfbaselines lays them out."""
+    for part, pixels in (("color", view.render), ("gt-color", view.photo)):
+        path = folder / part / place_of(view.name).with_suffix(".png")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_png(path, pixels)
 
 
-def _row(row: ViewPictures, widest: int) -> np.ndarray:
-    height, width = row.photo.shape[:2]
-    share = min(1.0, widest / width)
-    size = max(1, round(width * share)), max(1, round(height * share))
-    pictures = [row.photo, row.render, _mask_picture(row.mask, size), error_picture(row.photo, row.render)]
-    canvas = np.zeros((size[1] + GAP_PX, (widest + GAP_PX) * len(pictures), 3), dtype=np.uint8)
-    for column, picture in enumerate(pictures):
-        left = column * (widest + GAP_PX)
-        tile = picture if picture.shape[1::-1] == size else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        canvas[: size[1], left : left + size[0]] = tile
+def _side_by_side(tiles: Sequence[np.ndarray], step: int) -> np.ndarray:
+    height, width = tiles[0].shape[:2]
+    canvas = np.zeros((height + GAP_PX, step * len(tiles), 3), dtype=np.uint8)
+    for column, tile in enumerate(tiles):
+        canvas[:height, column * step : column * step + width] = tile
     return canvas
 
 

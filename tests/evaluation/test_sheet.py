@@ -4,10 +4,19 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import pytest
 
 from core.evaluation.protocols import ViewPictures
-from core.evaluation.sheet import BLANK, GAP_PX, LABEL_PX, TILE_PX, error_picture, picture_sheet, titles, write_views
+from core.evaluation.sheet import (
+    BLANK,
+    GAP_PX,
+    LABEL_PX,
+    TILE_PX,
+    error_picture,
+    picture_sheet,
+    row_of,
+    titles,
+    write_view,
+)
 
 
 def row(height, width, mask=None, name="photo.jpg"):
@@ -15,10 +24,14 @@ def row(height, width, mask=None, name="photo.jpg"):
     return ViewPictures(name, photo, photo // 2, "refined", mask)
 
 
+def sheet_of(*views):
+    return picture_sheet([row_of(view, "") for view in views], "half")
+
+
 def test_columns_are_photo_render_mask_error():
     mask = np.zeros((5, 8), np.float32)
     mask[:, 4:] = 1
-    sheet = picture_sheet([row(40, 64, mask)], [""], "half")
+    sheet = sheet_of(row(40, 64, mask))
     step = 64 + GAP_PX
     assert sheet.shape == (LABEL_PX + 40 + GAP_PX + LABEL_PX, 4 * step, 3)
     middle = sheet[LABEL_PX + 20]
@@ -29,14 +42,14 @@ def test_columns_are_photo_render_mask_error():
 
 
 def test_photos_of_all_sizes_fit_and_keep_their_shape():
-    sheet = picture_sheet([row(600, 1000), row(50, 20), row(1, 1)], ["21.30 dB", "", ""], "half")
+    sheet = sheet_of(row(600, 1000), row(50, 20), row(1, 1))
     assert sheet.shape[1] == 4 * (TILE_PX + GAP_PX)
     assert sheet.shape[0] == 4 * LABEL_PX + 3 * GAP_PX + round(600 * TILE_PX / 1000) + 50 + 1
 
 
 def test_labels_are_written_and_a_missing_mask_is_grey():
-    with_name = picture_sheet([row(30, 90)], ["20.1 dB"], "half")
-    without = picture_sheet([row(30, 90, name="")], [""], "half")
+    with_name = picture_sheet([row_of(row(30, 90), "20.1 dB")], "half")
+    without = sheet_of(row(30, 90, name=""))
     assert (with_name[-LABEL_PX:] != without[-LABEL_PX:]).any() and not without[-LABEL_PX:].any()
     assert with_name[:LABEL_PX].any()
     assert with_name[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == [BLANK] * 3
@@ -46,7 +59,7 @@ def test_titles_say_whose_embedding_is_shown_and_by_which_protocol():
     photo, render, _, error = titles("full", "refined")
     assert (photo, render) == ("photo (protocol full)", "render (refined)") and error.startswith("error (refined;")
     one, other = row(8, 300), replace(row(8, 300), embedding="zero_shot")
-    refined, zero_shot = (picture_sheet([rows], [""], "half") for rows in (one, other))
+    refined, zero_shot = map(sheet_of, (one, other))
     places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(4)]
     assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, False, True]
 
@@ -59,13 +72,13 @@ def test_errors_brighten_from_black_and_saturate():
     assert (np.diff(brightness[:4]) > 0).all() and brightness[4] == brightness[3]
 
 
-def test_every_row_has_its_note():
-    with pytest.raises(ValueError, match="zip"):
-        picture_sheet([row(4, 4), row(4, 4)], ["only one"], "half")
+def test_rows_are_shrunk_before_they_wait_for_each_other():
+    assert {tile.shape for tile in row_of(row(6000, 8000), "").tiles} == {(240, TILE_PX, 3)}
 
 
 def test_views_are_kept_one_by_one_under_their_names(tmp_path):
-    write_views(tmp_path, [row(4, 6, name="day/a.jpg"), row(5, 4, name="b.png")])
+    for view in (row(4, 6, name="day/a.jpg"), row(5, 4, name="b.png")):
+        write_view(tmp_path, view)
     names = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png"))
     assert names == ["color/b.png", "color/day/a.png", "gt-color/b.png", "gt-color/day/a.png"]
     assert cv2.imread(str(tmp_path / "color/day/a.png"))[0, 0].tolist() == [25, 50, 100]

@@ -1,5 +1,6 @@
 """The mistakes a user can make, as exceptions that say what, where and what to do."""
 
+import errno
 import shlex
 from pathlib import Path
 
@@ -31,6 +32,14 @@ class TrainingStopped(WegsError):
 def not_made(folder: Path, problem: OSError) -> BadInput:
     """The error for a folder of results that the system refuses to make."""
     return BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.")
+
+
+FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def disk_full(what: str | Path) -> WegsError:
+    """The error for `what` that was to be written while a disk, or a share of it, had no room left (FULL)."""
+    return WegsError(f"The disk is full: {what} was not written.", "Free some space and run it again.")
 
 
 def command(*words: str | Path) -> str:

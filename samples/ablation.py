@@ -68,7 +68,7 @@ def ablate(scene, base, variants, seeds, protocols, folder, report) -> dict[str,
             full = base.changed(seed=seed)
             settings = full.changed(**changes)
             title = FULL if settings == full else name
-            report.say(f"--- {scene.name}, seed {seed}: {name} ({number} of {len(variants)})")
+            report.say(f"--- {scene.resolve().name}, seed {seed}: {name} ({number} of {len(variants)})")
             runs[name].append(measured(scene, settings, folder / f"{folder_name(title)}-seed{seed}", protocols, report))
     return runs
 

@@ -43,9 +43,9 @@ def main(scene: Path, preset_name: str, resolution: int, output: Path, seeds: in
         for seed in range(seeds):
             for name, variant in RIVALS.items():
                 settings = preset(preset_name).changed(**VARIANTS[variant].changes, resolution=resolution, seed=seed)
-                folder = output / f"{scene.name}-{name.replace(' ', '-')}-seed{seed}"
+                folder = output / f"{scene.resolve().name}-{name.replace(' ', '-')}-seed{seed}"
                 runs[name].append(measured(scene, settings, folder, protocols, terminal))
-    (output / f"{scene.name}.json").write_text(json.dumps(runs, indent=1))
+    (output / f"{scene.resolve().name}.json").write_text(json.dumps(runs, indent=1))
     click.echo(table(runs))
 
 

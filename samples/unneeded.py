@@ -43,9 +43,9 @@ def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, o
     with Terminal() as terminal:
         measure(scenes[0], base.changed(steps=50), output / "warm-up", terminal)  # kernels compile once
         for scene in scenes:
-            auto = measure(scene, base, output / f"{scene.name}-auto", terminal)
+            auto = measure(scene, base, output / f"{scene.resolve().name}-auto", terminal)
             choice = auto["settings"].appearance
-            cells = [scene.name, decided(auto["settings"])]
+            cells = [scene.resolve().name, decided(auto["settings"])]
             if choice not in RIVALS:
                 lines.append("| " + " | ".join([*cells, *figures(auto), *["-"] * 5]) + " |")
                 continue
@@ -56,7 +56,7 @@ def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, o
             runs = {name: [] for name in kinds}
             for repeat in range(repeats):
                 for name in sorted(kinds, reverse=bool(repeat % 2)):  # each as often first: machines warm up and tire
-                    runs[name].append(measure(scene, kinds[name], output / f"{scene.name}-{name}", terminal))
+                    runs[name].append(measure(scene, kinds[name], output / f"{scene.resolve().name}-{name}", terminal))
             medians = {name: statistics.median(one["seconds"] for one in group) for name, group in runs.items()}
             auto, rival = (runs[name][0] | {"seconds": medians[name]} for name in kinds)
             ratios = [f"{auto[name] / rival[name]:.2f}" for name in ("seconds", "bytes")]

@@ -59,7 +59,7 @@ class Group(Told, click.Group):
 
 def explain(problem: BaseException) -> tuple[str, int] | None:
     """The line and the exit code for an exception that is the user's to mend; None for a defect of ours."""
-    from core.errors import WegsError  # late: only once `run` has seen that core is ours
+    from core.errors import FULL, WegsError, disk_full  # late: only once `run` has seen that core is ours
 
     if isinstance(problem, WegsError):
         return str(problem), 1
@@ -71,8 +71,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         # click makes an Abort of every Ctrl-C; the words about what was kept are with the first one.
         first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem
         return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
-    if isinstance(problem, OSError) and problem.errno in (errno.ENOSPC, errno.EDQUOT):
-        return f"The disk is full ({problem.filename or 'while writing'}). Free some space and run it again.", 1
+    if isinstance(problem, OSError) and problem.errno in FULL:
+        return str(disk_full(problem.filename or "a file")), 1
     if isinstance(problem, OSError) and problem.errno in UNUSABLE and problem.filename:
         return f"{problem.filename}: {problem.strerror}. Choose another path, or change who may use this one.", 1
     if isinstance(problem, UnicodeEncodeError):

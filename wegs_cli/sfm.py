@@ -8,7 +8,7 @@ import click
 @click.command(short_help="Find where photos were taken.")
 @click.argument("photos", type=click.Path(path_type=Path))
 @click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the scene; must not exist."
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the scene, new or empty."
 )
 def sfm(photos, output) -> None:
     """Find where PHOTOS, a folder, were taken: undistorted pictures and a COLMAP model that `wegs train` reads.

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from core.errors import BadInput, WegsError, not_made
+from core.errors import FULL, BadInput, WegsError, disk_full, not_made
 
 CONFIG = "config.json"  # of a run
 FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interpolation writes, the first two always
@@ -35,8 +35,8 @@ def replacing_folder(output: Path) -> Iterator[Path]:
     except WegsError:
         raise
     except OSError as problem:
-        if problem.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise _full(output) from None
+        if problem.errno in FULL:
+            raise disk_full(output) from None
         if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
             raise BadInput(
                 f"{output} was made by another program meanwhile.", "Use that one, or choose another -o."
@@ -47,14 +47,10 @@ def replacing_folder(output: Path) -> Iterator[Path]:
     except Exception:
         # pycolmap and SQLite name a full disk in their own ways.
         if work.exists() and shutil.disk_usage(work).free < 1 << 20:
-            raise _full(output) from None
+            raise disk_full(output) from None
         raise
     finally:
         shutil.rmtree(work, ignore_errors=True)
-
-
-def _full(output: Path) -> WegsError:
-    return WegsError(f"The disk is full: {output} was not written.", "Free some space and run it again.")
 
 
 def kept(wanted: Path, is_it: Callable[[Path], bool]) -> tuple[Path, bool]:

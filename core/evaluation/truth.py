@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.data.collection import place_of
+from core.data.photos import read
 from core.errors import BadInput
 
 FOLDER = "truth"
@@ -47,9 +48,10 @@ def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
 def _read(path: Path, width: int, height: int) -> np.ndarray | None:
     if not path.is_file():
         return None
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if pixels is None:
-        raise BadInput(f"{path} is not a picture that can be read.", f"Restore it, or remove the folder {FOLDER}.")
+    try:
+        pixels = read(path)
+    except BadInput as problem:
+        raise BadInput(problem.what, f"Restore it, or remove the folder {FOLDER}.") from None
     if pixels.shape[:2] != (height, width):
         pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+    return pixels

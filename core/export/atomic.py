@@ -9,9 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from core.errors import BadInput, WegsError, command
+from core.errors import FULL, BadInput, WegsError, command, disk_full
 
-_FULL = (errno.ENOSPC, errno.EDQUOT)
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
     *(errno.ENOENT, errno.ENOTDIR),  # the folder is gone
@@ -53,8 +52,8 @@ def _named(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        if problem.errno in _FULL:
-            raise WegsError(f"The disk is full: {path} was not written.", "Free some space and run it again.") from None
+        if problem.errno in FULL:
+            raise disk_full(path) from None
         if problem.errno in _REFUSED:
             raise BadInput(f"{path} could not be written: {problem.strerror}.", "Write to another folder.") from None
         raise

@@ -1,6 +1,5 @@
 """The rasterizer: alone, beside one in plain torch, and as scenes and pictures grow."""
 
-import dataclasses
 import time
 from functools import partial
 
@@ -88,8 +87,7 @@ def tile_of(camera: Camera, columns: int, rows: int, tile: int) -> Camera:
     row, column = divmod(tile, columns)
     left, right = (camera.width * edge // columns for edge in (column, column + 1))
     top, bottom = (camera.height * edge // rows for edge in (row, row + 1))
-    size = {"width": right - left, "height": bottom - top}
-    return dataclasses.replace(camera, cx=camera.cx - left, cy=camera.cy - top, **size)
+    return camera.cropped(left, top, right - left, bottom - top)
 
 
 def measure_growth_in_gaussians(scale: float) -> dict:

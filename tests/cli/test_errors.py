@@ -38,7 +38,7 @@ def outcome_of(problem: BaseException):
         (TrainingStopped("It diverged.", "Resume."), "It diverged. Resume.", 1),
         (KeyboardInterrupt("Step 7 is kept."), "Stopped. Step 7 is kept.", 130),
         (KeyboardInterrupt(), "Stopped.", 130),
-        (OSError(errno.ENOSPC, "No space left on device", "a.ply"), "The disk is full (a.ply).", 1),
+        (OSError(errno.ENOSPC, "No space left on device", "a.ply"), "The disk is full: a.ply was not written.", 1),
         (OSError(errno.EROFS, "Read-only file system", "a.ply"), "a.ply: Read-only file system.", 1),
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long.", 1),
         (UnicodeEncodeError("utf-8", "photos \udcfe", 7, 8, "no"), r"'photos \udcfe' cannot be written as utf-8", 1),

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.data.collection import place_of
+from core.data.kept_points import scene_of
 from core.data.photos import read
 from core.errors import BadInput
 
@@ -34,8 +35,10 @@ UNKNOWN = Truth()
 def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
     """The truth of a photo at a picture size (px): truth/clean/NAME.png and truth/masks/NAME.png (white = static).
 
-    NAME is the photo's name without its suffix. What is not there is None. Raises BadInput for what cannot be read.
+    NAME is the photo's name without its suffix. scene: or the folder of points that were triangulated for it. What is not there is
+    None. Raises BadInput for what cannot be read.
     """
+    scene, _ = scene_of(scene) or (scene, None)
     name = place_of(photo_name).with_suffix(".png")
     clean = _read(scene / FOLDER / "clean" / name, width, height)
     masks = _read(scene / FOLDER / "masks" / name, width, height)

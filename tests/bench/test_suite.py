@@ -17,7 +17,7 @@ from core.report import Report
 from core.training.find_look import find_appearance
 from core.training.trained import bake, load_run
 from tests.heard import Heard
-from tests.small import HEIGHT, WIDTH
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
 TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, photos=1)
 
@@ -119,6 +119,12 @@ def test_presets_end_in_time_and_differ_in_the_rest():
 
 
 # --- the built-in scene
+
+
+def test_what_the_photos_decided_is_kept_with_the_runs_of_a_figure(tmp_path):
+    suite._train(small_collection(tmp_path), small_settings(steps=1).changed(transients="auto"), tmp_path / "run", Report())
+    decisions = json.loads((tmp_path / "run" / "config.json").read_text())["decisions"]
+    assert [decision["setting"] for decision in decisions] == ["transients"]
 
 
 def test_the_built_in_collection_is_the_same_every_time_and_shows_different_lights(tmp_path):

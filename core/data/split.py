@@ -19,7 +19,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     photo that is merely missing is not called wrong. Raises BadInput where nothing is left to train on.
     """
     tables, others = find_tables(root)
-    no_splits = [f"{path.name} holds no split (its first line lacks {', '.join(sorted(COLUMNS))}): not used." for path in others]
+    no_splits = [f"{path.name} holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}." for path in others]
     lists = [path for folder in (root, model) if (path := folder / TEST_LIST).is_file()]
     if tables:
         source = tables[0]

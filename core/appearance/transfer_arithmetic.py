@@ -27,10 +27,10 @@ C_1, C_2, C_3, C_4, C_5, C_6, C_7 = (
 
 
 @part
-def bound_softly(values, bound):
-    """values (n,) float32 become bound * tanh(values / bound), in place; what is not a number stays so."""
+def bound_softly(values, bound, base, output):
+    """output = bound * tanh(values / bound), plus `base` unless that is empty; (n,) float32. What is not a number stays so."""
     inverse = ONE / bound
-    for i in range(len(values)):
+    for i in range(len(output)):
         x = values[i] * inverse
         if x > SATURATED:
             x = SATURATED
@@ -44,7 +44,7 @@ def bound_softly(values, bound):
             y = ONE
         elif y < -ONE:
             y = -ONE
-        values[i] = bound * y
+        output[i] = base[i] + bound * y if len(base) else bound * y
 
 
 @part

@@ -9,6 +9,7 @@ with, so bakes equal live renders bit for bit. Weight gradients are summed a blo
 the blocks: the same for any number of threads.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -20,12 +21,13 @@ from torch.autograd.function import once_differentiable
 from torch.utils.checkpoint import checkpoint
 
 from core.appearance.encoding import encoded_places
-from core.appearance.matrix_product import PANEL, TILE_ROWS
+from core.appearance.matrix_product import PANEL, TILE_ROWS, room_for
 from core.appearance.transfer_blocks import STRIP, differentiate_hidden, differentiate_output, evaluate, padded
 from core.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
 ROWS = 8 * STRIP  # of a block: half a millisecond of work
+BLOCKS = 32  # at most, on the way there
 NOTHING = np.empty((0, 0), np.float32)
 
 
@@ -166,9 +168,10 @@ def _evaluated(
     rows = len(inputs.learned)
     # Kept for the backward pass: 4 * layers * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
     shape = 1 + len(hidden_layers.hidden_weights), padded(rows, STRIP) if keeps else 0, weights[0].shape[1]
-    # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake.
-    kept, output = np.empty(shape, np.float32), np.empty((rows, len(output_layer.output_bias)), np.float32)
-    in_parallel(lambda begin, end: evaluate(begin, end, *inputs, base, *weights, kept, output), rows, ROWS)
+    # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake. Large blocks, so that two threads seldom meet
+    # in a page that is not there yet: both would fill it.
+    kept, output = _room(shape), _room((rows, len(output_layer.output_bias)))
+    in_parallel(lambda begin, end: evaluate(begin, end, *inputs, base, *weights, kept, output), rows, ROWS * (1 + rows // (BLOCKS * ROWS)))
     return _Evaluated(inputs, output_layer, kept, output)
 
 
@@ -222,11 +225,11 @@ def _summed(
     layers: HiddenLayers | OutputLayer,
     wants: tuple[bool, ...],
 ) -> list[Tensor | None]:
-    """The gradients of the weights that are wanted, which `differentiate` adds up for the rows of a block, after what is `given`."""
+    """The gradients of the weights that are wanted, of which `differentiate` writes the part that the rows of a block make, after what is `given`."""
     turned = _turned(layers)
     shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(turned, wants)]
-    # A block adds into sums of its own, which are then added in the order of the blocks.
-    sums = [np.zeros((-(-rows // ROWS), *shape), np.float32) for shape in shapes]
+    # Each block has sums of its own, which are then added in the order of the blocks.
+    sums = [_room((-(-rows // ROWS), *shape)) for shape in shapes]
     in_parallel(lambda begin, end: differentiate(begin, end, *given, *(part[begin // ROWS] for part in sums)), rows, ROWS)
     totals = [torch.from_numpy(part.sum(axis=0)) for part in sums]
     cut = type(layers)(*(total[tuple(map(slice, weight.shape))] for total, weight in zip(totals, turned)))
@@ -247,9 +250,14 @@ def _padded_shape(weight: Tensor) -> tuple[int, ...]:
 def _padded(weight: Tensor) -> np.ndarray:
     """The weight with zeros behind its columns, to whole panels."""
     array = weight.detach().numpy()
-    result = np.zeros((*array.shape[:-1], padded(array.shape[-1], PANEL)), np.float32)
+    result = _room((*array.shape[:-1], padded(array.shape[-1], PANEL)))
+    result[..., array.shape[-1] :] = 0
     result[..., : array.shape[-1]] = array
     return result
+
+
+def _room(shape: tuple[int, ...]) -> np.ndarray:
+    return room_for(math.prod(shape)).reshape(shape)
 
 
 def _array_of(tensor: Tensor) -> np.ndarray:

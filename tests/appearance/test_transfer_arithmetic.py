@@ -15,6 +15,7 @@ from tests.afresh import afresh
 
 EPS = float(np.finfo(np.float32).eps)
 BLOCK = numba.float32[:, ::1]
+NOTHING = np.empty(0, np.float32)
 
 
 @pytest.mark.parametrize("bound", [0.1, 4.0])
@@ -24,8 +25,8 @@ def test_bound_is_a_scaled_tanh(bound):
     values = np.concatenate([small, ripples, [1e4, np.finfo(np.float32).max * 0.01]])
     values = (np.concatenate([values, -values]) * bound).astype(np.float32)
     expected = bound * np.tanh(values.astype(np.float64) / np.float32(bound))
-    found = values.copy()
-    afresh(bound_softly)(found, np.float32(bound))
+    found = np.empty_like(values)
+    afresh(bound_softly)(values, np.float32(bound), NOTHING, found)
     # A dozen roundings, each of half an eps at most; they seldom add up.
     assert np.allclose(found, expected, rtol=4 * EPS, atol=1e-44)
     assert np.abs(found).max() <= np.float32(bound)
@@ -33,8 +34,17 @@ def test_bound_is_a_scaled_tanh(bound):
 
 def test_bound_keeps_what_is_not_a_number():
     values = np.array([np.nan, np.inf, -np.inf, 0.0], np.float32)
-    afresh(bound_softly)(values, np.float32(4))
-    assert np.allclose(values, [np.nan, 4, -4, 0], rtol=EPS, atol=0, equal_nan=True)  # the rounding of the quotient
+    found = np.empty_like(values)
+    afresh(bound_softly)(values, np.float32(4), NOTHING, found)
+    assert np.allclose(found, [np.nan, 4, -4, 0], rtol=EPS, atol=0, equal_nan=True)  # the rounding of the quotient
+
+
+def test_bound_is_added_to_what_is_given():
+    """One rounding: of the sum."""
+    values, base = np.linspace(-3, 3, 77, dtype=np.float32), np.linspace(5, -5, 77, dtype=np.float32)
+    found = np.empty_like(values)
+    afresh(bound_softly)(values, np.float32(2), base, found)
+    assert np.allclose(found, base + 2 * np.tanh(values.astype(np.float64) / 2), rtol=0, atol=4 * EPS)
 
 
 @pytest.mark.parametrize("octaves", [0, 1, 4, 7])
@@ -51,7 +61,8 @@ def test_places_are_contracted_and_encoded(octaves):
     assert not encoded[:, 60:].any()
 
 
-LOOPS = {bound_softly: (numba.float32[::1], numba.float32), encode_places: (BLOCK, numba.int64, BLOCK)}
+LINE = numba.float32[::1]
+LOOPS = {bound_softly: (LINE, numba.float32, LINE, LINE), encode_places: (BLOCK, numba.int64, BLOCK)}
 
 
 @pytest.mark.parametrize("part, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_places, r"vfn?m\w+pd\s.*[yz]mm")])

@@ -23,18 +23,18 @@ from core.rasterizer import Colour, Visible
 from core.rasterizer.views import largest_contributions
 from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
-from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule, strangers
+from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule
 from core.training.backdrop import is_cut_out, looks_for_empty
 from core.training.drawn import Drawn
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
-from core.training.photometric import Target, photometric, photometric_of_mask, photometric_paper
+from core.training.objective import Objective
+from core.training.photometric import Target
 from core.training.pictures import Pictures, Sizes
 from core.training.run import HISTORY
 
-TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4
 REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
@@ -85,6 +85,7 @@ class Trainer:
         if self.model.encoder is not None:
             self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
         self.optimizer = networks.optimizer_of(self.model, settings)
+        self.objective = Objective(settings, self.rasterizer, self.device)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.drop_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
@@ -96,7 +97,6 @@ class Trainer:
         self.skipped = 0
         self.skipped_in_a_row = 0
         self.collapse_told = False
-        self.nothing = torch.zeros((), device=self.device)
         self.foreseen: Visible | None = None  # by the next step
 
     # --- the loop
@@ -165,11 +165,11 @@ class Trainer:
         looking = beside(lambda: self._look(index, photo, gain, behind))
         visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
         leaves = self.gaussians.leaves(visible.rows)
-        gauge_loss = self._gauge() if settings.gauge else self.nothing
+        gauge_loss = self._gauge() if settings.gauge else self.objective.zero
         look, target = looking()
         embedding = look.embedding.detach().requires_grad_()
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
-        regularising = beside(lambda: self._residual_loss(residual))
+        regularising = beside(lambda: self.objective.residual(residual))
         seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=self.device)
         image = self.rasterizer.render(seen, camera, behind, probe, visible.pairs).image
@@ -177,9 +177,9 @@ class Trainer:
 
     def _learn(self, drawn: Drawn, usual: float, progress: float) -> OnTheWay:
         """The way back, and the update of what is sound; the StepFacts come of it. The networks learn beside the Gaussians."""
-        judging = beside(lambda: self._mask_loss(drawn, progress))
-        picture_loss = self._picture_loss(drawn, progress)
-        rendered_loss = picture_loss + self._transient_loss(drawn, progress)
+        judging = beside(lambda: self.objective.mask(drawn, progress))
+        picture_loss = self.objective.picture(drawn, progress, self.mask_mean)
+        rendered_loss = picture_loss + self.objective.transient(drawn, progress, self.done)
         residual_loss, residual_gradient, residual_size = drawn.regularising()
         mask_loss = judging()
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach()
@@ -197,7 +197,7 @@ class Trainer:
                 densify.gather(self.gaussians, rows, drawn.probe.grad, camera.width, camera.height, taken)
                 self._update_gaussians(rows, drawn.leaves, progress, taken)
             learnt = updating()
-        mask_mean = self.nothing if drawn.look.mask is None else drawn.look.mask.detach().mean()
+        mask_mean = self.objective.zero if drawn.look.mask is None else drawn.look.mask.detach().mean()
         facts = StepFacts(loss, drawn.gauge_loss, picture_loss.detach(), residual_size, mask_mean, sound, taken, learnt)
         return OnTheWay(torch.stack([fact.float() for fact in facts]))
 
@@ -211,39 +211,6 @@ class Trainer:
     def _look(self, index: int, target: Target, gain: Tensor | None, behind: Colour) -> tuple[Look, Target]:
         shown, target = jittered(self.pictures[index].encoder_input, target, gain)
         return self.model.look(shown, index), target.over(behind)
-
-    def _picture_loss(self, drawn: Drawn, progress: float) -> Tensor:
-        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
-        if mask is None or progress < settings.mask_apply:
-            return photometric(image, target, None, settings.ssim_weight)
-        weight = losses.pixel_weights(mask, *image.shape[:2], self.mask_mean)
-        loss = photometric_paper if settings.mask_loss == "paper" else photometric
-        return loss(image, target, weight, settings.ssim_weight)
-
-    def _mask_loss(self, drawn: Drawn, progress: float) -> Tensor:
-        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
-        if mask is None or progress < settings.mask_start:
-            return self.nothing
-        if settings.mask_loss == "paper":
-            shown = losses.enlarged(mask, *image.shape[:2])
-            return photometric_of_mask(image, target, shown, settings.ssim_weight) + settings.mask_regularisation * ((1 - mask) ** 2).mean()
-        if target.valid is not None:  # the target is zero there
-            image = torch.where(target.valid[..., None], image, 0)
-        return strangers.mask_loss(mask, image, target.planes, settings.mask_regularisation)
-
-    def _residual_loss(self, residual: Tensor | None) -> tuple[Tensor, Tensor | None, Tensor]:
-        if residual is None:
-            return self.nothing, None, self.nothing
-        return losses.residual_loss(residual, self.settings.sh_regularisation)
-
-    def _transient_loss(self, drawn: Drawn, progress: float) -> Tensor:
-        settings, seen, camera, mask = self.settings, drawn.seen, drawn.camera, drawn.look.mask
-        if mask is None or progress < settings.mask_apply or self.done % TRANSIENT_EVERY:
-            return self.nothing
-        front = self.rasterizer.contributions(seen.detached(), camera, drawn.visible.pairs)
-        rows = losses.transient_rows(seen.means, front, mask, camera)
-        opacity = torch.where(rows, torch.sigmoid(seen.logit_opacities), 0).sum()
-        return settings.transient_regularisation * TRANSIENT_EVERY * opacity
 
     def _gauge(self) -> Tensor:
         """The weighted gauge. Its backward pass is here too: it only touches the networks, and the encoder is still busy."""

@@ -74,9 +74,9 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer.model, "look", "encoder forward")
     watch(trainer.model, "transfer", "SH transfer forward", lambda result: result[0], "rasterizer backward")
     watch(trainer.rasterizer, "render", "rasterizer forward", lambda result: result.image, "picture loss")
-    watch(trainer, "_picture_loss", "picture loss", lambda loss: loss, "mask, regularisers")
-    watch(trainer, "_transient_loss", "mask, regularisers")
-    watch(trainer, "_mask_loss", "mask, regularisers", before="mask, regularisers")
+    watch(trainer.objective, "picture", "picture loss", lambda loss: loss, "mask, regularisers")
+    watch(trainer.objective, "transient", "mask, regularisers")
+    watch(trainer.objective, "mask", "mask, regularisers", before="mask, regularisers")
     watch(trainer, "_update_gaussians", "Adam", before="SH transfer backward")
     watch(trainer, "_teach_encoder", "encoder backward")
     if trainer.optimizer is not None:

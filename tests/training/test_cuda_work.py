@@ -9,9 +9,10 @@ import core.rasterizer
 from core import device
 from core.training import checkpoint, pictures
 from core.training.gaussians import Gaussians
+from core.training.objective import TRANSIENT_EVERY
 from core.training.photometric import Target
 from core.training.schedule import COARSEST
-from core.training.trainer import TRANSIENT_EVERY, Trainer
+from core.training.trainer import Trainer
 from tests.elsewhere import DEVICE, elsewhere, kernels, watched
 from tests.small import small_collection, small_settings
 
@@ -41,7 +42,7 @@ def trainer(tmp_path, monkeypatch):
     # The kernels that tensors on a GPU go to.
     monkeypatch.setattr("core.appearance.transfer_kernel.encoded_places", places_cuda.encoded_places)
     monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
-    monkeypatch.setattr("core.training.trainer.photometric", photometric_cuda.photometric_fused)
+    monkeypatch.setattr("core.training.objective.photometric", photometric_cuda.photometric_fused)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread
     with elsewhere(), kernels():
         settings = small_settings(mask_start=0.0, mask_apply=0.0, geometry_from=0.0, **SIZES)
@@ -67,14 +68,14 @@ def test_a_step_of_no_use_is_refused_by_the_gpu_itself(trainer, monkeypatch):
     """It is told and counted as on a CPU, and leaves no trace, though the host did not look before it was over."""
     state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
     before = {name: tensor.cpu().clone() for name, tensor in state.items()}
-    honest = trainer._picture_loss
-    monkeypatch.setattr(trainer, "_picture_loss", lambda *arguments: honest(*arguments) * torch.nan)
+    honest = trainer.objective.picture
+    monkeypatch.setattr(trainer.objective, "picture", lambda *arguments: honest(*arguments) * torch.nan)
     (message,) = trainer.step().messages
     assert message.startswith("Step 19 was skipped: its loss was not finite") and trainer.skipped == 1
     state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
     for name, tensor in before.items():
         assert torch.equal(tensor, state[name].cpu()), name
-    monkeypatch.setattr(trainer, "_picture_loss", honest)
+    monkeypatch.setattr(trainer.objective, "picture", honest)
     assert trainer.step().messages == ()
 
 

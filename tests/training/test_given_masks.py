@@ -113,5 +113,5 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     for value, place in ((0.4, HIDDEN), (1.0, HIDDEN), (1.0, np.s_[:10, :10])):
         changed = image.clone()
         changed[place] = value
-        losses.append(float(trainer._mask_loss(replace(drawn, image=changed, target=target), 0.9).detach()))
+        losses.append(float(trainer.objective.mask(replace(drawn, image=changed, target=target), 0.9).detach()))
     assert losses[0] == losses[1] != losses[2]

@@ -234,14 +234,14 @@ def test_masks_of_photos_with_odd_names_stay_in_the_run(collection, tmp_path):
 
 def spoil(trainer, steps, change):
     """Let `change` be done to the picture losses of the next `steps` steps."""
-    honest, left = trainer._picture_loss, [steps]
+    honest, left = trainer.objective.picture, [steps]
 
     def picture_loss(*arguments):
         left[0] -= 1
         loss = honest(*arguments)
         return change(loss) if left[0] >= 0 else loss
 
-    trainer._picture_loss = picture_loss
+    trainer.objective.picture = picture_loss
 
 
 class NanBackward(torch.autograd.Function):

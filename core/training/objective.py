@@ -1,0 +1,58 @@
+"""What a step minimises of the view that it has drawn: each loss with its weight, from the moment on from which it counts."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from core.config import Settings
+from core.rasterizer import Rasterizer
+from core.training import losses, strangers
+from core.training.drawn import Drawn
+from core.training.photometric import photometric, photometric_of_mask, photometric_paper
+
+TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
+
+
+class Objective:
+    """The losses of a view, as the settings have them. progress: of the run, in [0, 1). What does not count yet is zero."""
+
+    def __init__(self, settings: Settings, rasterizer: Rasterizer, device: torch.device):
+        self.settings, self.rasterizer = settings, rasterizer
+        self.zero = torch.zeros((), device=device)
+
+    def picture(self, drawn: Drawn, progress: float, mask_mean: float) -> Float[Tensor, ""]:
+        """The picture against its photo, where the mask lets it. mask_mean: see `losses.pixel_weights`."""
+        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
+        if mask is None or progress < settings.mask_apply:
+            return photometric(image, target, None, settings.ssim_weight)
+        weight = losses.pixel_weights(mask, *image.shape[:2], mask_mean)
+        loss = photometric_paper if settings.mask_loss == "paper" else photometric
+        return loss(image, target, weight, settings.ssim_weight)
+
+    def mask(self, drawn: Drawn, progress: float) -> Float[Tensor, ""]:
+        """What teaches the mask network, L_regM included."""
+        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
+        if mask is None or progress < settings.mask_start:
+            return self.zero
+        if settings.mask_loss == "paper":
+            shown = losses.enlarged(mask, *image.shape[:2])
+            return photometric_of_mask(image, target, shown, settings.ssim_weight) + settings.mask_regularisation * ((1 - mask) ** 2).mean()
+        if target.valid is not None:  # the target is zero there
+            image = torch.where(target.valid[..., None], image, 0)
+        return strangers.mask_loss(mask, image, target.planes, settings.mask_regularisation)
+
+    def residual(self, residual: Float[Tensor, "v c 3"] | None) -> tuple[Tensor, Tensor | None, Tensor]:
+        """L_regSH, its gradient and the residual's size, as `losses.residual_loss` has them."""
+        if residual is None:
+            return self.zero, None, self.zero
+        return losses.residual_loss(residual, self.settings.sh_regularisation)
+
+    def transient(self, drawn: Drawn, progress: float, step: int) -> Float[Tensor, ""]:
+        """L_regTS, at every TRANSIENT_EVERYth step."""
+        settings, seen, camera, mask = self.settings, drawn.seen, drawn.camera, drawn.look.mask
+        if mask is None or progress < settings.mask_apply or step % TRANSIENT_EVERY:
+            return self.zero
+        front = self.rasterizer.contributions(seen.detached(), camera, drawn.visible.pairs)
+        rows = losses.transient_rows(seen.means, front, mask, camera)
+        opacity = torch.where(rows, torch.sigmoid(seen.logit_opacities), 0).sum()
+        return settings.transient_regularisation * TRANSIENT_EVERY * opacity

@@ -1,5 +1,6 @@
 """COLMAP folders: a model and the photos it was made from, at whatever size they are found."""
 
+import os
 from copy import copy
 from pathlib import Path
 
@@ -19,7 +20,7 @@ SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original proj
 
 
 def find_model(root: Path) -> Path | None:
-    """The folder of the COLMAP model below `root`, or None; BadInput where files of it are missing."""
+    """The folder of the COLMAP model below `root`, or `root` itself with its photos, or None; BadInput where files of it are missing."""
     folders = [root / name for name in MODEL_FOLDERS]
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
     for folder in folders:
@@ -29,7 +30,7 @@ def find_model(root: Path) -> Path | None:
         if lacking := lacking_files(folder):
             fix = "Copy it again, or remove the folder to have the cameras found anew."
             raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking)}.", fix)
-    return None
+    return root if holds_model(root) and ((root / "images").is_dir() or list_photos(root)) else None
 
 
 def _numbered(folder: Path) -> list[Path]:
@@ -55,8 +56,9 @@ def read_colmap(root: Path) -> Posed:
     images = _images_folder(root, model, [image.name for image in found])
     views = [_view(image, images) for image in found]
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
-    extra = {path.name for path in there} - {image.name for image in found}
-    notes += name_them(f"in {images} without a pose, not used", sorted(extra))
+    known = {os.path.abspath(images / image.name) for image in found}
+    extra = [path.name for path in there if os.path.abspath(path) not in known]
+    notes += name_them(f"in {images} without a pose, not used", extra)
     kind = "phototourism" if find_tables(root)[0] else "colmap"
     fix = f"Put the photos into {root / 'images'}, named as in the model."
     return Posed(kind, model, views, points, f"of the model missing in {images}", fix, notes)
@@ -103,4 +105,5 @@ def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
     """The folder that holds most of the model's photos: images/, images_N/, the same below dense/, or root itself."""
     near = model.parent.parent if model.name.isdecimal() else model.parent
     candidates = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
-    return max(candidates, key=lambda folder: sum((folder / name).is_file() for name in names))  # the first of equals
+    # The first of equals. pathlib's is_file raises for names that are too long.
+    return max(candidates, key=lambda folder: sum(os.path.isfile(folder / name) for name in names))

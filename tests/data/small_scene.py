@@ -78,7 +78,7 @@ class SmallScene:
     def write(self, root: Path, images: str = "images", sparse: str = "sparse/0") -> Path:
         """Photos and binary model below `root`, which is returned."""
         (root / images).mkdir(parents=True, exist_ok=True)
-        (root / sparse).mkdir(parents=True)
+        (root / sparse).mkdir(parents=True, exist_ok=True)
         self.reconstruction().write_binary(str(root / sparse))
         width, height = round(WIDTH * self.scale), round(HEIGHT * self.scale)
         for index, name in enumerate(self.names):

@@ -35,6 +35,8 @@ def check_geometry(collection, scene, scale=1.0):
         ("images_4", "sparse/0", 0.25),
         ("images_8", "sparse", 0.125),
         (".", "sparse/0", 1.0),
+        (".", ".", 1.0),
+        ("images", ".", 1.0),
         ("dense/images_2", "dense/sparse", 0.5),
     ],
 )
@@ -109,6 +111,20 @@ def test_photos_named_by_whole_paths(tmp_path):
     root = scene.write(tmp_path / "scene")
     (root / "images").rmdir()
     check_geometry(load_collection(root), scene)
+
+
+def test_photos_named_by_ways_through_other_folders_are_not_called_without_a_pose(tmp_path):
+    collection = load_collection(SmallScene(names=["../images/a.png", "./b.png"]).write(tmp_path / "scene"))
+    assert len(collection.photos) == 2 and not notes_with(collection, "without a pose")
+
+
+def test_a_name_that_is_too_long_for_the_disk(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model = SmallScene().reconstruction()
+    model.image(1).name = "x" * 300 + ".png"
+    model.write_binary(str(root / "sparse" / "0"))
+    collection = load_collection(root)
+    assert len(collection.photos) == 3 and notes_with(collection, "1 photo of the model missing")
 
 
 def test_scene_frame_holds_georeferenced_worlds(tmp_path):

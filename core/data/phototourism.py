@@ -38,7 +38,10 @@ def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
 def _columns(path: Path) -> set[str]:
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         line = file.readline().replace("\0", "")
-    return set(next(csv.reader([line], delimiter="\t"), []))
+    try:
+        return set(next(csv.reader([line], delimiter="\t"), []))
+    except csv.Error:  # longer than any line of names
+        return set()
 
 
 def read_split_table(path: Path) -> SplitTable:
@@ -51,10 +54,14 @@ def read_split_table(path: Path) -> SplitTable:
     fix = "Remove it, or give it the tab-separated columns filename, id and split."
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file, delimiter="\t"))
-    except (UnicodeDecodeError, csv.Error):
-        raise BadInput(f"{path} is not a text table.", fix) from None
-    if not rows or not COLUMNS <= set(rows[0]):
+            rows = list(csv.DictReader(file, delimiter="\t", strict=True))
+    except UnicodeDecodeError:
+        raise BadInput(f"{path} is not in UTF-8.", "Save it as UTF-8, or remove it.") from None
+    except csv.Error as problem:  # such as a quotation mark that nothing closes
+        raise BadInput(f"{path} is no table that can be read: {problem}.", fix) from None
+    if not rows:
+        raise BadInput(f"{path} names no photos.", "Remove it, or write a line for each photo.")
+    if not COLUMNS <= set(rows[0]):
         raise BadInput(f"{path} is not a split table.", fix)
     splits, without_id, unknown_split = {}, [], []
     for row in rows:

@@ -69,8 +69,9 @@ def _rows_of(names: Iterable[str], listed: set[str]) -> dict[str, str]:
     """What photos are called in a list, if they are in it: by their name, by its end, or by the one longer path that ends in it."""
     longer: dict[str, list[str]] = {}
     for row in listed:
-        for end in _ends(row)[1:]:
-            longer.setdefault(end, []).append(row)
+        for end in _ends(row.replace("\\", "/")):  # some were written on Windows
+            if end != row:
+                longer.setdefault(end, []).append(row)
     rows = {}
     for name in names:
         shorter = [end for end in _ends(name) if end in listed]

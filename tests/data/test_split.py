@@ -94,14 +94,23 @@ def test_a_split_in_capitals_and_a_folder_named_like_a_table(tmp_path):
     assert split(tmp_path, NAMES[:2]) == ({"a.jpg": "train", "b.jpg": "test"}, [])
 
 
-@pytest.mark.parametrize("content", [b"filename\tid\n", b"filename\tid\tsplit\n", b"filename\tid\tsplit\n\xff\xfe\x80\n"])
-def test_a_split_table_that_cannot_be_read(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"filename\tid\n", "names no photos"),
+        (b"filename\tid\na.jpg\t1\n", "is not a split table"),
+        (b"filename\tid\tsplit\n", "names no photos"),
+        (b"filename\tid\tsplit\n\xff\xfe\x80\n", "is not in UTF-8. Save it as UTF-8"),
+        (b'filename\tid\tsplit\n"a.jpg\t1\ttrain\nb.jpg\t2\ttest\n', "is no table that can be read: unexpected end"),
+    ],
+)
+def test_a_split_table_that_cannot_be_read(tmp_path, content, words):
     (tmp_path / "x.tsv").write_bytes(content)
-    with pytest.raises(BadInput, match="x.tsv is not a"):
+    with pytest.raises(BadInput, match=f"x.tsv {words}"):
         split(tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"", b"name\tvalue\n1\t2\n", b"\xff\xfe\x80\n", b"filename\tid\n"])
+@pytest.mark.parametrize("content", [b"", b"x" * 200_000, b"name\tvalue\n1\t2\n", b"\xff\xfe\x80\n", b"filename\tid\n"])
 def test_a_tsv_of_something_else_beside_the_split_is_not_used(tmp_path, content):
     unused = "a.tsv holds no split, not used: its first line does not name filename, id, split."
     (tmp_path / "a.tsv").write_bytes(content)
@@ -120,6 +129,12 @@ def test_listed_paths_that_end_in_the_name_of_one_photo(tmp_path):
     assert notes == ["2 photos of test.txt not in the model: left/c.jpg, right/c.jpg"]
     (tmp_path / "x.tsv").write_text(table(("images/a.jpg", "1", "train", "x"), ("images/b.jpg", "2", "test", "x")))
     assert split(tmp_path, ["a.jpg", "b.jpg"]) == ({"a.jpg": "train", "b.jpg": "test"}, [])
+
+
+def test_listed_paths_of_windows(tmp_path):
+    (tmp_path / "test.txt").write_text("images\\a.jpg\nleft\\b.jpg\nodd\\c.jpg\n")
+    splits, notes = split(tmp_path, ["a.jpg", "left/b.jpg", "odd\\c.jpg", "d.jpg"])
+    assert splits == {"a.jpg": "test", "left/b.jpg": "test", "odd\\c.jpg": "test", "d.jpg": "train"} and not notes
 
 
 def test_rows_that_are_too_short(tmp_path):

@@ -11,6 +11,7 @@ import torch
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import spread_over
+from core.data.photo_file import named_with_fault
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import REFINE_STEPS, View, fit_of, refinement
@@ -18,6 +19,7 @@ from core.evaluation.subject import Subject
 from core.pipeline import held_out_view, subject_of
 from core.report import Report
 from core.training.trained import Run
+from core.words import name_them
 
 MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, 128)  # steps
 NOTES = (
@@ -35,13 +37,17 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
         subject = subject_of(run)
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
-            courses = []
+            courses, unusable = [], []
             for number, photo in enumerate(chosen):
                 try:
                     courses.append(_course(subject, held_out_view(run, photo), protocol))
                 except BadInput as problem:  # one damaged photo is no reason to know nothing of the others
-                    report.warn(f"{photo.name} is not measured: {problem}")
+                    if len(trained) == 1 and len(unusable) + 1 == len(chosen):
+                        raise
+                    unusable.append(named_with_fault(photo.name, photo.path, problem))
                 report.progress(f"Refinement of {name}, {protocol}", number + 1, len(chosen), photo.name)
+            for note in name_them(f"of {name} not measured by {protocol}", unusable):
+                report.warn(note)
             curve = protocol if len(trained) == 1 else f"{name}, {protocol}"
             points += _points(curve, protocol, courses)
     title = f"Embedding refinement: {', '.join(trained)}"

@@ -71,8 +71,10 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
         write_mark(work / "scene" / MARK, made_of)
-        write_mark(work / "scene" / NAMES, {str(paths[int(copy[:-4]) - 1].resolve()): name for copy, name in copies.items()})
-    for line in name_them("without a place among the others, left out", sorted(set(copies.values()) - placed)):
+        originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
+        write_mark(work / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
+    lost = [path.name for path, name in originals.items() if name not in placed]
+    for line in name_them("without a place among the others, left out", lost):
         report.warn(line)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output

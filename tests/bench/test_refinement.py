@@ -47,6 +47,14 @@ def test_a_damaged_photo_is_named_and_the_others_are_measured(trained):
     assert photos[tests[0]].path.with_suffix(".png").read_bytes() == whole
 
 
+def test_where_no_photo_can_be_measured_it_is_said_why(trained):
+    photos = tuple(replace(photo, path=photo.path.with_name("gone.png")) for photo in trained.collection.photos)
+    moved = replace(trained, collection=replace(trained.collection, photos=photos))
+    heard = Heard()
+    with pytest.raises(BadInput, match="gone.png cannot be opened"):
+        refinement_figure({"run": moved}, ("full",), 3, heard)
+
+
 def test_no_held_out_photo_is_said(trained):
     train = trained.collection.split("train")
     with pytest.raises(BadInput, match="nothing to draw"):

@@ -81,7 +81,7 @@ def bad_photo(path: Path, why: str) -> BadInput:
 
 def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
     """A photo for a list of those that cannot be used: its name, and in brackets what `problem` says of `path`."""
-    return f"{name} ({problem.what.removeprefix(str(path)).strip(' .')})"
+    return f"{name} ({problem.what.removeprefix(str(path)).removeprefix(name).strip(' .')})"
 
 
 def probe(path: Path) -> Header:

@@ -8,6 +8,7 @@ import torch
 
 from core.config import Settings
 from core.data.collection import spread_over
+from core.data.photo_file import named_with_fault
 from core.doctor import views
 from core.doctor.finding import Finding, part
 from core.doctor.gaussians import look_at_gaussians
@@ -108,8 +109,8 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
         report.progress("Looks", number + 1, len(photos), photo.name)
         try:
             picture = trained.picture(photo)
-        except BadInput:
-            unreadable.append(photo.name)
+        except BadInput as problem:  # of the photo or of its mask
+            unreadable.append(named_with_fault(photo.name, photo.path, problem))
             continue
         with torch.no_grad():
             look = trained.model.look(picture.encoder_input, names.index(photo.name) if photo.name in names else None)

@@ -82,7 +82,7 @@ def test_a_run_without_its_photos_tells_the_rest(trained, tmp_path):
         findings, _ = examined(trained)
     finally:
         hidden.with_name("hidden").rename(hidden)
-    assert findings["photos"].figure == "7 of 7, such as photo_1.png"
+    assert findings["photos"].figure.startswith("7 of 7, such as photo_1.png (")
     assert "masks" not in findings and "never seen" in findings
 
 

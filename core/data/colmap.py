@@ -33,6 +33,11 @@ def find_model(root: Path) -> Path | None:
     return root if holds_model(root) and ((root / "images").is_dir() or list_photos(root)) else None
 
 
+def lacks_photos(folder: Path) -> bool:
+    """Whether the folder is that of a COLMAP model, or of several, and no scene: its photos lie elsewhere."""
+    return any(holds_model(path) for path in (folder, *_numbered(folder)))
+
+
 def _numbered(folder: Path) -> list[Path]:
     """The models that COLMAP writes where the photos fell apart, 0, 1, ...: in no order of size."""
     found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []

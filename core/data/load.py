@@ -4,9 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.colmap import find_model, read_colmap
+from core.data.colmap import find_model, lacks_photos, read_colmap
 from core.data.kept_points import read_kept, scene_of
-from core.data.model_file import holds_model
 from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
 from core.data.phototourism import find_tables
@@ -97,7 +96,7 @@ def find_photos(path: Path) -> Path:
     counts = count_photos(path)
     if any(counts.values()):
         return max(counts, key=counts.get)  # the first of equals
-    if holds_model(path):
+    if lacks_photos(path):
         fix = "Give the folder above it that holds the photos as well."
         raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)
     raise no_photos(path, "no photos and no COLMAP model")

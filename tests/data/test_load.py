@@ -60,8 +60,9 @@ def test_what_lies_around_instead_of_photos_is_named(tmp_path):
     with pytest.raises(BadInput, match="days holds no photos and no COLMAP model; there are photos in its folder monday. Name that"):
         find_kind(tmp_path / "days")
     root = SmallScene().write(tmp_path / "scene")
-    with pytest.raises(BadInput, match="holds a COLMAP model, but not the photos.*folder above"):
-        find_kind(root / "sparse" / "0")
+    for model in (root / "sparse" / "0", root / "sparse"):
+        with pytest.raises(BadInput, match="holds a COLMAP model, but not the photos.*folder above"):
+            find_kind(model)
 
 
 def test_pictures_of_runs_and_fades_are_no_photos(tmp_path):

@@ -21,7 +21,7 @@ from core.device import CPU
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.training.photometric import Target
-from core.words import name_them
+from core.words import Reasons
 
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
@@ -116,13 +116,13 @@ class Pictures:
     def __init__(self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, cut_out: bool = False):
         self.device = device
         self.pictures: list[Picture] = []
-        damaged = []
+        damaged = Reasons()
         for photo in photos:
             try:
                 self.pictures.append(load_picture(photo, sizes, device, cut_out))
             except BadInput as problem:
-                damaged.append(named_with_fault(photo.name, photo.path, problem))
-        self.notes = name_them("damaged, not used", damaged) + _doubtful_masks(self.pictures)
+                damaged.add(f"of the {photo.split} split damaged, not used", named_with_fault(photo.name, photo.path, problem))
+        self.notes = damaged.notes() + _doubtful_masks(self.pictures)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
         self._most_bytes = _most_bytes(device)

@@ -33,6 +33,11 @@ def find_model(root: Path) -> Path | None:
     return root if holds_model(root) and ((root / "images").is_dir() or list_photos(root)) else None
 
 
+def kind_of(root: Path) -> str:
+    """What the folder of a COLMAP model and its photos is called: "phototourism" with a split .tsv, else "colmap"."""
+    return "phototourism" if find_tables(root)[0] else "colmap"
+
+
 def lacks_photos(folder: Path) -> bool:
     """Whether the folder is that of a COLMAP model, or of several, and no scene: its photos lie elsewhere."""
     return any(holds_model(path) for path in (folder, *_numbered(folder)))
@@ -64,9 +69,8 @@ def read_colmap(root: Path) -> Posed:
     known = {os.path.abspath(images / image.name) for image in found}
     extra = [path.name for path in there if os.path.abspath(path) not in known]
     notes += name_them(f"in {images} without a pose, not used", extra)
-    kind = "phototourism" if find_tables(root)[0] else "colmap"
     fix = f"Put the photos into {root / 'images'}, named as in the model."
-    return Posed(kind, model, views, points, f"of the model missing in {images}", fix, notes)
+    return Posed(kind_of(root), model, views, points, f"of the model missing in {images}", fix, notes)
 
 
 def _view(image: pycolmap.Image, images: Path) -> View:

@@ -4,11 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.colmap import find_model, lacks_photos, read_colmap
+from core.data.colmap import find_model, kind_of, lacks_photos, read_colmap
 from core.data.kept_points import read_kept, scene_of
 from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
-from core.data.phototourism import find_tables
 from core.data.posed import Posed, collect
 from core.data.scene_folder import is_of_run
 from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
@@ -71,7 +70,7 @@ def find_kind(path: Path) -> str:
 def kind_with_cameras(path: Path) -> str | None:
     """Which kind of scene with cameras the folder holds, None for none; BadInput where files of a model are missing."""
     if find_model(path):
-        return "phototourism" if find_tables(path)[0] else "colmap"
+        return kind_of(path)
     return posed_kind(path)
 
 

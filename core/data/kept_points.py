@@ -6,7 +6,7 @@ from core.data.collection import Collection
 from core.data.colmap import read_points
 from core.data.model_file import read_model
 from core.data.posed import Points
-from core.data.scene_folder import kept, read_mark, replacing_folder, stamp, write_mark
+from core.data.scene_folder import followed, kept, path_within, read_mark, replacing_folder, stamp, way_to, write_mark
 from core.data.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
@@ -23,13 +23,14 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     very same training photos, masks and cameras. Raises BadInput where no point is found, or nothing can be written.
     """
     training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
+    root = collection.root.resolve()
     made_of = {}
     for photo, camera in training:
         numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.world_to_camera.ravel(), *camera.centre]
-        mask = [] if photo.mask is None else [str(photo.mask.resolve()), *stamp(photo.mask)]
-        made_of[str(photo.path.resolve())] = [*stamp(photo.path), *map(float, numbers), photo.lens, *mask]
-    facts = {"scene": str(collection.root.resolve()), "kind": collection.kind, "made_of": made_of}
-    folder, is_there = kept(wanted, lambda folder: read_mark(folder / MARK) == facts)
+        mask = [] if photo.mask is None else [path_within(photo.mask, root), *stamp(photo.mask)]
+        made_of[path_within(photo.path, root)] = [*stamp(photo.path), *map(float, numbers), photo.lens, *mask]
+    same = {"kind": collection.kind, "made_of": made_of}
+    folder, is_there = kept(wanted, lambda folder: same.items() <= read_mark(folder / MARK).items() and home_of(folder).resolve() == root)
     if is_there:
         report.say(f"Points as triangulated before in {folder}; remove it to have them found again.")
         return folder
@@ -44,7 +45,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
             raise BadInput(f"{what}.", fix)
         (work / "scene" / MODEL).mkdir(parents=True)
         model.write(work / "scene" / MODEL)
-        write_mark(work / "scene" / MARK, facts)
+        write_mark(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
     report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
     return folder
 
@@ -52,7 +53,15 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
 def scene_of(folder: Path) -> tuple[Path, str] | None:
     """The scene, and its kind, whose points the folder holds; None for a folder of anything else."""
     facts = read_mark(folder / MARK)
-    return (Path(str(facts["scene"])), str(facts["kind"])) if {"scene", "kind"} <= facts.keys() else None
+    if not {"scene", "kind"} <= facts.keys():
+        return None
+    return followed(Path(str(facts["scene"])), facts.get("from_here"), folder), str(facts["kind"])
+
+
+def home_of(root: Path) -> Path:
+    """The folder that a collection's photos belong to: `root`, or the scene whose points it holds."""
+    scene, _ = scene_of(root) or (root, None)
+    return scene
 
 
 def read_kept(folder: Path) -> tuple[Points, list[str]]:

@@ -78,6 +78,26 @@ def read_mark(path: Path) -> dict:
     return facts if isinstance(facts, dict) else {}
 
 
+def path_within(path: Path, root: Path) -> str:
+    """The path relative to `root` where it lies in it, so that the folder may be moved; else the whole."""
+    path, root = path.resolve(), root.resolve()
+    return (path.relative_to(root) if path.is_relative_to(root) else path).as_posix()
+
+
+def way_to(target: Path, folder: Path) -> str | None:
+    """The relative path from `folder` to `target`; None where there is none: from one drive of Windows to another."""
+    try:
+        return Path(os.path.relpath(target.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return None
+
+
+def followed(place: Path, way: str | None, folder: Path) -> Path:
+    """The folder `place`, or, if it is gone, the one that `way` leads to from `folder`: where both were moved with each other."""
+    together = (folder / str(way)).resolve()
+    return together if way and together.is_dir() and not place.is_dir() else place
+
+
 def is_of_run(folder: Path) -> bool:
     """Whether the folder is a run of wegs, whose pictures are no photos."""
     return "wegs" in read_mark(folder / CONFIG)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.data.collection import place_of
-from core.data.kept_points import scene_of
+from core.data.kept_points import home_of
 from core.data.photos import read
 from core.errors import BadInput
 
@@ -38,7 +38,7 @@ def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
     NAME is the photo's name without its suffix. scene: or the folder of points that were triangulated for it. What is not there is
     None. Raises BadInput for what cannot be read.
     """
-    scene, _ = scene_of(scene) or (scene, None)
+    scene = home_of(scene)
     name = place_of(photo_name).with_suffix(".png")
     clean = _read(scene / FOLDER / "clean" / name, width, height)
     masks = _read(scene / FOLDER / "masks" / name, width, height)

@@ -18,7 +18,8 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.data.scene_folder import CONFIG, is_of_run, read_mark
+from core.data.kept_points import home_of
+from core.data.scene_folder import CONFIG, followed, is_of_run, path_within, read_mark, way_to
 from core.errors import BadInput, BadSetting, not_made
 from core.export.atomic import check_folder, write_json, write_text
 from core.export.ply import write_points
@@ -161,17 +162,17 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
 
     The settings are those that came of the decisions, which are written for the reader: a run is never decided again.
     """
+    home = home_of(collection.root)
     facts = {
         "scene": {"name": collection.name, "path": str(collection.root.resolve()), "kind": collection.kind},
         "frame": collection.frame.to_json(),
         "settings": settings.to_json(),
         "decisions": [decision.to_json() for decision in decisions],
-        "photos": [_photo_to_json(photo, collection.root) for photo in collection.photos],
+        "photos": [_photo_to_json(photo, home) for photo in collection.photos],
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn.
     identity = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
-    with suppress(ValueError):  # Windows has no way from one drive to another
-        facts["scene"]["from_run"] = Path(os.path.relpath(collection.root.resolve(), folder.resolve())).as_posix()
+    facts["scene"]["from_run"] = way_to(collection.root, folder)
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
@@ -184,15 +185,13 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         settings = Settings().changed(**facts["settings"])
-        root = Path(facts["scene"]["path"])
-        if (way := facts["scene"].get("from_run")) and not root.is_dir():
-            together = (folder / way).resolve()  # where scene and run were moved with each other
-            root = together if together.is_dir() else root
+        root = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder)
+        home = home_of(root)
         collection = Collection(
             name=facts["scene"]["name"],
             root=root,
             kind=facts["scene"]["kind"],
-            photos=tuple(_photo_from_json(values, root) for values in facts["photos"]),
+            photos=tuple(_photo_from_json(values, home) for values in facts["photos"]),
             points=np.zeros((0, 3)),
             point_colours=np.zeros((0, 3), dtype=np.float32),
             frame=SceneFrame.from_json(facts["frame"]),
@@ -205,32 +204,26 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
 
 
-def _photo_to_json(photo: Photo, root: Path) -> dict:
+def _photo_to_json(photo: Photo, home: Path) -> dict:
     camera = asdict(photo.camera)
     camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}
     return {
         "name": photo.name,
-        "path": _path_to_json(photo.path, root),
+        "path": path_within(photo.path, home),
         "split": photo.split,
         "camera": camera,
         "lens": photo.lens,
-        "mask": None if photo.mask is None else _path_to_json(photo.mask, root),
+        "mask": None if photo.mask is None else path_within(photo.mask, home),
     }
 
 
-def _path_to_json(path: Path, root: Path) -> str:
-    """Relative where it lies in the scene's folder, so that this may be moved."""
-    path = path.resolve()
-    return (path.relative_to(root.resolve()) if path.is_relative_to(root.resolve()) else path).as_posix()
-
-
-def _photo_from_json(values: dict, root: Path) -> Photo:
+def _photo_from_json(values: dict, home: Path) -> Photo:
     shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     camera = values["camera"] | {
         name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()
     }
     nothing = np.zeros(0, dtype=np.int64)
-    path = root / values["path"]  # an absolute path stays as it is
+    path = home / values["path"]  # an absolute path stays as it is
     mask = values.get("mask")  # runs made before there were given masks have none
     return Photo(
         values["name"],
@@ -239,7 +232,7 @@ def _photo_from_json(values: dict, root: Path) -> Photo:
         values["split"],
         points=nothing,
         lens=values["lens"],
-        mask=None if mask is None else root / mask,
+        mask=None if mask is None else home / mask,
     )
 
 

@@ -19,9 +19,11 @@ from core.doctor import examine
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
+from core.training import run
 from tests.data.converted import changed, write_json
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
+from tests.small import small_settings
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +112,26 @@ def test_a_scene_that_is_gone_or_a_model_that_is_damaged(kept, tmp_path):
     with pytest.raises(BadInput, match="points3D.bin is truncated or damaged"):
         load_collection(folder)
     facts = json.loads((folder / "triangulated.json").read_text())
-    write_json(folder / "triangulated.json", facts | {"scene": str(tmp_path / "nowhere")})
+    write_json(folder / "triangulated.json", facts | {"scene": str(tmp_path / "nowhere"), "from_here": "../nowhere"})
     with pytest.raises(BadInput, match="holds the points of .*nowhere, which is gone. Move it back"):
         load_collection(folder)
+
+
+def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
+    before = tmp_path / "project"
+    shutil.copytree(corner, before / "photos")
+    collection = prepared(before / "photos", before / "runs" / "photos-scene", Report())
+    run.create(before / "runs" / "photos", collection, small_settings())
+    now = before.rename(tmp_path / "elsewhere")
+    points, run_folder = now / "runs" / "photos-scene", now / "runs" / "photos"
+    again = prepared(now / "photos", points, Report())
+    assert again.root == points and not (now / "runs" / "photos-scene-2").exists()
+    for found in (again, run.read_config(run_folder)[2]):
+        assert found.root == points and found.changed_since(collection) == []
+        assert all(photo.path.is_relative_to(now / "photos") and photo.path.is_file() for photo in found.photos)
+    (now / "photos").rename(tmp_path / "other")  # alone
+    with pytest.raises(BadInput, match="holds the points of .*project.photos, which is gone. Move it back"):
+        load_collection(points)
 
 
 def test_cameras_that_fit_no_photo(corner, tmp_path):

@@ -179,9 +179,9 @@ def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, c
     def relpath(*_):
         raise ValueError("path is on mount 'D:', start on mount 'C:'")
 
-    monkeypatch.setattr(run.os.path, "relpath", relpath)
+    monkeypatch.setattr(os.path, "relpath", relpath)
     run.create(tmp_path / "run", replace(collection, root=tmp_path / "scene"), small_settings())
-    assert "from_run" not in json.loads((tmp_path / "run" / "config.json").read_text())["scene"]
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["scene"]["from_run"] is None
     assert run.read_config(tmp_path / "run")[2].root == tmp_path / "scene"  # is gone, and the run itself is none
 
 

@@ -1,7 +1,6 @@
 """Photos -> scene -> trained run -> .ply: the whole story on one page. The command line is a thin skin over it."""
 
 import time
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,21 +11,18 @@ from core import device
 from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm
-from core.data.collection import Photo
 from core.data.given_masks import with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
-from core.data.photo_file import named_with_fault
 from core.data.prepare import prepared
 from core.data.scene_folder import FADE
 from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
-from core.evaluation.protocols import View, ViewPictures, ViewResult, measure
+from core.evaluation.protocols import measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
 from core.evaluation.sheet import picture_sheet, row_of, write_view
-from core.evaluation.subject import TrainedScene
-from core.evaluation.truth import load_truth
 from core.export.atomic import check_apart, check_file, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
+from core.measuring import over_views, subject_of
 from core.report import Report
 from core.training import checkpoint, run, saved_look
 from core.training.claim import held, new_run
@@ -35,12 +31,12 @@ from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
 from core.training.look_file import next_step, write_look
 from core.training.masks import write_masks
-from core.training.pictures import check_resolution, shown_on
+from core.training.pictures import check_resolution
 from core.training.tell import tell_collection, tell_plan, tell_step
-from core.training.trained import Run, bake, blend, load_run
+from core.training.trained import bake, blend, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
-from core.words import list_names, name_them
+from core.words import list_names
 
 __all__ = [
     "bake",
@@ -48,7 +44,6 @@ __all__ = [
     "export",
     "find_appearance",
     "find_cameras",
-    "held_out_view",
     "interpolate",
     "load_run",
     "resume",
@@ -280,9 +275,11 @@ def evaluate(
     else:
         distance = distance.to(trained.device)
     kept = f"{PICTURES}/{protocol}/"
+    subject = subject_of(trained)
     start = time.perf_counter()
     views, rows, scales = [], [], []
-    for photo, measured, pictures in _measured(trained, photos, protocol, refine, distance, report):
+    through = over_views(trained, photos, lambda view: measure(subject, view, protocol, refine, distance), "Photos", report)
+    for photo, (measured, pictures) in through:
         views.append(measured)
         scales.append(measured.width / photo.camera.width)
         figures = (f"{whose} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
@@ -308,36 +305,3 @@ def evaluate(
     names = [*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[kept] * keep_pictures]
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results
-
-
-def _measured(
-    trained: Run, photos: Sequence[Photo], protocol: str, refine: bool, distance: lpips.Lpips | None, report: Report
-) -> Iterator[tuple[Photo, ViewResult, ViewPictures]]:
-    """Each photo that can be measured, one by one: pictures are large. The others are named at the end; BadInput where none can."""
-    subject, unusable = subject_of(trained), []
-    for number, photo in enumerate(photos, 1):
-        try:
-            measured, pictures = measure(subject, held_out_view(trained, photo), protocol, refine, distance)
-        except BadInput as problem:
-            unusable.append(named_with_fault(photo.name, photo.path, problem))
-            if len(unusable) == len(photos):
-                raise
-            continue
-        report.progress("Photos", number, len(photos), photo.name)
-        yield photo, measured, pictures
-    for note in name_them("not measured", unusable):
-        report.warn(note)
-
-
-def subject_of(trained: Run) -> TrainedScene:
-    """The run as what the protocols measure."""
-    return TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer, trained.backdrop)
-
-
-def held_out_view(trained: Run, photo: Photo) -> View:
-    """A held-out photo at training size, with its truth where that is known; BadInput if it is missing or damaged."""
-    picture = trained.picture(photo)
-    camera = picture.camera
-    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
-    truth = load_truth(trained.collection.root, photo.name, camera.width, camera.height)
-    return View(photo.name, pixels, camera, valid, truth.to(trained.device))

@@ -31,7 +31,7 @@ from core.evaluation import metrics
 from core.evaluation.protocols import refine_embedding
 from core.export.atomic import replacing
 from core.export.pictures import to_8_bit
-from core.pipeline import subject_of
+from core.measuring import subject_of
 from core.training import run
 from core.training.find_look import find_appearance
 from core.training.trained import Run, bake, blend, load_run

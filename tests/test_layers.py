@@ -17,6 +17,7 @@ LAYERS = [
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},
+    {"core.measuring"},
     {"core.pipeline", "core.doctor"},
     {"core.bench"},
     {"wegs_cli"},

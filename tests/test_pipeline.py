@@ -12,7 +12,7 @@ import pytest
 import torch
 
 import core.rasterizer
-from core import pipeline
+from core import measuring, pipeline
 from core.bench import suite
 from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
@@ -265,8 +265,8 @@ def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):
         view = held_out_view(live, photo)
         return replace(view, valid=torch.full(view.picture.shape[:2], photo.name != "photo_2.png"))
 
-    held_out_view = pipeline.held_out_view
-    monkeypatch.setattr(pipeline, "held_out_view", view_of)
+    held_out_view = measuring.held_out_view
+    monkeypatch.setattr(measuring, "held_out_view", view_of)
     results = pipeline.evaluate(trained[0], refine=False)
     assert len(results.views) == 1 and np.isfinite(results.means()["photo"]["zero_shot"]["psnr"])
 

@@ -5,21 +5,19 @@ the right half measured; with `full`, the whole photo is both, so that its figur
 """
 
 import time
+from functools import partial
 
 import torch
 
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import spread_over
-from core.data.photo_file import named_with_fault
-from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import REFINE_STEPS, View, fit_of, refinement
 from core.evaluation.subject import Subject
-from core.pipeline import held_out_view, subject_of
+from core.measuring import over_views, subject_of
 from core.report import Report
 from core.training.trained import Run
-from core.words import name_them
 
 MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, 128)  # steps
 NOTES = (
@@ -30,24 +28,15 @@ NOTES = (
 def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
     """The course of the refinement on up to `photos` held-out photos of each run. trained: by the names to draw them under.
 
-    Raises BadInput where nothing can be measured: no held-out photo, or looks that follow no embedding.
+    Raises BadInput where nothing can be measured: no held-out photo of a run that can be read, or looks that follow no embedding.
     """
     points = []
     for name, run in trained.items():
         subject = subject_of(run)
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
-            courses, unusable = [], []
-            for number, photo in enumerate(chosen):
-                try:
-                    courses.append(_course(subject, held_out_view(run, photo), protocol))
-                except BadInput as problem:  # one damaged photo is no reason to know nothing of the others
-                    if len(trained) == 1 and len(unusable) + 1 == len(chosen):
-                        raise
-                    unusable.append(named_with_fault(photo.name, photo.path, problem))
-                report.progress(f"Refinement of {name}, {protocol}", number + 1, len(chosen), photo.name)
-            for note in name_them(f"of {name} not measured by {protocol}", unusable):
-                report.warn(note)
+            measured = partial(_course, subject, protocol)
+            courses = [course for _, course in over_views(run, chosen, measured, f"Refinement of {name}, {protocol}", report)]
             curve = protocol if len(trained) == 1 else f"{name}, {protocol}"
             points += _points(curve, protocol, courses)
     title = f"Embedding refinement: {', '.join(trained)}"
@@ -61,7 +50,7 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
     return Figure("refinement", title, tuple(quantities), tuple(panels), tuple(points), made, NOTES)
 
 
-def _course(subject: Subject, view: View, protocol: str) -> list[dict[str, float]]:
+def _course(subject: Subject, protocol: str, view: View) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
     fit = fit_of(subject, view, protocol)
     course, seconds, since = [], 0.0, time.perf_counter()

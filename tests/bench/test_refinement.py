@@ -11,7 +11,7 @@ from core.errors import BadInput
 from core.evaluation import PROTOCOLS
 from core.evaluation.protocols import REFINE_STEPS, measure
 from core.evaluation.subject import TrainedScene
-from core.pipeline import held_out_view
+from core.measuring import held_out_view
 from core.report import Report
 from tests.heard import Heard
 from tests.small import damage

@@ -1,0 +1,51 @@
+"""What was trained meets how it is judged: a run as the protocols' subject, its held-out photos as their views."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+from core.data.collection import Photo
+from core.data.photo_file import named_with_fault
+from core.errors import BadInput
+from core.evaluation.protocols import View
+from core.evaluation.subject import TrainedScene
+from core.evaluation.truth import load_truth
+from core.report import Report
+from core.training.pictures import shown_on
+from core.training.trained import Run
+from core.words import name_them
+
+Measured = TypeVar("Measured")
+
+
+def subject_of(trained: Run) -> TrainedScene:
+    """The run as what the protocols measure."""
+    return TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer, trained.backdrop)
+
+
+def held_out_view(trained: Run, photo: Photo) -> View:
+    """A held-out photo at training size, with its truth where that is known; BadInput if it is missing or damaged."""
+    picture = trained.picture(photo)
+    camera = picture.camera
+    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
+    truth = load_truth(trained.collection.root, photo.name, camera.width, camera.height)
+    return View(photo.name, pixels, camera, valid, truth.to(trained.device))
+
+
+def over_views(
+    trained: Run, photos: Sequence[Photo], measured: Callable[[View], Measured], what: str, report: Report
+) -> Iterator[tuple[Photo, Measured]]:
+    """Each photo with what is `measured` of its view, one by one: pictures are large. Those of which nothing can be are named at
+    the end; BadInput where these are all. what: the work, beside its progress."""
+    unusable = []
+    for number, photo in enumerate(photos, 1):
+        try:
+            result = measured(held_out_view(trained, photo))
+        except BadInput as problem:
+            unusable.append(named_with_fault(photo.name, photo.path, problem))
+            if len(unusable) == len(photos):
+                raise
+        else:
+            yield photo, result
+        report.progress(what, number, len(photos), photo.name)
+    for note in name_them("not measured", unusable):
+        report.warn(note)

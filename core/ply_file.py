@@ -30,8 +30,21 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
     except (plyfile.PlyParseError, ValueError) as problem:
         fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
         raise BadInput(f"{path} is not a .ply: {fault}.", f"Give a {wanted}.") from None
+    except MemoryError:
+        raise BadInput(f"{path} announces more rows than fit into memory.", "Copy or export it again.") from None
     except KeyError:
         raise BadInput(f"{path} has no element `vertex`.", f"Give a {wanted}.") from None
+
+
+def bytes_beyond(path: Path) -> int:
+    """How many bytes follow the last row that the header of a readable file counts; 0 in a file of text, or with lists."""
+    file = plyfile.PlyData.read(str(path))  # maps the rows, and reads none
+    if file.text or any(isinstance(one, plyfile.PlyListProperty) for element in file.elements for one in element.properties):
+        return 0
+    with path.open("rb") as stream:
+        while stream.readline().strip() != b"end_header":
+            pass
+        return path.stat().st_size - stream.tell() - sum(element.data.nbytes for element in file.elements)
 
 
 def write_rows(path: Path, rows: np.ndarray, comment: str = "") -> None:

@@ -29,7 +29,7 @@ from core.data.collection import Photo
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import refine_embedding
-from core.export.atomic import replacing
+from core.export.atomic import write_bytes
 from core.export.pictures import to_8_bit
 from core.measuring import subject_of
 from core.training import run
@@ -113,8 +113,7 @@ def write_jpeg(path: Path, rows: list[list[np.ndarray]]) -> None:
     lines = [np.concatenate(row, axis=1) for row in rows]
     canvas = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0)), constant_values=255) for line in lines]
     data = cv2.imencode(".jpg", np.concatenate(canvas)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-    with replacing(path) as temporary:
-        temporary.write_bytes(data)
+    write_bytes(path, data.tobytes())
 
 
 def truths(trained: Run, style: str) -> dict[str, Path]:

@@ -138,7 +138,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2, help="processes to work in (default: 2)")
     parser.add_argument("--force", action="store_true", help="replace the folder if it exists")
     given = parser.parse_args()
-    if (given.variant or given.times != 1) and given.output == parser.get_default("output"):
+    if (given.variant or given.times != 1) and given.output.resolve() == parser.get_default("output").resolve():
         parser.error("this would replace the committed sample by another; name another folder with --output")
     if given.output.exists():
         if not given.force:

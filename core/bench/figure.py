@@ -42,7 +42,7 @@ class Spread:
 
 def number(value: float) -> str:
     """A figure for people: three digits, more only for large whole numbers."""
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
-from core.export.atomic import check_folder, replacing, write_json, write_text
+from core.export.atomic import check_folder, write_bytes, write_json, write_text
 from core.report import Report
 
 SUFFIXES = (".csv", ".json", ".png")
@@ -47,9 +47,7 @@ def save(figure: Figure, folder: Path) -> list[Path]:
     paths = [folder / (figure.name + suffix) for suffix in SUFFIXES]
     write_text(paths[0], csv_of(figure))
     write_json(paths[1], json_of(figure))
-    png = draw_png(figure)
-    with replacing(paths[2]) as temporary:
-        temporary.write_bytes(png)
+    write_bytes(paths[2], draw_png(figure))
     return paths
 
 

@@ -55,11 +55,8 @@ def draw(splats: Splats, camera: Camera, levers: Levers) -> Float[Tensor, "h w 3
     splats = splats[reference.front_to_back(splats, camera)]
     projection = reference.project(splats, camera)
     colours = colour(splats.sh, projection.directions)
-    # The box around the ellipse where alpha falls to the threshold, as in `reference.touches_picture`.
-    levels = 2 * torch.log(projection.opacities / levers.alpha_min).clamp_min(0)
-    extents = (levels[:, None] * projection.variances).sqrt()
-    low, high = projection.centres - extents, projection.centres + extents
-    finite = torch.isfinite(projection.conics).all(dim=1)
+    low, high = reference.boxes(projection, levers.alpha_min)
+    drawable = reference.is_ellipse(projection)
 
     image = colours.new_zeros(camera.height, camera.width, 3)
     side = levers.tile_px or max(camera.width, camera.height)
@@ -68,7 +65,7 @@ def draw(splats: Splats, camera: Camera, levers: Levers) -> Float[Tensor, "h w 3
             width, height = min(side, camera.width - left), min(side, camera.height - top)
             corner = low.new_tensor([left, top])
             size = low.new_tensor([width, height])
-            rows = torch.nonzero(((high >= corner) & (low <= corner + size)).all(dim=1) & finite).squeeze(1)
+            rows = torch.nonzero(((high >= corner) & (low <= corner + size)).all(dim=1) & drawable).squeeze(1)
             arrays = projection.centres[rows], projection.conics[rows], projection.opacities[rows]
             window = camera.cropped(left, top, width, height)
             pictures = []

@@ -18,6 +18,7 @@ from core.evaluation.subject import Subject
 from core.measuring import over_views, subject_of
 from core.report import Report
 from core.training.trained import Run
+from core.words import counted
 
 MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, 128)  # steps
 NOTES = (
@@ -75,5 +76,5 @@ def _points(curve: str, protocol: str, courses: list[list[dict[str, float]]]) ->
         values = {name: spreads[name] for name in ("steps", "seconds")}
         values |= {f"{name}_{protocol}": spreads[name] for name in ("gain", "psnr")}
         steps = round(at[0]["steps"])
-        points.append(Point(curve, f"{steps} steps", values, steps == REFINE_STEPS))
+        points.append(Point(curve, counted(steps, "step"), values, steps == REFINE_STEPS))
     return points

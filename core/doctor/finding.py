@@ -29,4 +29,5 @@ def verdict(findings: Sequence[Finding]) -> str:
 
 def part(count: int, total: int) -> str:
     """`count` and its share: "12 (0.4 %)"."""
-    return f"{count:,} ({100 * count / max(total, 1):.2g} %)" if count else "0"
+    share = 100 * count / max(total, 1)
+    return f"{count:,} ({share:{'.0f' if share >= 99.5 else '.2g'}} %)" if count else "0"

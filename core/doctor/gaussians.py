@@ -4,11 +4,10 @@ import numpy as np
 import torch
 
 from core.doctor.finding import Finding, part
-from core.export.ply import BYTES_A_GAUSSIAN
-from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, LOG_SCALE_RANGE, QUATERNION_MIN_NORM2
+from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, LOG_SCALE_RANGE
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import SH_0, coefficient_count
-from core.scene.splats import Splats
+from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 
 NEEDLE = 10.0  # longest axis over the middle one
 NEEDLES_SHARE = 0.3  # more of them show as spikes from places where no photo was taken
@@ -49,7 +48,7 @@ def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
 def _opacities(splats: Splats) -> list[Finding]:
     opacities = torch.sigmoid(splats.logit_opacities.double())
     faint, full = int((opacities < ALPHA_MIN).sum()), int((opacities > ALPHA_MAX).sum())
-    advice = f"Remove them, {faint * BYTES_A_GAUSSIAN / 1e6:.1f} MB." if faint > WASTE * len(splats) else ""
+    advice = "Remove them." if faint > WASTE * len(splats) else ""
     return [
         Finding("invisible", part(faint, len(splats)), "opacity below 1/255: never drawn", advice),
         Finding(
@@ -96,6 +95,9 @@ def _sizes(splats: Splats) -> Finding:
     beyond = int(giants.sum()) - near
     figure = f"{part(near, len(splats))} in the scene, {part(beyond, len(splats))} beyond {FAR:.0f} radii"
     advice = "Remove them, or train with a smaller largest_scale." if near > WASTE * len(splats) else ""
+    if near + beyond > len(splats) / 2:
+        fix = "Look whether they are natural logarithms, in the units of the centres, and export it again."
+        return Finding("scales", figure, "longer than half the scene's radius, most of all: nothing but haze", fix)
     return Finding("giants", figure, "longer than half the scene's radius: haze inside, background outside", advice)
 
 

@@ -12,11 +12,14 @@ from core.doctor.finding import Finding
 from core.doctor.gaussians import look_at_gaussians
 from core.errors import BadInput
 from core.export.ply import read_every_row, sky_of
+from core.ply_file import bytes_beyond
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+from core.scene.splats import Splats
 
 MOST_CAMERAS = 100  # evenly spread over those known
+AGAIN = "Copy or export it again."
 WIDEST_PX = 640  # what Gaussians show in is asked at this size
 # What to do about a file that wegs did not write, where wegs' own commands and settings are no help.
 ELSEWHERE = {
@@ -34,30 +37,36 @@ ELSEWHERE = {
 def examine_ply(path: Path, report: Report) -> list[Finding]:
     """Findings about the file; with the cameras of the run folder it lies in, where it does. BadInput if unreadable."""
     sky = sky_of(path)
-    findings = _findings(path, sky or 0, report)
+    splats = read_every_row(path)
+    findings = [*_file(path, splats, sky or 0), *_findings(path, splats, sky if sky and sky <= len(splats) else 0, report)]
     if sky is not None:
         return findings
     return [replace(found, advice=ELSEWHERE.get(found.name, found.advice)) if found.advice else found for found in findings]
 
 
-def _findings(path: Path, sky: int, report: Report) -> list[Finding]:
-    splats = read_every_row(path)
-    findings = [
-        Finding(
-            "file",
-            f"{len(splats):,} Gaussians of SH degree {splats.degree}, {path.stat().st_size / 1e6:.1f} MB",
-            f"{path.stat().st_size / len(splats):.0f} bytes a Gaussian",
-        )
-    ]
-    centres = splats.means[torch.isfinite(splats.means).all(dim=1)].double().numpy()
+def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
+    """What header and rows say of each other."""
+    size, beyond = path.stat().st_size, bytes_beyond(path)
+    figure = f"{len(splats):,} Gaussians of SH degree {splats.degree}, {size / 1e6:.1f} MB"
+    findings = [Finding("file", figure, f"{(size - beyond) / len(splats):.0f} bytes a Gaussian")]
+    if beyond:
+        findings.append(Finding("rest of the file", f"{beyond:,} bytes", "follow the last row that its header counts", AGAIN))
+    if sky > len(splats):
+        figure = f"{sky:,} of {len(splats):,} Gaussians"
+        findings.append(Finding("sky", figure, "rows were taken out since wegs wrote them; it is taken for a part of the scene", AGAIN))
+    return findings
+
+
+def _findings(path: Path, splats: Splats, sky: int, report: Report) -> list[Finding]:
+    solid = splats.means[: len(splats) - sky]
+    centres = solid[torch.isfinite(solid).all(dim=1)].double().numpy()
     if not len(centres):
-        return [*findings, *look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky)]
-    # Not the radius that holds 97 %: skies are made of Gaussians too, and of more than 3 %.
+        return look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky)
+    # Not the radius that holds 97 %: skies that are not known for such are made of Gaussians too, and of more than 3 %.
     half = SceneFrame.around(centres, quantile=0.5)
     frame = SceneFrame(half.centre, 2 * half.radius)
     in_scene = splats.in_scene(frame)
-    findings += look_at_gaussians(in_scene, frame, sky)
-    cameras = []
+    findings, cameras = look_at_gaussians(in_scene, frame, sky), []
     try:
         cameras = views.cameras_beside(path)
     except BadInput as problem:
@@ -65,7 +74,10 @@ def _findings(path: Path, sky: int, report: Report) -> list[Finding]:
     cameras = [camera.in_scene(frame) for camera in spread_over(cameras, MOST_CAMERAS)]
     findings.append(views.float32_error(frame, frame.to_scene(centres), cameras))
     if cameras:
-        findings.append(views.never_seen(in_scene, [_small(camera) for camera in cameras], sky, report))
+        try:
+            findings.append(views.never_seen(in_scene, [_small(camera) for camera in cameras], sky, report))
+        except BadInput as problem:  # so large that their tile lists are refused
+            findings.append(Finding("never seen", "not measured", problem.what.rstrip("."), "Remove the giants first."))
     return findings
 
 

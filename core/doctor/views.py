@@ -14,6 +14,7 @@ from core.report import Report
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.splats import Splats
+from core.words import counted
 
 VISIBLE_PX = 0.1  # a shift that begins to show in sharp detail
 PICTURE_PX = 500.0  # of a scene radius, where no camera says more
@@ -26,7 +27,7 @@ def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -
     error = frame.rounding / frame.radius
     sizes = [error * max(camera.fx, camera.fy) / depth for camera in cameras if (depth := _depth(camera, means))]
     pixels = float(np.median(sizes)) if sizes else error * PICTURE_PX
-    where = f"in the median of {len(sizes)} cameras" if sizes else f"where the scene's radius takes {PICTURE_PX:.0f} px"
+    where = f"in the median of {counted(len(sizes), 'camera')}" if sizes else f"where the scene's radius takes {PICTURE_PX:.0f} px"
     most = f", {max(sizes):.2g} px at most" if sizes else ""
     advice = "Recentre the file; what `wegs bake` writes is." if pixels > VISIBLE_PX else ""
     figure = f"{frame.rounding:.2g} units, {pixels:.2g} px {where}{most}"
@@ -48,7 +49,7 @@ def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) 
     solid = len(splats) - sky
     unseen = int((largest[:solid] < ALPHA_MIN).sum())
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
-    meaning = f"below 1/255 of every pixel of {len(cameras)} cameras: no photo holds them in place"
+    meaning = f"below 1/255 of every pixel of {counted(len(cameras), 'camera')}: no photo holds them in place"
     return Finding("never seen", part(unseen, solid), meaning, advice)
 
 
@@ -65,12 +66,15 @@ def cameras_beside(path: Path) -> list[Camera]:
         return []
     try:
         return [_camera(values) for values in json.loads(file.read_text(encoding="utf-8"))]
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
         raise BadInput(f"{file} cannot be used: {type(problem).__name__}: {problem}.", "Export it again.") from None
 
 
 def _camera(values: dict) -> Camera:
     rotation = np.array(values["rotation"], dtype=np.float64).reshape(3, 3).T
     width, height = int(values["width"]), int(values["height"])
-    lens = float(values["fx"]), float(values["fy"]), width / 2, height / 2
-    return Camera(rotation, np.array(values["position"], dtype=np.float64).reshape(3), *lens, width, height)
+    centre = np.array(values["position"], dtype=np.float64).reshape(3)
+    lens = float(values["fx"]), float(values["fy"]), float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
+    if min(width, height, *lens[:2]) <= 0 or not np.isfinite([*rotation.flat, *centre, *lens]).all():
+        raise ValueError(f"a camera of {width} x {height} px that cannot be drawn with")
+    return Camera(rotation, centre, *lens, width, height)

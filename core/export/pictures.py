@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from core.errors import WegsError
-from core.export.atomic import replacing
+from core.export.atomic import replacing, write_bytes
 
 SHEET_COLUMNS = 5
 SHEET_TILE_PX = 320  # widest tile of a contact sheet
@@ -25,8 +25,7 @@ def to_8_bit(image: Float[Tensor, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
 def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
     """Write RGB or grey pixels, whole or not at all."""
     data = cv2.imencode(".png", pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1]
-    with replacing(path) as temporary:
-        temporary.write_bytes(data)  # OpenCV would not say that the disk is full
+    write_bytes(path, data.tobytes())  # OpenCV would not say that the disk is full
 
 
 def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:

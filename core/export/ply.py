@@ -17,10 +17,9 @@ from core.errors import BadInput
 from core.export.atomic import replacing
 from core.ply_file import read_rows, write_rows
 from core.scene.harmonics import MAX_DEGREE, coefficient_count
-from core.scene.splats import Splats
+from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 
 HEADER_BYTES = 1 << 16  # no header is longer
-_MIN_NORM2 = 1e-12  # Splats takes quaternions of any norm above 1e-6; the rasterizers draw nothing below
 _REST_OF_DEGREE = {degree: 3 * (coefficient_count(degree) - 1) for degree in range(MAX_DEGREE + 1)}
 
 
@@ -47,7 +46,7 @@ def _undrawable(table: Float32[np.ndarray, "n p"], names: list[str]) -> Bool[np.
     # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
     with np.errstate(invalid="ignore"):  # Inf - Inf
         total = table.sum(axis=1, dtype=np.float64)
-    return ~np.isfinite(total) | (norm2 < _MIN_NORM2)
+    return ~np.isfinite(total) | (norm2 < QUATERNION_MIN_NORM2)
 
 
 def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
@@ -132,6 +131,10 @@ def _table(path: Path) -> tuple[Float32[np.ndarray, "n p"], int]:
     degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
     if degree is None:
         raise BadInput(f"{path} has {rest} f_rest columns.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them.")
+    if "packed_position" in names:
+        raise BadInput(f"{path} is a compressed .ply, as SuperSplat writes it.", "Export it uncompressed.")
+    if "scale_1" in names and "scale_2" not in names:
+        raise BadInput(f"{path} holds flat Gaussians (2DGS).", "Give one with three scales a Gaussian.")
     wanted = _read_columns(degree)
     for name in wanted:
         if name not in names or vertices.dtype[name].kind not in "fiu":

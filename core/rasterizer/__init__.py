@@ -38,4 +38,4 @@ def create(name: str, device: str = "cpu") -> Rasterizer:
     return backend
 
 
-__all__ = ["BACKENDS", "BLACK", "Colour", "Rasterizer", "Rendering", "Visible", "create"]
+__all__ = ["AUTO", "BACKENDS", "BLACK", "ON_GPU", "Colour", "Rasterizer", "Rendering", "Visible", "create"]

@@ -20,7 +20,6 @@ BLUR_PX2 = 0.3  # added to the diagonal of every 2D covariance (EWA low-pass), p
 
 NEAR = 0.01  # scene units; nearer centres are culled before any division
 JACOBIAN_MARGIN = 0.15  # x/z and y/z are clamped to the picture's box widened by this share on each side, for J only
-QUATERNION_MIN_NORM2 = 1e-12  # below: culled
 LOG_SCALE_RANGE = (-20.0, 10.0)  # scene units; clamped before exp, zero gradient outside
 
 Colour = tuple[float, float, float]  # red, green, blue in [0, 1]
@@ -69,7 +68,7 @@ class Rasterizer(Protocol):
     """A backend. Stateless for the caller; pictures and gradients do not depend on the number of threads.
 
     Order: front to back by camera depth, ties by index. Culled (drawn as absent, zero gradient of the right shape): not
-    finite in any parameter, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity < ALPHA_MIN, footprint
+    finite in any parameter or in its colour, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity < ALPHA_MIN, footprint
     outside the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN around the
     projected centre.
     """

@@ -22,7 +22,6 @@ from core.rasterizer.contract import (
     BLUR_PX2,
     LOG_SCALE_RANGE,
     NEAR,
-    QUATERNION_MIN_NORM2,
     STOP_TRANSMITTANCE,
     Colour,
     Rendering,
@@ -32,7 +31,7 @@ from core.rasterizer.contract import (
 from core.scene.camera import Camera
 from core.scene.harmonics import colour
 from core.scene.quaternions import rotations
-from core.scene.splats import Splats
+from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 
 CHUNK = 1 << 20  # pairs of a pixel and a splat that are blended at once; bounds the memory (some 20 numbers a pair)
 
@@ -64,7 +63,10 @@ class ReferenceRasterizer:
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         candidates = torch.nonzero(can_be_projected(splats, camera)).squeeze(1)
         projection = project(splats[candidates], camera)
-        return Visible(candidates[touches_picture(projection, camera)])
+        keep = touches_picture(projection, camera)
+        # Finite coefficients may add up beyond the dtype.
+        keep &= torch.isfinite(colour(splats.sh[candidates], projection.directions)).all(dim=1)
+        return Visible(candidates[keep])
 
     def render(
         self,
@@ -131,13 +133,21 @@ def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:
 
 
 def touches_picture(projection: Projection, camera: Camera) -> Bool[Tensor, " n"]:
-    """Whether the box around the ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN meets the picture."""
-    extents = (2 * torch.log(projection.opacities / ALPHA_MIN).clamp_min(0)[:, None] * projection.variances).sqrt()
-    size = extents.new_tensor([camera.width, camera.height])
-    inside = (projection.centres + extents >= 0) & (projection.centres - extents <= size)
-    # A determinant beyond the dtype leaves conics of 0, whose gradient is not finite.
-    positive = (projection.conics[:, [0, 2]] > 0).all(dim=1)
-    return inside.all(dim=1) & positive & torch.isfinite(projection.conics).all(dim=1)
+    """Whether the ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN is one, and the box around it meets the picture."""
+    low, high = boxes(projection, ALPHA_MIN)
+    inside = (high >= 0) & (low <= low.new_tensor([camera.width, camera.height]))
+    return inside.all(dim=1) & is_ellipse(projection)
+
+
+def boxes(projection: Projection, alpha_min: float) -> tuple[Float[Tensor, "n 2"], Float[Tensor, "n 2"]]:
+    """Least and largest x and y (px) of the ellipses opacity * exp(-d' S^-1 d / 2) >= alpha_min."""
+    extents = (2 * torch.log(projection.opacities / alpha_min).clamp_min(0)[:, None] * projection.variances).sqrt()
+    return projection.centres - extents, projection.centres + extents
+
+
+def is_ellipse(projection: Projection) -> Bool[Tensor, " n"]:
+    """Whether the conics can be computed with. A determinant beyond the dtype leaves those of 0, whose gradient is not finite."""
+    return (projection.conics[:, [0, 2]] > 0).all(dim=1) & torch.isfinite(projection.conics).all(dim=1)
 
 
 # ------------------------------------------------------------------------------------------------------------- project

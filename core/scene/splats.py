@@ -10,6 +10,8 @@ from torch import Tensor
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import coefficient_count, degree_of
 
+QUATERNION_MIN_NORM2 = 1e-12  # below: no rotation, so nothing to draw
+
 
 @dataclass
 class Splats:

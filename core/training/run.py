@@ -254,6 +254,8 @@ def _cameras_json(collection: Collection) -> list[dict]:
                 "rotation": camera.world_to_camera.T.tolist(),
                 "fy": camera.fy,
                 "fx": camera.fx,
+                "cx": camera.cx,  # not in the original's, which puts it in the middle
+                "cy": camera.cy,
             }
         )
     return entries

@@ -1,5 +1,7 @@
 """What the engine should reach beside what was measured."""
 
+from core.words import counted
+
 OPENSPLAT_CPU_S = 0.87  # OpenSplat 1.2, blending alone, of a picture like the garden's, on another machine of this kind
 ENGINE = ("rasterizer forward", "rasterizer backward", "SH transfer forward", "SH transfer backward")
 NOT_KERNELS = ("everything else", "mask, regularisers", "encoder forward", "encoder backward")
@@ -37,7 +39,7 @@ def _step(measured: dict) -> tuple[str, str, str]:
     largest = max(others, key=others.get)
     share = others[largest] / _cpu(measured)
     facts = measured["facts"]
-    found = f"{1e-3 * facts['cpu_ms']:.3f} CPU-s, {1e-3 * facts['wall_ms']:.3f} s wall on {facts['threads']} threads; "
+    found = f"{1e-3 * facts['cpu_ms']:.3f} CPU-s, {1e-3 * facts['wall_ms']:.3f} s wall on {counted(facts['threads'], 'thread')}; "
     found += f"the largest other part is {largest}, {share:.0%}"
     return "a step with everything on", "0.10 CPU-s, no part but rasterizer and SH transfer above 10 %", found
 

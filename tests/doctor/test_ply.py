@@ -155,7 +155,7 @@ def test_cameras_of_the_run_folder_tell_pixels_and_what_no_photo_shows(tmp_path,
     for given in (path, tmp_path) if folder != "." else (path,):
         findings, _ = examined(given)
         assert findings["never seen"].figure == "100 (25 %)" and findings["never seen"].advice
-        assert "px in the median of 1 cameras" in findings["float32 positions"].figure
+        assert "px in the median of 1 camera" in findings["float32 positions"].figure
 
 
 def test_a_sky_of_ours_is_large_and_seen_by_no_photo_and_sound_all_the_same(tmp_path):
@@ -165,6 +165,64 @@ def test_a_sky_of_ours_is_large_and_seen_by_no_photo_and_sound_all_the_same(tmp_
     (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
     plain, own = (examined(write(tmp_path / "a.ply", rows, f"wegs 1.0, run 0a, sky {sky}, look dusk"))[0] for sky in (0, 100))
     assert "never seen" in asked_for(plain) and asked_for(own) == set()
+
+
+def test_a_sky_of_most_rows_hides_no_fault(tmp_path):
+    rows = np.concatenate([sound_rows(), sound_rows(), sound_rows()])
+    rows["z"][ROWS:] += 90.0
+    rows["scale_0"][:60] = rows["scale_1"][:60] = rows["scale_2"][:60] = 0.0
+    rows["x"][60] = 3000.0
+    findings, _ = examined(write(tmp_path / "a.ply", rows, f"wegs 1.0, run 0a, sky {2 * ROWS}, look dusk"))
+    assert findings["giants"].figure.startswith("60 (15 %) in the scene") and asked_for(findings) == {"giants", "extent"}
+
+
+def test_rows_that_were_taken_out_or_that_no_header_counts(tmp_path):
+    path = write(tmp_path / "a.ply", sound_rows()[:40], "wegs 1.0, run 0a, sky 50, look dusk")
+    findings, _ = examined(path)
+    assert asked_for(findings) == {"sky"} and findings["sky"].figure == "50 of 40 Gaussians" and "needles" in findings
+    whole = write(tmp_path / "b.ply", sound_rows()).read_bytes()
+    row = sound_rows().itemsize
+    path.write_bytes(whole.replace(b"vertex 400", b"vertex 300"))
+    findings, _ = examined(path)
+    assert asked_for(findings) == {"rest of the file"} and findings["rest of the file"].figure == f"{100 * row:,} bytes"
+
+
+def test_scales_that_are_no_logarithms(tmp_path):
+    rows = sound_rows()
+    for axis in range(3):
+        rows[f"scale_{axis}"] = 0.01
+    findings, _ = examined(write(tmp_path / "a.ply", rows))
+    assert asked_for(findings) == {"scales"} and "natural logarithms" in findings["scales"].advice
+    assert findings["scales"].figure.startswith("400 (100 %) in the scene")
+
+
+def test_gaussians_too_large_to_draw_end_no_examination(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise BadInput("400 Gaussians cover 1e9 tiles.", "Lower the resolution (-r).")
+
+    monkeypatch.setattr("core.doctor.views.never_seen", refuse)
+    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
+    findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
+    assert asked_for(findings) == {"never seen"} and "-r" not in findings["never seen"].advice
+
+
+def test_a_camera_beside_its_middle(tmp_path):
+    rows = sound_rows()
+    rows["opacity"] = -3.0
+    cameras = json.loads(cameras_json((0.0, 0.0, -4.0)))
+    (tmp_path / "cameras.json").write_text(json.dumps([cameras[0] | {"cx": 5000.0}]))
+    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "400 (100 %)"
+
+
+BROKEN = ({"width": 0}, {"width": -5}, {"width": float("inf")}, {"fx": 0}, {"fx": float("nan")}, {"position": [0, 0, float("nan")]})
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_cameras_that_cannot_be_drawn_with_are_damaged_ones(tmp_path, broken):
+    cameras = json.loads(cameras_json((0.0, 0.0, -4.0)))
+    (tmp_path / "cameras.json").write_text(json.dumps([cameras[0] | broken]))
+    findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
+    assert asked_for(findings) == {"cameras"}
 
 
 @pytest.mark.parametrize("text", ["", "[{}]", '[{"position": 3}]'])

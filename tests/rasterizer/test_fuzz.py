@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from core.rasterizer import BACKENDS
 from core.rasterizer.cpu import backend, footprint
 from core.rasterizer.cpu.bin import SLOT, SPLAT
+from core.scene.splats import Splats
 from tests.rasterizer.backends import backend_or_skip, is_interpreted
 from tests.rasterizer.scenes import camera, cloud
 
@@ -86,3 +87,15 @@ def test_footprints_are_finite_and_tile_lists_hold_what_they_announce(view, valu
     assert lists.tile_starts[-1] == lists.slot_starts[-1] == len(lists.entries) <= tiles * COUNT
     assert set(lists.entries[:, SPLAT]) == set(drawn)
     assert np.array_equal(np.sort(lists.entries[:, SLOT]), np.arange(len(lists.entries)))
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_a_colour_beyond_float32_is_not_drawn(name):
+    """Of finite coefficients; and nothing of the others is changed by it."""
+    rasterizer, view = backend_or_skip(name), camera(16, 9)
+    splats = cloud(view, COUNT, seed=31, degree=1, sizes_px=(2.0, 5.0))
+    most = torch.finfo(torch.float32).max * torch.tensor([1.0, -1.0, 1.0, -1.0])  # the signs of the basis where the camera looks
+    middle = torch.from_numpy(view.centre + 2 * view.world_to_camera[2]).float()
+    glaring = replace(splats[:1], means=middle[None], sh=most[None, :, None].expand(1, 4, 3))
+    drawn = rasterizer.render(Splats.concatenate([glaring, splats]), view).image
+    assert torch.equal(drawn, rasterizer.render(splats, view).image)

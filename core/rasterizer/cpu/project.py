@@ -13,12 +13,12 @@ from core.rasterizer.contract import (
     BLUR_PX2,
     LOG_SCALE_RANGE,
     NEAR,
-    QUATERNION_MIN_NORM2,
 )
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
 from core.rasterizer.cpu.tuples import cross, dot, row, scaled, subtract
+from core.scene.splats import QUATERNION_MIN_NORM2
 from core.simd import fetch_add
 
 BLOCK = 512  # Gaussians a thread takes at a time
@@ -221,8 +221,8 @@ def project(
                 continue
             fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
             red, green, blue = colour(sh, i, basis)
-            total = red + green + blue
-            if total - total != 0:  # NaN or infinite, as a coefficient must be
+            total = np.float32(red) + np.float32(green) + np.float32(blue)
+            if total - total != 0:  # NaN or infinite, as a coefficient must be, or beyond what the picture holds
                 continue
 
             inverse_c = 1.0 / c

@@ -22,11 +22,12 @@ from core.rasterizer.cuda.view import (
     TOP,
     WIDTH,
 )
+from core.scene import splats
 
 NEAR = tl.constexpr(contract.NEAR)
 BLUR_PX2 = tl.constexpr(contract.BLUR_PX2)
 ALPHA_MIN = tl.constexpr(contract.ALPHA_MIN)
-QUATERNION_MIN_NORM2 = tl.constexpr(contract.QUATERNION_MIN_NORM2)
+QUATERNION_MIN_NORM2 = tl.constexpr(splats.QUATERNION_MIN_NORM2)
 LEAST_LOGIT = tl.constexpr(math.log(contract.ALPHA_MIN / (1.0 - contract.ALPHA_MIN)))
 LEAST_LOG_SCALE, MOST_LOG_SCALE = (tl.constexpr(limit) for limit in contract.LOG_SCALE_RANGE)
 HALF_LOG2_E = tl.constexpr(0.5 * math.log2(math.e))

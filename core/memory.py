@@ -1,5 +1,6 @@
 """A limit to the memory of this process, which the system holds: what would go beyond it fails at once."""
 
+import math
 import sys
 
 from core.errors import BadSetting
@@ -17,6 +18,8 @@ def hold_to(gib: float) -> None:
     """
     if not sys.platform.startswith("linux"):
         raise BadSetting(f"--memory {gib}: {sys.platform} cannot limit a process.", "Leave it out.")
+    if not math.isfinite(gib):
+        raise BadSetting(f"--memory {gib} is no number of GiB.", "Type one such as 8.")
     import resource  # Windows has none
 
     wanted = round(gib * GIB) - LIBRARIES

@@ -8,19 +8,20 @@ import core
 import core.export
 import core.rasterizer
 from core import device
+from core.atomic import check_apart, check_file, filling
 from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm
-from core.data.given_masks import with_masks, with_masks_of
+from core.data.collection import picture_places
+from core.data.given_masks import check_masks, with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
+from core.data.made import FADE
 from core.data.prepare import prepared
-from core.data.scene_folder import FADE
 from core.errors import BadInput, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
 from core.evaluation.sheet import picture_sheet, row_of, write_view
-from core.export.atomic import check_apart, check_file, filling
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.measuring import over_views, subject_of
 from core.report import Report
@@ -29,10 +30,10 @@ from core.training.claim import held, new_run
 from core.training.find_look import find_appearance
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
-from core.training.look_file import next_step, write_look
+from core.training.look_file import write_look
 from core.training.masks import write_masks
 from core.training.pictures import check_resolution
-from core.training.tell import tell_collection, tell_plan, tell_step
+from core.training.tell import next_step, tell_collection, tell_plan, tell_step
 from core.training.trained import bake, blend, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of
@@ -80,8 +81,10 @@ def train(
     What the scene lacks, cameras or points, is made first (core.data.prepare), lies beside the run and is used again.
     masks: a folder of pictures that are white where the photo of that name is to be used (core.data.given_masks).
     """
-    check_resolution(settings.resolution)
     # Refused before the minutes that cameras may take.
+    check_resolution(settings.resolution)
+    if masks is not None:
+        check_masks(masks)
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:
@@ -278,6 +281,7 @@ def evaluate(
     subject = subject_of(trained)
     start = time.perf_counter()
     views, rows, scales = [], [], []
+    places = picture_places(photo.name for photo in photos)
     through = over_views(trained, photos, lambda view: measure(subject, view, protocol, refine, distance), "Photos", report)
     for photo, (measured, pictures) in through:
         views.append(measured)
@@ -285,7 +289,7 @@ def evaluate(
         figures = (f"{whose} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
         rows.append(row_of(pictures, ", ".join(figures)))
         if keep_pictures:
-            write_view(trained.folder / kept, pictures)
+            write_view(trained.folder / kept, places[photo.name], pictures)
     results = Results(
         protocol=protocol,
         views=tuple(views),

@@ -19,6 +19,11 @@ class Note(str):
         return note
 
 
+def is_harmless(note: str) -> bool:
+    """Whether nothing needs doing about a note."""
+    return isinstance(note, Note) and note.harmless
+
+
 def name_them(what: str, names: list[str], harmless: bool = False) -> list[Note]:
     """A note that counts and names photos, or none where there are none: "3 photos WHAT: a.jpg, b.jpg, c.jpg"."""
     return [Note(f"{counted(len(names), 'photo')} {what}: {list_names(names)}", harmless)] if names else []

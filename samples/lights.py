@@ -24,12 +24,12 @@ import cv2
 import numpy as np
 import torch
 
+from core.atomic import write_bytes
 from core.data import photos
 from core.data.collection import Photo
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import refine_embedding
-from core.export.atomic import write_bytes
 from core.export.pictures import to_8_bit
 from core.measuring import subject_of
 from core.training import run

@@ -12,7 +12,7 @@ import torch
 import core.rasterizer
 from core.appearance.tone import band_means, tone_between, toned
 from core.data import sfm
-from core.data.scene_folder import write_mark
+from core.data.made import write_mark
 from core.errors import BadInput
 from core.export.pictures import to_8_bit, write_png
 from core.training import run, saved_look

@@ -58,6 +58,12 @@ def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
     assert pictures.Pictures((), pictures.Sizes(1, 1.0, 64))._most_bytes == pictures.TARGET_SHARE * memory.limit() < pictures.TARGET_BYTES
 
 
+@pytest.mark.parametrize("gib", [float("inf"), float("nan")])
+def test_no_number_is_told(gib):
+    with pytest.raises(BadSetting, match="is no number of GiB"):
+        memory.hold_to(gib)
+
+
 def test_a_lower_limit_of_the_shell_is_told(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (memory.GIB, 2 * memory.GIB))
     with pytest.raises(BadSetting, match="this shell allows 2.0 GiB"):

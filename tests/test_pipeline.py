@@ -310,10 +310,12 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     pipeline.export(folder, "neutral", tmp_path / "a.ply")
     before, after = pipeline.load_run(trained[0]), pipeline.load_run(folder)
     photo = before.collection.photos[0]
+    gone = after.collection.photos[0]
+    assert after.picture(photo).photo is photo  # it is there, whatever became of the scene's folder
     known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.picture(photo).camera))
     assert known == read  # one class of arrays: the very same numbers
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
-    for need in (lambda: pipeline.evaluate(folder), lambda: after.picture(photo)):
+    for need in (lambda: pipeline.evaluate(folder), lambda: after.picture(gone)):
         with pytest.raises(BadInput, match="gone is gone. Move the photos back"):
             need()
 

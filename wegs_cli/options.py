@@ -30,6 +30,8 @@ FLAGS = {
 class AutoOrWhole(click.IntRange):
     """The word `auto`, or a whole number in a range."""
 
+    name = f"whole number or {AUTO}"
+
     def get_metavar(self, param, ctx=None):
         return f"[{AUTO}|INTEGER]"
 

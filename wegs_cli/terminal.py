@@ -62,8 +62,8 @@ class Terminal(Report):
                 click.echo(line)
             return
         grid = Table(title=title, title_justify="left", show_header=bool(header))
-        for number, name in enumerate(header):
-            grid.add_column(name, justify="left" if number < 2 else "right")
+        for number, name in enumerate(header or [""] * max(map(len, rows))):
+            grid.add_column(name, justify="left" if number < 2 else "right", overflow="fold")
         for row in rows:
             grid.add_row(*row)
         self.console.print(grid)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from core.errors import BadSetting
+from core.errors import BadSetting, command
 from wegs_cli.options import settings_from, settings_options, settings_table
 
 
@@ -34,6 +34,9 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
         words = (("SCENE", scene), ("--masks", masks), ("--preset", preset_name), ("--config", config))
         given += [word for word, value in words if value]
         given += ["--set"] * bool(assignments) + ["--force"] * force
+        if given == ["SCENE"] and output is None:
+            fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
+            raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
         if given:
             raise BadSetting(f"A resumed run keeps its scene and settings; {given[0]} changes them.", "Leave it out.")
     else:

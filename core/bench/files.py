@@ -6,10 +6,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from core.atomic import check_folder, write_bytes, write_json, write_text
 from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
-from core.export.atomic import check_folder, write_bytes, write_json, write_text
 from core.report import Report
 
 SUFFIXES = (".csv", ".json", ".png")

@@ -1,6 +1,7 @@
 """What every kind of photo collection is read into."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -33,6 +34,11 @@ class Photo:
     lens: dict | None = None
     mask: Path | None = None
 
+    def stands_as(self, other: "Photo") -> bool:
+        """Whether both are of one split and one camera, but for what rounding another processor may do."""
+        same = self.split == other.split and self.lens == other.lens
+        return same and np.allclose(self.camera.numbers(), other.camera.numbers(), rtol=0, atol=1e-9)
+
 
 @dataclass(frozen=True)
 class Collection:
@@ -62,9 +68,10 @@ class Collection:
         return replace(self, photos=photos, notes=(*self.notes, "All photos are trained on: there will be no held-out quality."))
 
     def changed_since(self, before: "Collection") -> list[str]:
-        """The photos of either that are not in both with the same split and place: with them a run cannot go on."""
-        now, then = ({photo.name: (photo.split, *photo.camera.centre) for photo in one.photos} for one in (self, before))
-        return sorted(name for name in now.keys() | then.keys() if now.get(name) != then.get(name))
+        """The photos of either that are not in both with the same split and camera: with them a run cannot go on."""
+        now, then = ({photo.name: photo for photo in one.photos} for one in (self, before))
+        both = {name for name in now.keys() & then.keys() if now[name].stands_as(then[name])}
+        return sorted((now.keys() | then.keys()) - both)
 
     def view(self, name: str | None) -> Photo:
         """The photo called `name`; for None the first held-out one, or the first. Raises BadInput where there is none."""
@@ -79,7 +86,18 @@ class Collection:
 def place_of(name: str) -> Path:
     """A photo's name as a path that stays below any folder it is put into: some models name photos by whole paths, or through `..`."""
     place = Path(name)
-    return Path(place.name) if place.is_absolute() or ".." in place.parts else place
+    return Path(place.name) if place.is_absolute() else Path(*(part for part in place.parts if part != ".."))
+
+
+def picture_places(names: Iterable[str]) -> dict[str, Path]:
+    """Where the PNG of each of the photos lies in a folder of such: a/0001.png for a/0001.jpg, or a/0001.jpg.png where the
+    photos have an a/0001.webp as well."""
+    places = {name: place_of(name) for name in names}
+    sharing = Counter(place.with_suffix(".png") for place in places.values())
+    return {
+        name: place.with_suffix(".png") if sharing[place.with_suffix(".png")] == 1 else place.with_name(f"{place.name}.png")
+        for name, place in places.items()
+    }
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:

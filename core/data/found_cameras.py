@@ -6,7 +6,7 @@ from pathlib import Path
 from core.data import sfm
 from core.data.colmap import find_model
 from core.data.load import kind_with_cameras
-from core.data.scene_folder import kept, read_mark
+from core.data.made import made_once, read_mark
 from core.errors import BadInput
 from core.report import Report
 
@@ -32,10 +32,10 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     the very same files (path, size and time of change of each). Errors: as sfm.reconstruct.
     """
     made_of = sfm.files_of(photos)
-    scene, is_there = kept(wanted, lambda folder: read_mark(folder / sfm.MARK) == made_of)
-    if is_there:
-        report.say(f"Cameras as found before in {scene}; remove it to have them found again.")
-        return scene
-    if around := scene_around(photos):
-        report.warn(f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew.")
-    return sfm.reconstruct(photos, scene, report)
+
+    def make(scene: Path) -> None:
+        if around := scene_around(photos):
+            report.warn(f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew.")
+        sfm.reconstruct(photos, scene, report)
+
+    return made_once(wanted, lambda folder: read_mark(folder / sfm.MARK) == made_of, make, "Cameras as found", report)

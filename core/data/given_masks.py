@@ -9,6 +9,14 @@ from core.errors import BadInput
 from core.words import Note, counted, name_them
 
 
+def check_masks(folder: Path) -> None:
+    """Raise BadInput unless the folder is there, with pictures in it: asked before the minutes that cameras may take."""
+    if not folder.is_dir():
+        raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
+    if next((path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES), None) is None:
+        raise BadInput(f"{folder} holds no pictures.", "Give --masks a folder with one mask a photo.")
+
+
 def with_masks(collection: Collection, folder: Path) -> Collection:
     """The collection whose photos know their masks in `folder`; white = use, any format, in any size.
 
@@ -18,8 +26,6 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     (it is resized, nearest pixel), and which masks belong to no photo. Raises BadInput for a folder without any match, and for two
     masks of one photo.
     """
-    if not folder.is_dir():
-        raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
     listed = {place: _by_stem(folder / place) for place in {Path(), *(place_of(photo.name).parent for photo in collection.photos)}}
     masks = {}
     for photo in collection.photos:

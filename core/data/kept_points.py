@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+from core.atomic import replacing_folder
 from core.data.collection import Collection
 from core.data.colmap import read_points
+from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to, write_mark
 from core.data.model_file import read_model
 from core.data.posed import Points
-from core.data.scene_folder import followed, kept, path_within, read_mark, replacing_folder, stamp, way_to, write_mark
 from core.data.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
@@ -26,28 +27,27 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     root = collection.root.resolve()
     made_of = {}
     for photo, camera in training:
-        numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.world_to_camera.ravel(), *camera.centre]
         mask = [] if photo.mask is None else [path_within(photo.mask, root), *stamp(photo.mask)]
-        made_of[path_within(photo.path, root)] = [*stamp(photo.path), *map(float, numbers), photo.lens, *mask]
+        made_of[path_within(photo.path, root)] = [*stamp(photo.path), *camera.numbers(), photo.lens, *mask]
     same = {"kind": collection.kind, "made_of": made_of}
-    folder, is_there = kept(wanted, lambda folder: same.items() <= read_mark(folder / MARK).items() and home_of(folder).resolve() == root)
-    if is_there:
-        report.say(f"Points as triangulated before in {folder}; remove it to have them found again.")
-        return folder
-    report.say(
-        f"{collection.root} has cameras but no points: they are triangulated from {counted(len(training), 'photo')}."
-    )
-    with replacing_folder(folder) as work:
-        model = triangulate(training, work, report)
-        if not model.num_points3D():
-            what = f"No point could be triangulated from the photos and cameras of {collection.root}"
-            fix = "Look whether its poses are in the axes of its format, or have cameras found anew: wegs sfm PHOTOS -o SCENE"
-            raise BadInput(f"{what}.", fix)
-        (work / "scene" / MODEL).mkdir(parents=True)
-        model.write(work / "scene" / MODEL)
-        write_mark(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
-    report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
-    return folder
+
+    def are_there(folder: Path) -> bool:
+        return same.items() <= read_mark(folder / MARK).items() and home_of(folder).resolve() == root
+
+    def make(folder: Path) -> None:
+        report.say(f"{collection.root} has cameras but no points: they are triangulated from {counted(len(training), 'photo')}.")
+        with replacing_folder(folder) as work:
+            model = triangulate(training, work, report)
+            if not model.num_points3D():
+                what = f"No point could be triangulated from the photos and cameras of {collection.root}"
+                fix = "Look whether its poses are in the axes of its format, or have cameras found anew: wegs sfm PHOTOS -o SCENE"
+                raise BadInput(f"{what}.", fix)
+            (work / "scene" / MODEL).mkdir(parents=True)
+            model.write(work / "scene" / MODEL)
+            write_mark(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
+        report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
+
+    return made_once(wanted, are_there, make, "Points as triangulated", report)
 
 
 def scene_of(folder: Path) -> tuple[Path, str] | None:

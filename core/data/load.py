@@ -6,10 +6,10 @@ from pathlib import Path
 from core.data.collection import Collection
 from core.data.colmap import find_model, kind_of, lacks_photos, read_colmap
 from core.data.kept_points import read_kept, scene_of
+from core.data.made import is_of_run
 from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
 from core.data.posed import Posed, collect
-from core.data.scene_folder import is_of_run
 from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
 from core.errors import BadInput, command
 
@@ -68,10 +68,14 @@ def find_kind(path: Path) -> str:
 
 
 def kind_with_cameras(path: Path) -> str | None:
-    """Which kind of scene with cameras the folder holds, None for none; BadInput where files of a model are missing."""
-    if find_model(path):
-        return kind_of(path)
-    return posed_kind(path)
+    """Which kind of scene with cameras the folder holds, None for none; BadInput where there is but a part of a model."""
+    other = posed_kind(path)
+    try:
+        return kind_of(path) if find_model(path) else other
+    except BadInput:
+        if other is None:
+            raise
+        return other
 
 
 def posed_kind(path: Path) -> str | None:

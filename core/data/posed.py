@@ -103,7 +103,8 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
     if "train" not in splits.values():
         raise BadInput(f"{posed.source} leaves no photo to train on.", posed.fix)
     if "test" not in splits.values():
-        notes.append(f"{posed.source.name} holds out no photo: quality on unseen photos cannot be measured.")
+        why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
+        notes.append(f"{why}: quality on unseen photos cannot be measured.")
     return splits, notes
 
 

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pycolmap
 
+from core.atomic import replacing_folder
 from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
 from core.data.likely_pairs import likely_pairs
+from core.data.made import read_mark, stamp, write_mark
 from core.data.model_file import quiet
 from core.data.photo_file import (
     JPEG_EXIF,
@@ -23,7 +25,6 @@ from core.data.photo_file import (
     without_orientation,
 )
 from core.data.photos import read
-from core.data.scene_folder import read_mark, replacing_folder, stamp, write_mark
 from core.errors import BadInput
 from core.report import Report
 from core.words import counted, name_them

@@ -61,6 +61,13 @@ def read_blender(root: Path) -> Posed:
         held_out = reading.views(there[0], _read_json(there[0], may_be_empty=True))
     unused = (f"{path.name} is not used: {there[0].name} is what is held out." for path in there[1:])
     reading.notes += [Note(line, harmless=True) for line in unused]
+    both = {view.path for view in training} & {view.path for view in held_out}
+    if both:
+        reading.notes += name_them("listed for training and as held out, held out", sorted(path.name for path in both))
+        training = [view for view in training if view.path not in both]
+        if not training:
+            fix = f"Remove {there[0].name}: every 8th photo is then held out."
+            raise BadInput(f"{there[0]} holds out every photo of {source.name}.", fix)
     if held_out:
         training = [replace(view, split="train") for view in training]
     views = training + [replace(view, split="test") for view in held_out]
@@ -74,6 +81,7 @@ class _Reading:
     root: Path
     notes: list[str] = field(default_factory=list)
     faults: Reasons = field(default_factory=Reasons)
+    sources: list[str] = field(default_factory=list)
 
     def views(self, source: Path, facts: dict) -> list[View]:
         """The frames that can be used, each photo once."""
@@ -94,6 +102,8 @@ class _Reading:
                 views[path] = View(str(path), path, lens.camera, rotation, centre, mask=mask)
             except _Fault as fault:
                 self.faults.add(str(fault), label)
+        if views:
+            self.sources.append(source.name)
         return list(views.values())
 
     def find(self, name: str) -> Path:
@@ -157,7 +167,7 @@ class _Reading:
         with suppress(ValueError):
             folder = Path(os.path.commonpath([view.path.parent for view in views]))
             views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
-        missing_words = f"of {source.name} missing in {folder}"
+        missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."
         return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes)
 

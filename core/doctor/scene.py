@@ -19,7 +19,7 @@ from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
 from core.training.backdrop import looks_for_empty
-from core.words import Note, counted, list_names
+from core.words import counted, is_harmless, list_names
 
 FEW_POINTS = 20  # a photo that sees fewer is held by little; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
@@ -46,7 +46,7 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
 
 def _note(note: str) -> Finding:
     """What the reader noted, which asks for a look unless it is harmless, or a finding of its own is about it."""
-    advice = "" if isinstance(note, Note) and note.harmless else "Correct it unless it is meant."
+    advice = "" if is_harmless(note) else "Correct it unless it is meant."
     return Finding("reading", note.rstrip("."), "said while the scene was read", advice)
 
 

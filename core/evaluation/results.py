@@ -7,10 +7,10 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from core.atomic import write_json
 from core.evaluation import PROTOCOLS, lpips
 from core.evaluation.metrics import SSIM_KIND
 from core.evaluation.protocols import REFINE_RATE, REFINE_STEPS, ViewResult
-from core.export.atomic import write_json
 
 RESULTS = "results.json"
 PER_VIEW = "per_view.json"

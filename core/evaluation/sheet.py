@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from core.data.collection import place_of
 from core.evaluation.protocols import ViewPictures
 from core.export.pictures import write_png
 
@@ -63,10 +62,10 @@ def picture_sheet(rows: Sequence[Row], protocol: str) -> UInt8[np.ndarray, "shee
     return np.concatenate(parts)
 
 
-def write_view(folder: Path, view: ViewPictures) -> None:
-    """The render as PNG in color/ of `folder`, the photo in gt-color/, named as the photo: as nerfbaselines lays them out."""
+def write_view(folder: Path, place: Path, view: ViewPictures) -> None:
+    """The render as the PNG `place` in color/ of `folder`, the photo in gt-color/: as nerfbaselines lays them out."""
     for part, pixels in (("color", view.render), ("gt-color", view.photo)):
-        path = folder / part / place_of(view.name).with_suffix(".png")
+        path = folder / part / place
         path.parent.mkdir(parents=True, exist_ok=True)
         write_png(path, pixels)
 

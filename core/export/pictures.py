@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
+from core.atomic import replacing, write_bytes
 from core.errors import WegsError
-from core.export.atomic import replacing, write_bytes
 
 SHEET_COLUMNS = 5
 SHEET_TILE_PX = 320  # widest tile of a contact sheet

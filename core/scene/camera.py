@@ -27,6 +27,11 @@ class Camera:
     width: int
     height: int
 
+    def numbers(self) -> list[float]:
+        """All that it is, as numbers in a fixed order."""
+        lens = [self.fx, self.fy, self.cx, self.cy, self.width, self.height]
+        return [float(number) for number in (*lens, *self.world_to_camera.ravel(), *self.centre)]
+
     def resized(self, width: int, height: int) -> "Camera":
         """The same view at another picture size (pixels); x and y scale independently."""
         x, y = width / self.width, height / self.height

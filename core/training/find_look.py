@@ -83,7 +83,7 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")
-    picture = torch.from_numpy(pixels).to(trained.device).permute(2, 0, 1).float() / 255
+    picture = torch.from_numpy(pixels).to(trained.device).permute(2, 0, 1).float().div_(255)
     embedding, tone = read_from_outside(trained, picture)
     source = f"photo {path.name} from outside the collection"
     if tone is not None:

@@ -3,10 +3,8 @@
 from pathlib import Path
 
 import core.export
-from core.errors import command
 from core.export.ply import maker_of
 from core.report import Report
-from core.training import run
 from core.training.trained import Appearance, Run, bake
 from core.training.trim import Trim, Trimmed
 from core.words import counted
@@ -36,13 +34,3 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
         bound = f"a pixel changes by at most {trimmed.largest:.2f} of 255; `wegs bake --prune off` keeps all"
         report.say(f"No training view shows {' and '.join(gone)}: left out ({bound})")
     return written
-
-
-def next_step(trained: Run, neutral: Path) -> str:
-    """What to type, or to do, once a run is trained. neutral: its neutral look."""
-    if trained.settings.appearance == "off":
-        return f"open {neutral} in a 3DGS viewer   (all looks of this run are one)"
-    which = [] if run.is_default(trained.folder) else ["--run", trained.folder]
-    advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
-    photos = "the name of a training photo" if trained.settings.embedding == "glo" else "any photo"
-    return f"{advice}   ({photos}; then open look.ply in a 3DGS viewer)"

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 import core
+from core.atomic import check_folder, write_json, write_text
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.data.kept_points import home_of
-from core.data.scene_folder import CONFIG, followed, is_of_run, path_within, read_mark, way_to
+from core.data.made import CONFIG, followed, is_of_run, path_within, read_mark, way_to
 from core.errors import BadInput, BadSetting, not_made
-from core.export.atomic import check_folder, write_json, write_text
 from core.export.ply import write_points
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame

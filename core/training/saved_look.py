@@ -7,8 +7,8 @@ from pathlib import Path
 
 import torch
 
+from core.atomic import write_json
 from core.errors import BadInput, BadSetting
-from core.export.atomic import write_json
 from core.training.run import check_writable
 from core.training.trained import Appearance
 

@@ -1,10 +1,15 @@
 """What the user reads of a training: what was found, what is decided, how it goes."""
 
+from pathlib import Path
+
 from core import device
 from core.data.collection import Collection
+from core.errors import command
 from core.report import Report
+from core.training import run
+from core.training.trained import Run
 from core.training.trainer import StepReport, Trainer
-from core.words import counted
+from core.words import counted, is_harmless
 
 
 def tell_collection(collection: Collection, report: Report) -> None:
@@ -13,7 +18,7 @@ def tell_collection(collection: Collection, report: Report) -> None:
     photos, points = len(collection.photos), len(collection.points)
     report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {points} points")
     for note in collection.notes:
-        report.warn(note)
+        (report.say if is_harmless(note) else report.warn)(note)
 
 
 def tell_plan(trainer: Trainer, report: Report) -> None:
@@ -42,3 +47,13 @@ def tell_step(step: StepReport, steps: int, report: Report) -> None:
     if step.held_out_psnr is not None:
         report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
     report.progress("Training", step.step, steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
+
+
+def next_step(trained: Run, neutral: Path) -> str:
+    """What to type, or to do, once a run is trained. neutral: its neutral look."""
+    if trained.settings.appearance == "off":
+        return f"open {neutral} in a 3DGS viewer   (all looks of this run are one)"
+    which = [] if run.is_default(trained.folder) else ["--run", trained.folder]
+    advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
+    photos = "the name of a training photo" if trained.settings.embedding == "glo" else "any photo"
+    return f"{advice}   ({photos}; then open look.ply in a 3DGS viewer)"

@@ -47,7 +47,7 @@ class Run:
         Raises BadInput where the photo is missing or damaged.
         """
         root = self.collection.root
-        if not root.is_dir():
+        if not photo.path.is_file() and not root.is_dir():
             raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
         return load_picture(photo, self.sizes, self.device, self.is_cut_out)
 

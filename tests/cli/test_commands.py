@@ -93,12 +93,17 @@ def test_a_command_line_reaches_the_pipeline(asked, line, call):
 
 
 @pytest.mark.parametrize(
-    "extra", ["plaza", "--steps 3", "--preset quick", "--set sky=none", "--config x.toml", "--force"]
+    "extra", ["plaza --steps 3", "plaza -o run", "--steps 3", "--preset quick", "--set sky=none", "--config x.toml", "--force"]
 )
 def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     result = invoke("train", "--resume", *extra.split())
     assert result.exit_code == 1 and "resumed run keeps" in result.stderr
     assert asked == []
+
+
+def test_a_run_named_as_a_scene_is_told_how_to_go_on(asked):
+    result = invoke("train", "--resume", "runs/a b")
+    assert result.exit_code == 1 and "Type: wegs train --resume -o 'runs/a b'" in result.stderr and asked == []
 
 
 def test_several_runs_are_measured_one_at_a_time(asked):

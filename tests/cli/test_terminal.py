@@ -76,6 +76,16 @@ def test_paths_are_shown_as_they_are(path, monkeypatch, capsys):
         assert path in capsys.readouterr().out
 
 
+def test_long_paths_in_a_narrow_terminal_are_folded_and_not_cut(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    path = "/home/somebody/" + "reconstruction/" * 8 + "point_cloud.ply"
+    with Terminal() as watched:
+        watched.table("Done", [("run", path)])
+    lines = [line.split("│")[2].strip() for line in capsys.readouterr().out.splitlines() if line.count("│") == 3]
+    assert "".join(lines) == path
+
+
 def test_a_broken_pipe_is_left_to_the_engine():
     class Closed(io.StringIO):
         def write(self, _):

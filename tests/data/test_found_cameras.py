@@ -2,9 +2,10 @@
 
 import pytest
 
+from core.atomic import replacing_folder, write_json
 from core.data import sfm
 from core.data.found_cameras import scene_around, scene_of_photos
-from core.export.atomic import write_json
+from core.errors import BadInput
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.small import small_collection
@@ -69,3 +70,20 @@ def test_parts_of_a_model_beside_photos_do_not_stop_them(photos, calls, tmp_path
     (photos.parent / "sparse" / "cameras.bin").touch()
     scene_of_photos(photos, tmp_path / "scene", heard)
     assert heard.lines == []
+
+
+def test_of_two_trainings_begun_at_once_the_slower_takes_what_the_faster_found(photos, tmp_path, monkeypatch):
+    def reconstruct(folder, output, report):
+        with replacing_folder(output) as work:
+            (work / "scene").mkdir()
+            write_json(work / "scene" / sfm.MARK, others or sfm.files_of(folder))
+            output.mkdir()
+            write_json(output / sfm.MARK, others or sfm.files_of(folder))  # by the other one
+
+    monkeypatch.setattr(sfm, "reconstruct", reconstruct)
+    others, heard = {}, Heard()
+    assert scene_of_photos(photos, tmp_path / "a", heard) == tmp_path / "a"
+    assert heard.lines[-1].startswith("Cameras as found before in ")
+    others = {"/other/1.jpg": [1, 2]}
+    with pytest.raises(BadInput, match="made by another program meanwhile"):
+        scene_of_photos(photos, tmp_path / "b", heard)

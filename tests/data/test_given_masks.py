@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data.given_masks import masked, with_masks, with_masks_of
+from core.data.given_masks import check_masks, masked, with_masks, with_masks_of
 from core.data.photos import load, read, read_light
 from core.errors import BadInput
 from tests.data.small_scene import add_exif, exif_block
@@ -99,7 +99,11 @@ def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
 def test_what_cannot_be_meant_is_refused(collection, tmp_path):
     folder = tmp_path / "masks"
     with pytest.raises(BadInput, match="no folder .*nowhere"):
-        with_masks(collection, tmp_path / "nowhere")
+        check_masks(tmp_path / "nowhere")
+    folder.mkdir()
+    with pytest.raises(BadInput, match="holds no pictures"):
+        check_masks(folder)
+    check_masks(save_mask(tmp_path / "deep" / "left" / "0.png").parents[1])
     save_mask(folder / "0.png")
     save_mask(folder / "photo_2.png")
     with pytest.raises(BadInput, match="no mask of a training photo.*such as photo_0.png"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core.data import find_kind, find_photos, load_collection, prepare
-from core.data.collection import place_of
+from core.data.collection import picture_places, place_of
 from core.data.load import check_cameras_unknown
 from core.data.photos import load
 from core.errors import BadInput
@@ -175,3 +175,15 @@ def test_real_collections(name, kind, train, test, points):
     photo = collection.photos[0]
     picture = load(photo, photo.camera.width // 3, photo.camera.height // 3)
     assert picture.pixels.std() > 20  # a photo, not a flat fill
+
+
+def test_pictures_about_photos_have_places_of_their_own():
+    places = picture_places(["a/1.jpg", "a/1.webp", "2.png", "../b/3.jpg", "../c/3.jpg", "/x/4.jpg"])
+    assert [place.as_posix() for place in places.values()] == ["a/1.jpg.png", "a/1.webp.png", "2.png", "b/3.png", "c/3.png", "4.png"]
+
+
+def test_a_leftover_of_a_model_hides_no_transforms(tmp_path):
+    scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
+    (scene / "sparse" / "0").mkdir(parents=True)
+    (scene / "sparse" / "0" / "points3D.txt").write_text("# 3D point list\n")
+    assert load_collection(scene).kind == "nerfstudio"

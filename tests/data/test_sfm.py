@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from core.atomic import replacing_folder
 from core.data import load_collection
 from core.data.photos import load
-from core.data.scene_folder import replacing_folder
 from core.data.sfm import name_in, reconstruct
 from core.errors import BadInput, WegsError
 from core.report import Report

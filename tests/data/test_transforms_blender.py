@@ -1,5 +1,6 @@
 """Blender scenes: an angle of view and nothing else, photos without a suffix, splits in files of their own, transparency."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -59,6 +60,27 @@ def test_blender_splits_that_are_empty(blender):
     write_json(blender / "transforms_train.json", {"frames": []})
     with pytest.raises(BadInput, match="transforms_train.json has no frames"):
         load_collection(blender)
+
+
+def test_photos_in_both_files_are_held_out_and_said_so(blender):
+    training = json.loads((blender / "transforms_train.json").read_text())
+    held_out = json.loads((blender / "transforms_test.json").read_text())
+    write_json(blender / "transforms_test.json", held_out | {"frames": held_out["frames"] + training["frames"][:1]})
+    found = load_collection(blender)
+    assert any(note.startswith("1 photo listed for training and as held out, held out: ") for note in found.notes)
+    assert splits_of(found).count("train") == 2
+    write_json(blender / "transforms_test.json", training)
+    with pytest.raises(BadInput, match="transforms_test.json holds out every photo of transforms_train.json. Remove transforms_test.json"):
+        load_collection(blender)
+
+
+def test_missing_held_out_photos_are_not_put_down_to_the_training_file(blender):
+    held_out = json.loads((blender / "transforms_test.json").read_text())
+    for frame in held_out["frames"]:
+        frame["file_path"] = "gone/" + frame["file_path"]
+    write_json(blender / "transforms_test.json", held_out)
+    notes = "\n".join(load_collection(blender).notes)
+    assert "of transforms_train.json, transforms_test.json missing in" in notes and "No photo that is held out can be used" in notes
 
 
 def test_held_out_photos_alone_train_nothing(blender):

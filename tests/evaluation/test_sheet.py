@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from core.data.collection import picture_places
 from core.evaluation.protocols import ViewPictures
 from core.evaluation.sheet import (
     BLANK,
@@ -77,8 +78,10 @@ def test_rows_are_shrunk_before_they_wait_for_each_other():
 
 
 def test_views_are_kept_one_by_one_under_their_names(tmp_path):
-    for view in (row(4, 6, name="day/a.jpg"), row(5, 4, name="b.png")):
-        write_view(tmp_path, view)
+    views = row(4, 6, name="day/a.jpg"), row(5, 4, name="b.png")
+    places = picture_places(view.name for view in views)
+    for view in views:
+        write_view(tmp_path, places[view.name], view)
     names = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png"))
     assert names == ["color/b.png", "color/day/a.png", "gt-color/b.png", "gt-color/day/a.png"]
     assert cv2.imread(str(tmp_path / "color/day/a.png"))[0, 0].tolist() == [25, 50, 100]

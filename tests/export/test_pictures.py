@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 
+from core.atomic import check_file, check_folder, filling, replacing, write_json
 from core.errors import BadInput, WegsError
-from core.export.atomic import check_file, check_folder, filling, replacing, write_json
 from core.export.pictures import SHEET_COLUMNS, SHEET_TILE_PX, contact_sheet, to_8_bit, write_png, write_video
 
 

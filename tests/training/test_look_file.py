@@ -11,7 +11,8 @@ import torch
 from core.export.ply import read_ply
 from core.training import run
 from core.training.find_look import find_appearance
-from core.training.look_file import next_step, write_look
+from core.training.look_file import write_look
+from core.training.tell import next_step
 from core.training.trained import Run, load_run
 from core.training.trainer import Trainer
 from core.training.trim import trim_of

@@ -165,6 +165,19 @@ def test_config_gives_back_settings_and_collection_exactly(tmp_path, collection)
         assert [getattr(photo.camera, n) for n in sizes] == [getattr(expected.camera, n) for n in sizes]
 
 
+def test_a_run_goes_on_with_the_very_cameras_alone(tmp_path, collection):
+    run.create(tmp_path / "run", collection, small_settings())
+    before = run.read_config(tmp_path / "run")[2]
+    assert collection.changed_since(before) == []
+    first = collection.photos[0]
+    turned = first.camera.world_to_camera @ np.diag([-1.0, -1.0, 1.0])
+    for camera in (replace(first.camera, fx=1.3 * first.camera.fx), replace(first.camera, world_to_camera=turned), replace(first.camera, width=7)):
+        other = replace(collection, photos=(replace(first, camera=camera), *collection.photos[1:]))
+        assert other.changed_since(before) == [first.name]
+    lens = {"model": "OPENCV", "width": 1, "height": 1, "params": []}
+    assert replace(collection, photos=(replace(first, lens=lens), *collection.photos[1:])).changed_since(before) == [first.name]
+
+
 def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
     (tmp_path / "project" / "scene").mkdir(parents=True)
     moved = replace(collection, root=tmp_path / "project" / "scene")

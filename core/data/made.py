@@ -1,67 +1,35 @@
-"""A folder of results that appears whole or not at all, says plainly where it cannot be written, and is found again."""
+"""What wegs made, found again: runs, scenes made from photos, and what they were made of."""
 
-import errno
 import json
 import os
-import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
-from core.errors import FULL, BadInput, WegsError, disk_full, not_made
+from core.atomic import MadeMeanwhile
+from core.report import Report
 
 CONFIG = "config.json"  # of a run
 FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interpolation writes, the first two always
 
 
-@contextmanager
-def replacing_folder(output: Path) -> Iterator[Path]:
-    """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
+def made_once(wanted: Path, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report) -> Path:
+    """The folder `wanted`, or the first of wanted-2, wanted-3, ... that `is_it`; else the first that is free, which `make` makes.
 
-    It lies beside `output`, or inside where that is there, empty: it may be a disk of its own (a container's volume).
+    what: it holds, as "Points as triangulated", to say that it is used again. Raises what `make` raises.
     """
-    is_there = output.is_dir()
-    work = (output if is_there else output.parent) / f".{output.name}.{os.getpid()}"
-    try:
-        work.mkdir(parents=True)
-    except OSError as problem:
-        raise not_made(output, problem) from None
-    try:
-        yield work
-        for part in sorted((work / "scene").iterdir()) if is_there else ():  # sparse/ comes last, and makes it a scene
-            os.replace(part, output / part.name)
-        if not is_there:
-            os.replace(work / "scene", output)
-    except WegsError:
-        raise
-    except OSError as problem:
-        if problem.errno in FULL:
-            raise disk_full(output) from None
-        if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
-            raise BadInput(
-                f"{output} was made by another program meanwhile.", "Use that one, or choose another -o."
-            ) from None
-        if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
-            raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
-        raise
-    except Exception:
-        # pycolmap and SQLite name a full disk in their own ways.
-        if work.exists() and shutil.disk_usage(work).free < 1 << 20:
-            raise disk_full(output) from None
-        raise
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-
-
-def kept(wanted: Path, is_it: Callable[[Path], bool]) -> tuple[Path, bool]:
-    """The folder `wanted`, or the first of wanted-2, wanted-3, ... that is free or that `is_it`; and whether it is."""
     folder, number = wanted, 1
-    while folder.exists():
-        if is_it(folder):
-            return folder, True
+    while folder.exists() and not is_it(folder):
         number += 1
         folder = wanted.with_name(f"{wanted.name}-{number}")
-    return folder, False
+    if not folder.exists():
+        try:
+            make(folder)
+            return folder
+        except MadeMeanwhile:
+            if not is_it(folder):  # else by a training of the same photos that was faster
+                raise
+    report.say(f"{what} before in {folder}; remove it to have them found again.")
+    return folder
 
 
 def write_mark(path: Path, facts: dict) -> None:

@@ -1,15 +1,16 @@
-"""Files that appear whole or not at all."""
+"""Files and folders that appear whole or not at all, and say plainly where they cannot be written."""
 
 import errno
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from core.errors import FULL, BadInput, WegsError, command, disk_full
+from core.errors import FULL, BadInput, WegsError, command, disk_full, not_made
 
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
@@ -79,6 +80,59 @@ def replacing(path: Path) -> Iterator[Path]:
             temporary.unlink()
 
 
+class MadeMeanwhile(BadInput):
+    """A folder that was to be made appeared while the work went on."""
+
+
+@contextmanager
+def _temporary(folder: Path) -> Iterator[Path]:
+    """A folder beside `folder`, or inside where that is there: it may be a disk of its own (a container's volume), where nothing can
+    be moved from beside it. Removed at the end."""
+    parent = folder if folder.is_dir() else folder.parent
+    parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{folder.resolve().name}.", dir=parent))
+    try:
+        yield work
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+@contextmanager
+def replacing_folder(output: Path) -> Iterator[Path]:
+    """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
+
+    output: not there, or empty. Raises MadeMeanwhile if that has changed in the end, WegsError for a full disk and BadInput for
+    a folder that may not be written.
+    """
+    is_there = output.is_dir()
+    with ExitStack() as stack:
+        try:
+            work = stack.enter_context(_temporary(output))
+        except OSError as problem:
+            raise not_made(output, problem) from None
+        try:
+            yield work
+            for part in sorted((work / "scene").iterdir()) if is_there else ():  # sparse/ comes last, and makes it a scene
+                os.replace(part, output / part.name)
+            if not is_there:
+                os.replace(work / "scene", output)
+        except WegsError:
+            raise
+        except OSError as problem:
+            if problem.errno in FULL:
+                raise disk_full(output) from None
+            if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
+                raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
+            if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
+                raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
+            raise
+        except Exception:
+            # pycolmap and SQLite name a full disk in their own ways.
+            if work.exists() and shutil.disk_usage(work).free < 1 << 20:
+                raise disk_full(output) from None
+            raise
+
+
 @contextmanager
 def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
     """A temporary folder to fill, whose files become those of `folder` when the block ends well, and else vanish.
@@ -93,21 +147,16 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
-    # Inside a folder that is there: it may be a disk of its own, where no file can be moved from beside it.
-    temporary = (folder if folder.exists() else folder.parent) / f".{folder.resolve().name}.{os.getpid()}"
-    try:
-        with _named(folder):
-            temporary.mkdir(parents=True)
-            yield temporary
-            for path in old:
-                path.unlink()
-            folder.mkdir(exist_ok=True)
-            for path in temporary.iterdir():
-                os.replace(path, folder / path.name)
-    except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
-        raise type(problem)(problem.what.replace(str(temporary), str(folder)), problem.fix) from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with _named(folder), _temporary(folder) as work:
+        try:
+            yield work
+        except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
+            raise type(problem)(problem.what.replace(str(work), str(folder)), problem.fix) from None
+        for path in old:
+            path.unlink()
+        folder.mkdir(exist_ok=True)
+        for path in work.iterdir():
+            os.replace(path, folder / path.name)
 
 
 def write_bytes(path: Path, data: bytes) -> None:

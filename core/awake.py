@@ -18,6 +18,7 @@ from core.threads import threads
 FEW = 4  # cores: more would burn more than a step can use
 PROCESSOR = Path("/proc/cpuinfo")
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
+MEMBERSHIP = Path("/proc/self/cgroup")
 # Until it is killed, or the process that began it is gone, whose number it is told.
 CIRCLES = """
 import os, sys
@@ -63,12 +64,29 @@ def _virtual() -> bool:
 
 
 def _allowed() -> float:
-    """The cores' worth of time that control groups, second or first version, leave to this process."""
+    """The cores' worth of time that its control groups, and those above them, leave to this process."""
+    return min(map(_quota, _groups()))
+
+
+def _groups() -> list[Path]:
+    """The folders of the control groups, of the second version and of the first, that have a say in this process's time."""
+    groups = [CONTROL_GROUPS, CONTROL_GROUPS / "cpu"]  # in a container its own are often shown as the topmost
+    with suppress(OSError):
+        for line in MEMBERSHIP.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            if not controllers or "cpu" in controllers.split(","):
+                top = CONTROL_GROUPS / ("cpu" if controllers else "")
+                own = top / path.lstrip("/")
+                groups += [group for group in (own, *own.parents) if group.is_relative_to(top)]
+    return groups
+
+
+def _quota(group: Path) -> float:
     try:
-        quota, period = (CONTROL_GROUPS / "cpu.max").read_text().split()
+        quota, period = (group / "cpu.max").read_text().split()
     except (OSError, ValueError):
         try:
-            quota, period = ((CONTROL_GROUPS / "cpu" / f"cpu.cfs_{what}_us").read_text() for what in ("quota", "period"))
+            quota, period = ((group / f"cpu.cfs_{what}_us").read_text() for what in ("quota", "period"))
         except OSError:
             return float("inf")
     return int(quota) / int(period) if quota != "max" and int(quota) > 0 else float("inf")

@@ -36,6 +36,7 @@ def machine(monkeypatch, tmp_path):
     """Two virtual cores, all for us, in a container without a limit."""
     monkeypatch.setattr(awake, "PROCESSOR", tmp_path / "cpuinfo")
     monkeypatch.setattr(awake, "CONTROL_GROUPS", tmp_path)
+    monkeypatch.setattr(awake, "MEMBERSHIP", tmp_path / "membership")
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     (tmp_path / "cpuinfo").write_text("flags : fpu sse2 hypervisor lahf_lm\n")
     return tmp_path
@@ -68,6 +69,27 @@ def test_not_on_a_real_machine_and_not_where_nobody_tells(machine, flags):
         (machine / "cpuinfo").unlink()
     else:
         (machine / "cpuinfo").write_text(flags)
+    assert not awake.worthwhile(2)
+
+
+@linux
+@pytest.mark.parametrize("group", ["user.slice/work.service", "user.slice", "."])
+def test_not_in_a_control_group_that_is_allowed_less(machine, group):
+    (machine / "membership").write_text("0::/user.slice/work.service\n")
+    (machine / "user.slice" / "work.service").mkdir(parents=True)
+    (machine / "user.slice" / "cpu.max").write_text("max 100000\n")
+    assert awake.worthwhile(2)
+    (machine / group / "cpu.max").write_text("150000 100000\n")
+    assert not awake.worthwhile(2)
+
+
+@linux
+def test_not_in_a_group_of_the_first_version_that_is_allowed_less(machine):
+    (machine / "membership").write_text("9:memory:/m\n4:cpu,cpuacct:/docker/ab\n")
+    group = machine / "cpu" / "docker" / "ab"
+    group.mkdir(parents=True)
+    (group / "cpu.cfs_quota_us").write_text("150000\n")
+    (group / "cpu.cfs_period_us").write_text("100000\n")
     assert not awake.worthwhile(2)
 
 

@@ -18,7 +18,8 @@ from core.threads import one_torch_thread
 
 TABLE_SPREAD = 1.0  # of GLO embeddings at the start, that of an encoder's
 WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what training photos share
-MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos
+MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos,
+LEAST_WINDOW = 64  # and this many steps: over fewer, the exposure jitter of single photos shows in the neutral look
 
 
 @dataclass(frozen=True)
@@ -81,19 +82,18 @@ class AppearanceModel(nn.Module):
             raise BadInput(f"There is no photo {photo} among {len(self.photo_names)}.", "Count from 0.")
         picture = shrink(picture, self.settings.encoder_side_px)
         embedding = mask = None
-        if self.encoder is not None:
-            # A few ms of work: more threads cost more than they save, and would round the embedding differently.
-            with one_torch_thread():
+        with one_torch_thread():  # a few ms of work: more threads cost more than they save, and would round differently
+            if self.encoder is not None:
                 embedding, mask = self.encoder(picture, masked=True)
                 if embedding is not None and photo is None:
                     embedding = self.within_reach(embedding)
-        if self.embedding_table is not None and photo is not None:
-            embedding = self.embedding_table[photo]
-        if isinstance(self.mask_network, PlainMask):
-            mask = self.mask_network(picture)
-        elif self.mask_network is not None and photo is not None:
-            height, width = (-(-side // 4) for side in picture.shape[1:])
-            mask = self.mask_network(photo, height, width)
+            if self.embedding_table is not None and photo is not None:
+                embedding = self.embedding_table[photo]
+            if isinstance(self.mask_network, PlainMask):
+                mask = self.mask_network(picture)
+            elif self.mask_network is not None and photo is not None:
+                height, width = (-(-side // 4) for side in picture.shape[1:])
+                mask = self.mask_network(photo, height, width)
         return Look(self.mean_embedding if embedding is None else embedding, mask)
 
     @torch.no_grad()
@@ -189,7 +189,7 @@ class AppearanceModel(nn.Module):
         if len(self.met_embeddings):
             self.met_embeddings[photo] = embedding
         self.remembered += 1
-        decay = 1 - 1 / (MEAN_WINDOW_ROUNDS * max(1, len(self.photo_names)))
+        decay = 1 - 1 / max(MEAN_WINDOW_ROUNDS * len(self.photo_names), LEAST_WINDOW)
         weight = (1 - decay) / (1 - decay ** int(self.remembered))
         # A new tensor, not a change in place: looks and graphs that hold the old mean keep their value.
         self.mean_embedding = torch.lerp(self.mean_embedding, embedding, weight)

@@ -59,7 +59,7 @@ def load(photo: Photo, width: int, height: int, cut_out: bool = False) -> Pictur
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that
-    the lens did not see, those with any transparency, and those that the photo's mask hides; the last show the colours
+    the lens did not see, those with any transparency, and those that the photo's mask hides; the last two show the colours
     around them. cut_out: what is transparent is empty, and valid. Raises BadInput like `read`.
     """
     header, pixels, alpha = _read_file(Path(photo.path), (width, height))
@@ -83,6 +83,8 @@ def load(photo: Photo, width: int, height: int, cut_out: bool = False) -> Pictur
         pixels = _filled(pixels, valid, photo.path, photo.mask)
     elif valid is not None and not valid.any():
         raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
+    elif valid is not None and alpha is not None and not cut_out:
+        pixels = fill(pixels, valid)
     return Picture(pixels, valid, empty)
 
 

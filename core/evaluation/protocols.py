@@ -141,7 +141,7 @@ def measure(
 def regions(view: View, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
-    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved, or without a valid pixel to score.
+    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved, or without a valid pixel in either.
     """
     if protocol not in PROTOCOLS:
         raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
@@ -151,8 +151,9 @@ def regions(view: View, protocol: str) -> tuple[slice, slice]:
         fitted, scored = slice(0, width - width // 2), slice(width - width // 2, width)
         if fitted.stop == width:
             raise BadInput(f"{view.name} is {width} px wide and has no halves.", "Type: wegs eval --protocol full")
-    if view.valid is not None and not view.valid[:, scored].any():
-        raise BadInput(f"{view.name} has no valid pixel in the part that is scored.", "Take it out of the test photos.")
+    for columns, part in ((fitted, "that gives the look"), (scored, "that is scored")):
+        if view.valid is not None and not view.valid[:, columns].any():
+            raise BadInput(f"{view.name} has no valid pixel in the part {part}.", "Take it out of the test photos.")
     return fitted, scored
 
 

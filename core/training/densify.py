@@ -108,12 +108,15 @@ def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
     chosen = torch.sort(pull, descending=True, stable=True).indices[:count].sort().values
     born = {name: tensor[chosen].clone() for name, tensor in gaussians.parameters.items()}
     large = born["log_scales"].amax(dim=1) > torch.tensor(SPLIT_SCALE).log()
-    born["log_scales"][large] -= torch.tensor(SPLIT_SHRINK).log()
-    spread = torch.exp(gaussians.parameters["log_scales"][chosen[large]])
-    turn = rotations(born["quaternions"][large])
-    for target in (gaussians.parameters["means"], born["means"]):
+    split, places = chosen[large], born["means"][large]
+    spread, turn = torch.exp(born["log_scales"][large]), rotations(born["quaternions"][large])
+
+    def drawn() -> Tensor:
         offset = torch.randn(spread.shape, generator=generator).to(spread) * spread
-        rows = chosen[large] if target is gaussians.parameters["means"] else torch.nonzero(large).squeeze(1)
-        target[rows] += torch.einsum("nij,nj->ni", turn, offset)
-    gaussians.parameters["log_scales"][chosen[large]] = born["log_scales"][large]
-    gaussians.insert(born)
+        return places + torch.einsum("nij,nj->ni", turn, offset)
+
+    moved, born["means"][large] = drawn(), drawn()
+    born["log_scales"][large] -= torch.tensor(SPLIT_SHRINK).log()
+    smaller = born["log_scales"][large]
+    gaussians.insert(born)  # where memory runs out here, what is saved has not been changed yet
+    gaussians.parameters["means"][split], gaussians.parameters["log_scales"][split] = moved, smaller

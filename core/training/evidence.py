@@ -96,7 +96,7 @@ def tones_of(group: np.ndarray, base: np.ndarray, colour: np.ndarray) -> np.ndar
         x, y = _sums(group, weight * base), _sums(group, weight * colour)
         xx = _sums(group, weight * base**2) + TONE_PRIOR
         xy = _sums(group, weight * base * colour) + TONE_PRIOR
-        gain = (ones * xy - x * y) / (ones * xx - x**2)  # Cauchy-Schwarz and the prior keep it above 0
+        gain = (ones * xy - x * y) / (ones * xx - x**2)  # Cauchy-Schwarz and the prior keep the divisor above 0
         tones = np.stack([gain, (y - gain * x) / ones], axis=1)
         weight = _huber(colour - in_tone(tones, group, base))
     return tones

@@ -7,12 +7,14 @@ import torch
 
 from core.appearance.model import AppearanceModel
 from core.rasterizer import Colour, Rasterizer
+from core.threads import threads_for_blocks
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric
 from core.training.pictures import Pictures, shown_on
 
 
 @torch.no_grad()
+@threads_for_blocks()
 def quality(
     pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, behind: Colour
 ) -> tuple[float, float] | tuple[None, None]:

@@ -10,7 +10,7 @@ from core.device import sent
 from core.scene.camera import Camera
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
-COLLAPSED = 0.6  # a photo of which less counts as static is not a photo of this place
+COLLAPSED = 0.6  # mean share of the photos that counts as static; where it is less, masks hide the place itself
 
 
 def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from core.config import FIRST_STEPS, FIRST_VISITS, GAUSSIANS_A_PHOTO, LEAST, PIXELS_A_GAUSSIAN, VISITS, Settings
 from core.training.backdrop import is_cut_out
-from core.training.evidence import FEWEST_VIEWS, Evidence, gather_evidence
+from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
 from core.training.pictures import Picture
 
 # 8-bit steps. Against no looks, the exposure mode (zero-shot, half protocol, held-out training photos) lost 1.9 dB at 3.6
@@ -83,7 +83,8 @@ def appearance(evidence: Evidence) -> Decision:
 def transients(evidence: Evidence) -> Decision:
     """off or on."""
     if evidence.strange is None:
-        return Decision("transients", "on", None, _too_little(evidence))
+        nearby = f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby: too few to judge by"
+        return Decision("transients", "on", None, _too_little(evidence) if evidence.differ is None else nearby)
     share = f"{evidence.strange:.1%} of the places look unlike what photos from nearby show there"
     if evidence.strange < LEAST_STRANGE:
         return Decision("transients", "off", evidence.strange, f"{share}, less than {LEAST_STRANGE:.1%}")

@@ -7,7 +7,7 @@ import safetensors.torch
 import torch
 
 from core.appearance.encoder import shrink
-from core.appearance.model import MEAN_WINDOW_ROUNDS, AppearanceModel
+from core.appearance.model import LEAST_WINDOW, MEAN_WINDOW_ROUNDS, AppearanceModel
 from core.errors import BadInput
 from core.scene.splats import Splats
 from tests.small import whole_settings
@@ -106,8 +106,9 @@ def test_look_shrinks_alike_for_everyone():
     assert torch.equal(model.look(photo, 1).embedding, model.look(shrink(photo, 32), 1).embedding)
 
 
-def test_look_does_not_depend_on_the_number_of_threads():
-    model = model_of(encoder_side_px=128)
+@pytest.mark.parametrize("mask", ["attention", "cnn", "mlp"])
+def test_look_does_not_depend_on_the_number_of_threads(mask):
+    model = model_of(encoder_side_px=128, mask=mask)
     photo = torch.rand(3, 128, 171)
     before = torch.get_num_threads()
     found = []
@@ -183,13 +184,14 @@ def test_bake_does_not_touch_the_scene():
     assert not torch.equal(baked.sh, before)
 
 
-def test_neutral_look_is_a_corrected_running_mean():
-    model = model_of()
-    decay = 1 - 1 / (MEAN_WINDOW_ROUNDS * len(PHOTOS))
+@pytest.mark.parametrize("photos, window", [(5, LEAST_WINDOW), (50, 50 * MEAN_WINDOW_ROUNDS)])
+def test_neutral_look_is_a_corrected_running_mean(photos, window):
+    model = AppearanceModel(whole_settings(**SMALL), [f"{number}.jpg" for number in range(photos)])
+    decay = 1 - 1 / window
     seen = torch.randn(30, 6)
     assert not model.mean_embedding.any()
     for number, embedding in enumerate(seen):
-        model.remember(embedding.requires_grad_(), number % len(PHOTOS))
+        model.remember(embedding.requires_grad_(), number % photos)
     weights = decay ** torch.arange(29, -1, -1)
     expected = (weights[:, None] * seen.detach()).sum(0) / weights.sum()
     assert torch.allclose(model.mean_embedding, expected, atol=1e-6)  # thirty float32 roundings

@@ -100,7 +100,6 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
     folder = tmp_path / "masks"
     with pytest.raises(BadInput, match="no folder .*nowhere"):
         check_masks(tmp_path / "nowhere")
-    folder.mkdir()
     with pytest.raises(BadInput, match="holds no pictures"):
         check_masks(folder)
     check_masks(save_mask(tmp_path / "deep" / "left" / "0.png").parents[1])

@@ -153,8 +153,9 @@ def test_bad_requests_are_refused():
         measure(Flat(), narrow, "half")
     left = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
     left[:, 13:] = False
-    with pytest.raises(BadInput, match=r"a\.png has no valid pixel"):
-        measure(Flat(), view(valid=left), "half")
+    for valid, part in ((left, "that is scored"), (~left, "that gives the look")):
+        with pytest.raises(BadInput, match=rf"a\.png has no valid pixel in the part {part}"):
+            measure(Flat(), view(valid=valid), "half")
     assert math.isfinite(measure(Flat(), view(valid=left), "full", refine=False)[0].scores["photo"]["zero_shot"].psnr)
 
 

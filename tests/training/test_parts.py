@@ -152,6 +152,22 @@ def test_what_a_long_gaussian_splits_into_lies_along_it(gaussians):
     assert 0.09 < (moved @ along).std() < 0.11 and not torch.equal(moved[:solid], moved[solid:])
 
 
+def test_growth_that_finds_no_memory_changes_nothing(gaussians, monkeypatch):
+    gaussians.gradient_sum[:] = 1.0
+    gaussians.seen.fill_(1)
+    gaussians.parameters["log_scales"][:5] = -1.5  # these would split
+    before = {name: tensor.clone() for name, tensor in gaussians.tensors().items() if name not in ("gradient_sum", "seen")}
+
+    def full(*_, **__):
+        raise torch.OutOfMemoryError("CUDA out of memory")
+
+    monkeypatch.setattr(torch, "cat", full)
+    with pytest.raises(torch.OutOfMemoryError):
+        densify.grow(gaussians, 5, torch.Generator().manual_seed(0))
+    for name, tensor in before.items():
+        assert torch.equal(tensor, gaussians.tensors()[name]), name
+
+
 def test_gaussians_are_allowed_in_the_ball_of_any_point_nearby():
     """Five points close together have small balls; that of the lonely one reaches to them."""
     points = np.zeros((6, 3))

@@ -39,3 +39,16 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     expected = torch.ones(HEIGHT // 4, WIDTH // 4, dtype=torch.bool)
     expected[:, 2:6] = False
     assert torch.equal(valid, expected)
+
+
+def test_a_shrunk_target_shows_nothing_of_what_lies_behind_a_cut_out_photo(tmp_path):
+    """A black disc on nothing, which is white as displayed."""
+    photo = small_collection(tmp_path, photos=1).photos[0]
+    pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
+    cv2.circle(pixels, (24, 18), 14, (0, 0, 0, 255), -1)
+    cv2.imwrite(str(tmp_path / "disc.png"), pixels)
+    pictures = Pictures((replace(photo, path=tmp_path / "disc.png"),), Sizes(1, 1.0, SIDE_PX))
+    for factor in (1, 2, 4):
+        target = pictures.target(0, factor)[1]
+        assert target.valid.any() and not target.valid.all() and not target.planes.any()
+    assert not pictures[0].encoder_input.any()

@@ -39,6 +39,18 @@ def test_until_its_time_the_geometry_stays_and_only_harmonics_learn(trainer_of):
         assert moved == ({"sh"} if step <= 5 else set(before)), step
 
 
+def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
+    trainer = trainer_of(steps=40, densify_rounds=4, max_gaussians=600)
+    rounds = sorted(trainer.grow_at)
+    for number, step in enumerate(rounds, 1):
+        trainer.done = step
+        trainer.gaussians.gradient_sum.fill_(1.0)
+        trainer.gaussians.seen.fill_(1.0)
+        trainer.control_density()
+        assert trainer.gaussians.solid <= round(600 * (0.25 + 0.75 * number / len(rounds))), number
+    assert trainer.gaussians.solid == 600
+
+
 def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6, transient_regularisation=1e-3)
     trainer.gaussians.parameters["logit_opacities"].zero_()

@@ -3,6 +3,7 @@
 Imports no torch, so that `wegs --help` answers at once.
 """
 
+import difflib
 import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
@@ -106,21 +107,21 @@ class Settings:
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
 
     # --- sizes; those of the look by the table in core/TRIED.md, "What a look can say"
-    embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1)
+    embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024)
     latent_size: int = setting(
-        16, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position; 0: none (paper).", low=0
+        16, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position; 0: none (paper).", low=0, high=1024
     )
     embedding_enters: str = setting(
         "output",
         "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).",
         choices=("output", "input"),
     )
-    transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2)
-    transfer_width: int = setting(64, "Width of the SH transfer MLP.", low=1)
+    transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2, high=64)
+    transfer_width: int = setting(64, "Width of the SH transfer MLP.", low=1, high=4096)
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0, high=16)
     sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH.", low=0, high=16)
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
-    encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16)
+    encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
     sky_radius: float = setting(30.0, "Radius of the sky's dome.", low=2)
 
@@ -141,14 +142,14 @@ class Settings:
     exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
     # --- learning rates (Adam)
-    mean_rate: float = setting(8e-4, "Of centres, decaying to a hundredth; scene units a step.", low=0)
-    quaternion_rate: float = setting(2e-3, "Of quaternions.", low=0)
-    scale_rate: float = setting(8e-3, "Of log scales.", low=0)
-    opacity_rate: float = setting(4e-2, "Of logit opacities.", low=0)
-    sh_rate: float = setting(5e-3, "Of DC coefficients; the other bands get a twentieth.", low=0)
-    network_rate: float = setting(4e-3, "Of the SH transfer and the mask, decaying to a tenth.", low=0)
-    encoder_rate: float = setting(5e-4, "Of the encoder, decaying to a tenth.", low=0)
-    embedding_rate: float = setting(1e-2, "Of GLO embeddings and latents, decaying to a tenth.", low=0)
+    mean_rate: float = setting(8e-4, "Learning rate of centres, decaying to a hundredth; scene units a step.", low=0)
+    quaternion_rate: float = setting(2e-3, "Learning rate of quaternions.", low=0)
+    scale_rate: float = setting(8e-3, "Learning rate of log scales.", low=0)
+    opacity_rate: float = setting(4e-2, "Learning rate of logit opacities.", low=0)
+    sh_rate: float = setting(5e-3, "Learning rate of DC coefficients; the other bands get a twentieth.", low=0)
+    network_rate: float = setting(4e-3, "Learning rate of the SH transfer and the mask, decaying to a tenth.", low=0)
+    encoder_rate: float = setting(5e-4, "Learning rate of the encoder, decaying to a tenth.", low=0)
+    embedding_rate: float = setting(1e-2, "Learning rate of GLO embeddings and latents, decaying to a tenth.", low=0)
 
     geometry_from: float = setting(
         UNDECIDED,
@@ -197,7 +198,7 @@ class Settings:
         known = {item.name: item.metadata["auto"] for item in fields(self)}
         for name in values:
             if name not in known:
-                raise BadSetting(f"There is no setting {name!r}.", "`wegs train --help` lists them.")
+                raise no_setting(name)
         typed = {name: UNDECIDED if known[name] and value == AUTO else value for name, value in values.items()}
         return replace(self, **typed)
 
@@ -220,6 +221,12 @@ class Settings:
 
     def to_json(self) -> dict:
         return asdict(self)
+
+
+def no_setting(name: str) -> BadSetting:
+    """The error for a name that no setting has."""
+    near = difflib.get_close_matches(name.lower(), (item.name for item in fields(Settings)), n=1)
+    return BadSetting(f"There is no setting {name!r}.", f"Did you mean {near[0]}?" if near else "`wegs train --help` lists them.")
 
 
 KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}

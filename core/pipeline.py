@@ -140,19 +140,24 @@ def _go_on(folder: Path, report: Report) -> Path:
 
 def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
+    advice = command("wegs", "train", "--resume", "-o", folder)
     tell_plan(trainer, report)
     with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():
-            try:
-                tell_step(step, settings.steps, report)
-            except OSError:  # nobody listens any more: a broken pipe, a closed terminal
-                if not stop.asked:
-                    trainer.save()
-                    raise
+            tell_step(step, settings.steps, report)
             if stop.asked and step.step < settings.steps:
                 trainer.save()
-                advice = command("wegs", "train", "--resume", "-o", folder)
                 raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")
+    try:
+        _write_results(trainer, report)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"All steps are kept; finish with: {advice}") from None
+    return folder
+
+
+def _write_results(trainer: Trainer, report: Report) -> None:
+    """What a finished training leaves to look at; the neutral look, the last file, says that it is finished."""
+    folder = trainer.folder
     trained = load_run(folder)
     neutral = run.point_cloud_path(folder, trained.step)
     masks = write_masks(folder, trainer.model, trainer.pictures)
@@ -167,7 +172,6 @@ def _train(trainer: Trainer, report: Report) -> Path:
         rows.append(("masks", str(folder / "masks")))
     report.table("Done", rows)
     report.say(f"Next: {next_step(trained, neutral)}")
-    return folder
 
 
 # --- trained run -> .ply and pictures

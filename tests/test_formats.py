@@ -39,7 +39,7 @@ def test_points_are_triangulated_beside_the_run(trained, corner):
     for words in (
         "has cameras but no points",
         f"{corner.name} (nerfstudio): 6 photos (5 train, 1 test)",
-        "! 1 photo with a mask from",
+        "\n1 photo with a mask from",
     ):
         assert words in said
     assert sorted(path.name for path in folder.parent.iterdir()) == ["corner", f"{corner.name}-scene"]

@@ -1,4 +1,4 @@
-"""Trainings that end early: nobody listens any more, or nothing was kept yet."""
+"""Trainings that end early: stopped, or killed before anything was kept."""
 
 import shutil
 import signal
@@ -24,26 +24,12 @@ def scene(tmp_path, monkeypatch):
 
 
 class Gone(Heard):
-    """Nobody listens from step 5 on."""
-
-    def __init__(self, problem, number=None):
-        super().__init__()
-        self.problem, self.number = problem, number
+    """The terminal is closed at step 5."""
 
     def progress(self, what, done, total, note=""):
         super().progress(what, done, total, note)
         if done == 5:
-            if self.number:
-                signal.raise_signal(self.number)
-            raise self.problem
-
-
-def test_a_broken_pipe_keeps_the_step(scene, tmp_path):
-    with pytest.raises(BrokenPipeError):
-        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Gone(BrokenPipeError()))
-    heard = Heard()
-    pipeline.resume(tmp_path / "run", heard)
-    assert heard.steps[0] == (6, STEPS)
+            signal.raise_signal(HANG_UP)
 
 
 @pytest.mark.skipif(HANG_UP is None, reason="Windows has no SIGHUP")
@@ -51,10 +37,23 @@ def test_a_closed_terminal_keeps_the_step_and_is_a_stop(scene, tmp_path):
     former = signal.signal(HANG_UP, signal.default_int_handler)  # not ignored, as under nohup
     try:
         with pytest.raises(KeyboardInterrupt, match="Step 5 is kept"):
-            pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Gone(OSError(5, "closed"), HANG_UP))
+            pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Gone())
     finally:
         signal.signal(HANG_UP, former)
     assert checkpoint.read_facts(checkpoint.newest(tmp_path / "run"))["step"] == 5
+
+
+def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "write_masks", interrupted)
+        with pytest.raises(KeyboardInterrupt, match="All steps are kept; finish with: wegs train --resume -o"):
+            pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
+    assert not (tmp_path / "run" / CLOUD).exists()
+    pipeline.resume(tmp_path / "run")
+    assert (tmp_path / "run" / CLOUD).is_file()
 
 
 def test_a_run_without_a_checkpoint_begins_anew_as_it_was_set(scene, tmp_path):

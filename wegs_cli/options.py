@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from core.config import AUTO, KINDS, PRESETS, UNDECIDED, Settings, preset
+from core.config import AUTO, KINDS, PRESETS, UNDECIDED, Settings, no_setting, preset
 from core.errors import BadInput, BadSetting
 
 FIELDS = {item.name: item for item in fields(Settings)}
@@ -126,7 +126,7 @@ def _parse(assignment: str) -> tuple[str, Any]:
         raise BadSetting(f"--set {assignment} has no '='.", "Type: --set key=value")
     item = FIELDS.get(name)
     if item is None:
-        raise BadSetting(f"There is no setting {name!r}.", "`wegs train --help` lists them.")
+        raise no_setting(name)
     if item.metadata["auto"] and text.strip() == AUTO:
         return name, AUTO
     if item.type is bool:

@@ -1,8 +1,11 @@
 """What the engine reports, on the terminal: bars and tables where someone watches, plain lines where not."""
 
+import errno
+import os
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import NoReturn, Self
 
 import click
@@ -16,14 +19,14 @@ PLAIN_SECONDS = 15.0  # between two progress lines in a log file
 
 
 class Pipe(Console):
-    """A rich console that leaves a broken pipe to the engine, which keeps the step first: rich ends the program."""
+    """A rich console that leaves a broken pipe to its Terminal: rich ends the program."""
 
     def on_broken_pipe(self) -> NoReturn:
         raise sys.exception()
 
 
 class Terminal(Report):
-    """A Report for people. Use as a context manager: leaving it clears the bar."""
+    """A Report for people. Use as a context manager: leaving it clears the bar. Where nobody listens any more, work goes on."""
 
     def __init__(self):
         self.console = Pipe(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
@@ -36,16 +39,26 @@ class Terminal(Report):
         return self
 
     def __exit__(self, *_) -> None:
-        with suppress(OSError):  # a terminal that was closed
+        with _whoever_listens():
             self._end_bar()
 
     def say(self, line: str) -> None:
-        self.console.print(line, soft_wrap=True)
+        with _whoever_listens():
+            self.console.print(line, soft_wrap=True)
 
     def warn(self, line: str) -> None:
-        self.console.print(line, style="yellow", soft_wrap=True)
+        with _whoever_listens():
+            self.console.print(line, style="yellow", soft_wrap=True)
 
     def progress(self, what: str, done: int, total: int, note: str = "") -> None:
+        with _whoever_listens():
+            self._tell_progress(what, done, total, note)
+
+    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
+        with _whoever_listens():
+            self._draw_table(title, rows, header)
+
+    def _tell_progress(self, what: str, done: int, total: int, note: str) -> None:
         if self.console.is_terminal:
             self._advance_bar(what, done, total, note)
         elif done == total or time.monotonic() - self.told >= PLAIN_SECONDS:
@@ -53,7 +66,7 @@ class Terminal(Report):
             click.echo(f"{what} {done}/{total}  {note}".rstrip())
             sys.stdout.flush()
 
-    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
+    def _draw_table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...]) -> None:
         self._end_bar()
         if not self.console.is_terminal:
             if header:
@@ -83,6 +96,20 @@ class Terminal(Report):
         if self.bar is not None:
             self.bar.stop()
             self.bar = None
+
+
+@contextmanager
+def _whoever_listens() -> Iterator[None]:
+    """What is said into a closed pipe (`| head`) or terminal is lost, and so is all that follows: files are what was asked for."""
+    try:
+        yield
+    except OSError as problem:
+        if not isinstance(problem, BrokenPipeError) and problem.errno != errno.EIO:
+            raise
+        with suppress(OSError, ValueError):  # a standard output that is no file
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stdout.fileno())  # or Python would complain of what it could not write, at its end
+            os.close(nowhere)
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> list[str]:

@@ -135,7 +135,7 @@ def _measurable(names: tuple[str, ...], collection: Collection | None, report: R
     if collection is None or collection.split("test") or left == names:
         return names
     if not left:
-        raise BadInput(f"{collection.root} has no held-out photos.", "Take a scene whose split has test photos, or another --only.")
+        raise BadInput(f"No photo of {collection.name} is held out.", "Take a run without --all-photos of a scene whose split has test photos, or another --only.")
     report.say("No photo is held out: nothing is drawn of training and refinement.")
     return left
 

@@ -72,7 +72,7 @@ def _how_to_check(folder: Path) -> str:
     step = checkpoint.read_facts(saved)["step"] if saved else 0
     if step < settings.steps and settings.held_out_checks and collection.split("test"):
         return f"Its first check is to come; type: {command('wegs', 'train', '--resume', '-o', folder)}"
-    return "Train on a scene with test photos and held_out_checks > 0."
+    return "Train without --all-photos on a scene with test photos, and with held_out_checks > 0."
 
 
 def _points(course: Course) -> Iterator[Point]:

@@ -57,7 +57,7 @@ def newest_run() -> Path:
         return here
     runs = [path.parent for path in RUNS.glob(f"*/{CONFIG}") if is_run(path.parent)]
     if not runs:
-        raise BadInput(f"There is no run in {RUNS}.", "Give the folder of one, or type: wegs train SCENE")
+        raise BadInput(f"There is no run in {RUNS} of the current folder.", "Give the folder of one, or type: wegs train SCENE")
     return max(runs, key=lambda path: ((path / CONFIG).stat().st_mtime_ns, path.name))
 
 
@@ -65,6 +65,8 @@ def find_run(path: Path | None) -> Path:
     """The run at `path`, or the newest one for None; BadInput if it is none."""
     if path is None:
         return newest_run()
+    if not path.is_dir():
+        raise BadInput(f"There is no folder {path}.", "Give one that `wegs train` made.")
     if not is_run(path):
         raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", "Give a folder that `wegs train` made.")
     return path

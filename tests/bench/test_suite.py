@@ -97,7 +97,7 @@ def test_without_held_out_photos_the_rest_is_measured(small_run, tmp_path, monke
     monkeypatch.setattr(suite, "load_run", lambda _: replace(trained, collection=trained.collection.undivided()))
     figures = suite.bench(None, small_run, ("baking", "training", "refinement"), False, tmp_path, heard)
     assert [figure.name for figure in figures] == ["baking"] and any("No photo is held out" in line for line in heard.lines)
-    with pytest.raises(BadInput, match="no held-out photos"):
+    with pytest.raises(BadInput, match="No photo of small is held out"):
         suite.bench(None, small_run, ("training",), False, tmp_path / "other", heard)
 
 

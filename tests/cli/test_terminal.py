@@ -2,6 +2,9 @@
 
 import errno
 import io
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -86,14 +89,40 @@ def test_long_paths_in_a_narrow_terminal_are_folded_and_not_cut(monkeypatch, cap
     assert "".join(lines) == path
 
 
-def test_a_broken_pipe_is_left_to_the_engine():
-    class Closed(io.StringIO):
+SPEAKS = """
+import sys
+from wegs_cli.terminal import Terminal
+
+with Terminal() as terminal:
+    terminal.say("one")
+    sys.stdout.flush()
+    sys.stdin.readline()  # until nobody listens
+    for _ in range(3):
+        terminal.warn("two")
+        terminal.table("three", [("a", "b")])
+        terminal.progress("four", 1, 1)
+print("worked", file=sys.stderr)
+"""
+
+
+def test_where_nobody_listens_any_more_the_work_goes_on():
+    """As `wegs bake ... | head -1`."""
+    ways = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", SPEAKS], cwd=Path(__file__).parents[2], **ways) as speaker:
+        assert speaker.stdout.readline() == "one\n"
+        speaker.stdout.close()
+        speaker.stdin.close()
+        assert (speaker.stderr.read(), speaker.wait()) == ("worked\n", 0)
+
+
+def test_a_full_disk_is_no_silence(monkeypatch):
+    class Full(io.StringIO):
         def write(self, _):
-            raise BrokenPipeError
+            raise OSError(errno.ENOSPC, "No space left on device")
 
     terminal = Terminal()
-    terminal.console.file = Closed()
-    with pytest.raises(BrokenPipeError):
+    terminal.console.file = Full()
+    with pytest.raises(OSError, match="No space left"):
         terminal.say("Step 5: held-out PSNR 20.00 dB")
 
 

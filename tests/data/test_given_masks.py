@@ -113,6 +113,14 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
         with_masks(collection, folder)
 
 
+def test_a_mask_of_another_shape_is_no_mask_of_the_photo(tmp_path):
+    path = save(tmp_path / "a.png", noise())
+    height, width = read(path).shape[:2]
+    read_light(path, save_mask(tmp_path / "near.png", height // 2 + 1, width // 2, np.s_[:3]))
+    with pytest.raises(BadInput, match="strip.png is 99 x 8 px, its photo .*of another shape"):
+        read_light(path, save_mask(tmp_path / "strip.png", 8, 99, np.s_[:3]))
+
+
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_a_mask_lies_on_the_photo_as_displayed(tmp_path, orientation):
     path = save(tmp_path / "a.png", noise())

@@ -66,8 +66,10 @@ def test_the_newest_run_is_the_one_begun_last(here, monkeypatch):
 def test_no_run_and_no_such_run_are_refused(here):
     with pytest.raises(BadInput, match="no run in runs"):
         run.find_run(None)
-    with pytest.raises(BadInput, match="elsewhere is not a run"):
+    with pytest.raises(BadInput, match="There is no folder elsewhere"):
         run.find_run(Path("elsewhere"))
+    with pytest.raises(BadInput, match=f"{here.name} is not a run"):
+        run.find_run(here)
 
 
 def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):

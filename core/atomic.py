@@ -5,13 +5,17 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from core.errors import FULL, BadInput, WegsError, command, disk_full, not_made
+from core.lock import taken
 
+TEMPORARY = ".wegs-"  # in the names of temporary folders
+FRESH_S = 60  # one that is younger may be about to be held
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
     *(errno.ENOENT, errno.ENOTDIR),  # the folder is gone
@@ -87,14 +91,25 @@ class MadeMeanwhile(BadInput):
 @contextmanager
 def _temporary(folder: Path) -> Iterator[Path]:
     """A folder beside `folder`, or inside where that is there: it may be a disk of its own (a container's volume), where nothing can
-    be moved from beside it. Removed at the end."""
+    be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made."""
     parent = folder if folder.is_dir() else folder.parent
     parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{folder.resolve().name}.", dir=parent))
+    prefix = f".{folder.resolve().name}{TEMPORARY}"
+    _sweep(parent, prefix)
+    work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
     try:
-        yield work
+        with taken(work):
+            yield work
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _sweep(parent: Path, prefix: str) -> None:
+    """Remove the temporary folders whose processes were killed: those that nobody holds."""
+    for left in [path for path in parent.iterdir() if path.name.startswith(prefix)]:
+        with suppress(OSError), taken(left) as ours:
+            if ours and time.time() - left.stat().st_mtime > FRESH_S:
+                shutil.rmtree(left)
 
 
 @contextmanager
@@ -141,7 +156,7 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
     files; with `force`, those that match are replaced and others still refused.
     """
     check_folder(folder)
-    old = list(folder.iterdir()) if folder.exists() else []
+    old = [path for path in folder.iterdir() if TEMPORARY not in path.name] if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
     if foreign:
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")

@@ -65,7 +65,7 @@ class Collection:
     def undivided(self) -> "Collection":
         """The same with no photo held out."""
         photos = tuple(replace(photo, split="train") for photo in self.photos)
-        return replace(self, photos=photos, notes=(*self.notes, "All photos are trained on: there will be no held-out quality."))
+        return replace(self, photos=photos, notes=(*self.notes, "All photos are trained on, held-out ones as well: there will be no held-out quality."))
 
     def changed_since(self, before: "Collection") -> list[str]:
         """The photos of either that are not in both with the same split and camera: with them a run cannot go on."""

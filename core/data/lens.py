@@ -31,8 +31,8 @@ def describe(camera: pycolmap.Camera) -> dict:
 
 
 def usable(camera: pycolmap.Camera) -> bool:
-    """Whether the camera is a perspective one (not a panorama) with a finite, positive size and focal lengths."""
-    if camera.is_spherical() or min(camera.width, camera.height) < 1 or not np.isfinite(camera.params).all():
+    """Whether the camera, no panorama, has a finite, positive size and focal lengths."""
+    if min(camera.width, camera.height) < 1 or not np.isfinite(camera.params).all():
         return False
     return min(camera.focal_length_x, camera.focal_length_y) > 0
 

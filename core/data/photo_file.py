@@ -1,7 +1,9 @@
 """What a photo file says about itself without being decoded: its size, its EXIF rotation, whether it is whole."""
 
+import hashlib
 import mmap
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,6 +61,21 @@ def list_unreadable(folder: Path) -> list[Path]:
 def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
     return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
+
+
+def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
+    """The files that are byte for byte as an earlier one of `paths`, with that one. Only files of one size are read."""
+    of_size: dict[int, list[Path]] = {}
+    for path in paths:
+        of_size.setdefault(path.stat().st_size, []).append(path)
+    copies = {}
+    for alike in of_size.values():
+        first: dict[bytes, Path] = {}
+        for path in alike if len(alike) > 1 else ():
+            original = first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+            if original != path:
+                copies[path] = original
+    return copies
 
 
 def no_photos(folder: Path, what: str = "no photos") -> BadInput:

@@ -55,10 +55,12 @@ class Placing:
     missing_words: str
     said: Reasons = field(default_factory=Reasons)
     undistorted: int = 0
+    missing: int = 0
 
     def place(self, view: View) -> Placed | None:
         """The view's photo with its camera, or None, and what is said of it is remembered."""
         if not os.path.isfile(view.path):  # pathlib's raises for names that are too long
+            self.missing += 1
             self.said.add(self.missing_words, view.name)
             return None
         try:
@@ -67,8 +69,11 @@ class Placing:
             self.said.add("unreadable, not used", named_with_fault(view.name, view.path, problem))
             return None
         lens = view.lens(header.width, header.height)
+        if lens.is_spherical():
+            self.said.add(f"taken by a panorama camera ({lens.model_name}), not used", view.name)
+            return None
         if not lenses.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (view.rotation, view.centre)):
-            self.said.add("with a camera or pose that is broken or no perspective one, not used", view.name)
+            self.said.add("with a camera or pose that is broken, not used", view.name)
             return None
         return self._fit(view, lens, header)
 

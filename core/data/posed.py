@@ -1,5 +1,6 @@
 """From what a collection's own files say, whichever kind they are, to the Collection: photos placed, split, framed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -7,9 +8,10 @@ import numpy as np
 
 from core.data.collection import FAR, Collection, Photo, astray
 from core.data.given_masks import masked
+from core.data.photo_file import copies_among
 from core.data.placing import LARGEST_COORDINATE, Placing, View
 from core.data.split import split_photos
-from core.errors import BadInput
+from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
 from core.words import Note, counted, name_them
 
@@ -58,7 +60,8 @@ def collect(root: Path, posed: Posed) -> Collection:
     placed = {name: found for name, view in views.items() if (found := placing.place(view))}
     if not placed:
         reasons = "; ".join(note.rstrip(".") for note in posed.notes + placing.notes())
-        raise BadInput(f"No photo of {posed.source} can be used: {reasons}.", posed.fix)
+        anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
+        raise BadInput(f"No photo of {posed.source} can be used: {reasons}.", posed.fix if placing.missing else anew)
     splits, split_notes = _split(root, posed, list(placed))
     points, points_notes = posed.points, []
     if points is None:
@@ -82,6 +85,7 @@ def collect(root: Path, posed: Posed) -> Collection:
         if name in splits
     )
     notes = posed.notes + placing.notes() + split_notes + points_notes + frame.offset_notes()
+    notes += _copies_held_out(photos)
     notes += name_them("without any SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
     notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
@@ -91,6 +95,13 @@ def collect(root: Path, posed: Posed) -> Collection:
     )
     masks = {view.name: view.mask for view in views.values() if view.mask is not None}
     return masked(collection, masks, posed.source) if masks else collection
+
+
+def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
+    by_path = {photo.path: photo for split in ("train", "test") for photo in photos if photo.split == split}
+    pairs = [(by_path[copy], by_path[original]) for copy, original in copies_among(by_path).items()]
+    names = [f"{copy.name} ({original.name})" for copy, original in pairs if (copy.split, original.split) == ("test", "train")]
+    return name_them("held out though a copy of a training photo, so figures are too good", names)
 
 
 def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str]]:

@@ -18,6 +18,7 @@ from core.data.photo_file import (
     JPEG_EXIF,
     Header,
     bad_photo,
+    copies_among,
     list_photos,
     list_unreadable,
     no_photos,
@@ -99,10 +100,12 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     copies are numbered, because COLMAP's list of pairs is split at spaces.
     """
     folder.mkdir()
-    copies, turned = {}, 0
+    copies, turned, twins = {}, 0, copies_among(paths)
     for done, path in enumerate(paths, 1):
         copy = f"{done:06d}.jpg"
         try:
+            if path in twins:
+                raise BadInput(f"{path.name} is a copy of {twins[path].name}.")
             header, pixels = probe(path), read(path)  # decoded in any case: some damage shows only then
             if header.kind == "jpeg" and header.orientation == 1:
                 shutil.copyfile(path, folder / copy)

@@ -1,17 +1,12 @@
 """One training a run folder: it is taken before the work begins, so that trainings begun together do not share one."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from core.errors import BadInput, not_made
+from core.lock import taken
 from core.training import run
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
 
 
 @contextmanager
@@ -32,25 +27,11 @@ def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterat
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Inside, no other process can hold the folder; BadInput if one does. Without a trace on disk, and let go by a kill.
-
-    Where the system or the disk knows no such locks (flock(2)), nothing is held.
-    """
-    if fcntl is None:
+    """Inside, no other process can hold the folder; BadInput if one does. Without locks (core.lock) nothing is held."""
+    with taken(folder) as ours:
+        if ours is False:
+            raise BadInput(f"Another `wegs train` is at work in {folder}.", "Wait until it has ended, or choose another -o.")
         yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            fix = "Wait until it has ended, or choose another -o."
-            raise BadInput(f"Another `wegs train` is at work in {folder}.", fix) from None
-        except OSError:
-            pass
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _make(output: Path | None, scene_name: str, force: bool) -> tuple[Path, list[Path]]:

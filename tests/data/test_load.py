@@ -187,3 +187,13 @@ def test_a_leftover_of_a_model_hides_no_transforms(tmp_path):
     (scene / "sparse" / "0").mkdir(parents=True)
     (scene / "sparse" / "0" / "points3D.txt").write_text("# 3D point list\n")
     assert load_collection(scene).kind == "nerfstudio"
+
+
+def test_held_out_copies_of_training_photos_are_told(tmp_path):
+    scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
+    collection = load_collection(scene)
+    test, train = collection.split("test")[0], collection.split("train")[0]
+    assert not any("copies" in note for note in collection.notes)
+    test.path.write_bytes(train.path.read_bytes())
+    expected = f"1 photo held out though a copy of a training photo, so figures are too good: {test.name} ({train.name})"
+    assert expected in load_collection(scene).notes

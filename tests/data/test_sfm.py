@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from core.atomic import replacing_folder
-from core.data import load_collection
+from core.data import load_collection, sfm
+from core.data.photo_file import list_photos
 from core.data.photos import load
 from core.data.sfm import name_in, reconstruct
 from core.errors import BadInput, WegsError
@@ -193,3 +194,12 @@ def test_the_folder_one_is_in_cannot_become_the_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput, match="folder you are in"):
         reconstruct(tmp_path, Path("."), Report())
+
+
+def test_copies_of_a_photo_are_left_out(tmp_path):
+    for name, seed in (("a.jpg", 1), ("b.jpg", 2), ("copy of a.jpg", 1)):
+        noise_photo(tmp_path / name, seed)
+    heard = Listener()
+    copies = sfm._copy_upright(list_photos(tmp_path), tmp_path / "upright", heard)
+    assert list(copies.values()) == ["a.jpg", "b.jpg"]
+    assert any("Left out: copy of a.jpg is a copy of a.jpg." in line for line in heard.lines)

@@ -184,7 +184,7 @@ def turned(by):
         (spoil("camera_model", "FISHEYE624"), "camera_model that is not read .FISHEYE624; OPENCV and OPENCV_FISHEYE are."),
         (spoil("camera_model", ["OPENCV"]), "camera_model that is not read"),
         (spoil("fl_x", "wide"), "intrinsics that are no numbers, not used: photo_1.png"),
-        (spoil("fl_x", float("nan")), "camera or pose that is broken or no perspective one, not used: photo_1.png"),
+        (spoil("fl_x", float("nan")), "camera or pose that is broken, not used: photo_1.png"),
         (spoil("fl_x", 0), "camera or pose that is broken"),
         (spoil("w", 0), "a w or h that no photo has"),
         (spoil("w", 300), "of another shape than the camera says, not used: photo_1.png .160x120, camera 300x120."),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from core import lock
 from core.atomic import check_file, check_folder, filling, replacing, write_json
 from core.errors import BadInput, WegsError
 from core.export.pictures import SHEET_COLUMNS, SHEET_TILE_PX, contact_sheet, to_8_bit, write_png, write_video
@@ -129,6 +130,23 @@ def test_a_folder_is_filled_whole_or_not_at_all(tmp_path):
         (work / "a.png").write_text("two")
     assert [path.name for path in folder.iterdir()] == ["a.png"] and (folder / "a.png").read_text() == "two"
     assert list(tmp_path.iterdir()) == [folder]
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_path):
+    def old(name):
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (1e9, 1e9))
+        return tmp_path / name
+
+    killed, other, foreign = old(".fade.wegs-1"), old(".sheet.wegs-1"), old(".fade.mine")
+    with filling(tmp_path / "fade", ("*.png",), False) as first:
+        assert not killed.exists() and other.exists() and foreign.exists()
+        os.utime(first, (1e9, 1e9))
+        with filling(tmp_path / "fade", ("*.png",), False) as second:
+            assert first != second and first.exists()
+            (second / "a.png").touch()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".fade.mine", ".sheet.wegs-1", "fade"]
 
 
 def test_a_folder_with_other_files_is_never_touched(tmp_path):

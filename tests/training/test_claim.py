@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from core import lock
 from core.errors import BadInput
 from core.training import claim
 from core.training.claim import held, new_run
 
-locks = pytest.mark.skipif(claim.fcntl is None, reason="this system has no flock(2)")
+locks = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
 
 
 @pytest.fixture(autouse=True)
@@ -59,8 +60,8 @@ def test_a_disk_without_locks_is_used_all_the_same(monkeypatch):
     def refuse(*_):
         raise OSError("No locks available")
 
-    if claim.fcntl is not None:
-        monkeypatch.setattr(claim.fcntl, "flock", refuse)
+    if lock.fcntl is not None:
+        monkeypatch.setattr(lock.fcntl, "flock", refuse)
     with new_run(Path("run"), "plaza") as folder:
         assert folder.is_dir()
 

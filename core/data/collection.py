@@ -23,7 +23,8 @@ class Photo:
 
     lens: the COLMAP camera as {"model", "width", "height", "params"} where the file itself is distorted, else None;
     core.data.photos undistorts with it. points: indices into Collection.points of the SfM points it sees. mask: a picture that
-    is white where the photo is to be used while it is trained on (core.data.given_masks), else None.
+    is white where the photo is to be used while it is trained on (core.data.given_masks), else None. mask_lens: as lens, where the
+    mask lies in the photo as it was taken, and the file is its undistorted copy.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Photo:
     points: np.ndarray
     lens: dict | None = None
     mask: Path | None = None
+    mask_lens: dict | None = None
 
     def stands_as(self, other: "Photo") -> bool:
         """Whether both are of one split and one camera, but for what rounding another processor may do."""

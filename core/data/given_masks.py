@@ -3,8 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from core.data.collection import Collection, place_of
+from core.data.collection import Collection, Photo, place_of
 from core.data.photo_file import SUFFIXES, list_photos, probe
+from core.data.sfm import lenses_of
 from core.errors import BadInput
 from core.words import Note, counted, name_them
 
@@ -45,35 +46,53 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     return found
 
 
+def with_mask(photo: Photo, mask: Path | None, taken_through: dict | None) -> Photo:
+    """The photo with its mask. taken_through: the lens of the photo as it was taken, where its file is an undistorted copy; the mask
+    is that of the photo as it was taken, unless it has the size of the copy."""
+    if mask is None or taken_through is None:
+        return replace(photo, mask=mask, mask_lens=None)
+    size = probe(mask).displayed
+    of_copy = size == (photo.camera.width, photo.camera.height) != (taken_through["width"], taken_through["height"])
+    return replace(photo, mask=mask, mask_lens=None if of_copy else taken_through)
+
+
 def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
     """The collection whose photos have those of the `masks` (by photo name) that are there, in place of any others.
 
     Notes say how many training photos have one, which have none, and which masks are of another size than their photo. `source`
     gave them.
     """
-    training = collection.split("train")
+    training, lenses = collection.split("train"), lenses_of(collection.root)
     known = {name: mask for name, mask in masks.items() if mask.is_file()}
     resized = [
         photo.name
         for photo in training
-        if photo.name in known and probe(known[photo.name]).displayed != (photo.camera.width, photo.camera.height)
+        if photo.name in known and probe(known[photo.name]).displayed not in _sizes(photo, lenses.get(photo.name))
     ]
     found = f"{counted(sum(photo.name in known for photo in training), 'photo')} with a mask from {source}."
     notes = [Note(found, harmless=True)]
     notes += name_them("without a mask, used whole", [photo.name for photo in training if photo.name not in known])
     notes += name_them("with a mask of another size, which is resized", resized)
-    photos = tuple(replace(photo, mask=known.get(photo.name)) for photo in collection.photos)
+    photos = tuple(with_mask(photo, known.get(photo.name), lenses.get(photo.name)) for photo in collection.photos)
     return replace(collection, photos=photos, notes=(*collection.notes, *notes))
 
 
 def with_masks_of(collection: Collection, before: Collection) -> Collection:
     """The collection with the masks that an earlier reading of it had: how a run goes on. BadInput if one is gone."""
-    masks = {photo.name: photo.mask for photo in before.photos}
-    if gone := [mask for mask in masks.values() if mask and not mask.is_file()]:
+    masks = {photo.name: (photo.mask, photo.mask_lens) for photo in before.photos}
+    if gone := [mask for mask, _ in masks.values() if mask and not mask.is_file()]:
         raise BadInput(f"{counted(len(gone), 'mask')} of the run cannot be found, such as {gone[0]}.", "Put them back.")
-    return replace(
-        collection, photos=tuple(replace(photo, mask=masks.get(photo.name)) for photo in collection.photos)
-    )
+    photos = []
+    for photo in collection.photos:
+        mask, mask_lens = masks.get(photo.name, (None, None))
+        photos.append(replace(photo, mask=mask, mask_lens=mask_lens))
+    return replace(collection, photos=tuple(photos))
+
+
+def _sizes(photo: Photo, taken_through: dict | None) -> set[tuple[int, int]]:
+    """That of the photo, and of the photo as it was taken."""
+    sizes = {(photo.camera.width, photo.camera.height)}
+    return sizes if taken_through is None else sizes | {(taken_through["width"], taken_through["height"])}
 
 
 def _stems_of_masks(photo: Path) -> list[str]:

@@ -72,7 +72,7 @@ def load(photo: Photo, width: int, height: int, cut_out: bool = False) -> Pictur
         pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
         shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
-        use = _as_stored(_read_mask(photo.mask, shown), header.orientation)
+        use = _as_stored(_read_mask(photo.mask, shown, photo), header.orientation)
         valid = use if valid is None else valid & use
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
@@ -111,10 +111,10 @@ def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
 
 
-def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
+def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
     """(H, W) bool, True where the mask of a photo of this `size` is white, both as displayed; resized to the nearest pixel.
 
-    What is transparent is not white: many programs save a selection so.
+    photo: of a collection; its mask is undistorted as its file was (Photo.mask_lens), and beyond the mask's edges all is used. What is transparent is not white: many programs save a selection so.
     """
     header, pixels, alpha = _read_file(path)
     (height, width), (mask_width, mask_height) = size, header.displayed
@@ -123,6 +123,9 @@ def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
         raise BadInput(f"The mask {path} is {shapes}: of another shape.", "Give one of the whole photo, as displayed.")
     shade = pixels.mean(axis=2) if alpha is None else pixels.mean(axis=2) * (alpha / 255)
     white = upright((shade >= 128).astype(np.uint8), header.orientation)
+    if photo is not None and photo.mask_lens is not None:
+        found, seen = lenses.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(width, height))
+        return (found[..., 0] >= 128) | ~seen
     return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
 
 

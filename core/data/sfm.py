@@ -11,6 +11,7 @@ import pycolmap
 
 from core.atomic import replacing_folder
 from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
+from core.data.lens import describe
 from core.data.likely_pairs import likely_pairs
 from core.data.made import read_mark, stamp, write_mark
 from core.data.model_file import quiet
@@ -33,12 +34,13 @@ from core.words import counted, name_them
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 MARK = "photos.json"  # in a scene: the files it was made of
 NAMES = "names.json"  # in a scene: what it calls the photos of those files
+LENSES = "lenses.json"  # in a scene: through which lens each of its photos was taken, before it was undistorted
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), MARK and NAMES. It appears whole or
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), MARK, NAMES and LENSES. It appears whole or
     not at all. Two runs differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a place are left out and named.
@@ -91,6 +93,11 @@ def name_in(scene: Path, path: Path) -> str | None:
     """What the scene calls the photo that was made of the file `path`; None for any other file, or one changed since."""
     original = str(path.resolve())
     return read_mark(scene / NAMES).get(original) if read_mark(scene / MARK).get(original) == stamp(path) else None
+
+
+def lenses_of(scene: Path) -> dict[str, dict]:
+    """The lenses (as Photo.lens) through which the photos of a scene of ours were taken, by its names; none of any other scene."""
+    return read_mark(scene / LENSES)
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
@@ -183,7 +190,9 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
         image.name = copies[image.name]
     chosen.mkdir()
     model.write(str(chosen))
+    lenses = {image.name: describe(model.cameras[image.camera_id]) for image in model.images.values()}
     pycolmap.undistort_images(undistorted, chosen, named, jpeg_quality=JPEG_QUALITY)
     (scene / "sparse").mkdir(parents=True)
     os.replace(undistorted / "images", scene / "images")
     os.replace(undistorted / "sparse", scene / "sparse" / "0")
+    write_mark(scene / LENSES, lenses)

@@ -9,6 +9,7 @@ import torch
 from core.data import photos as files
 from core.data import sfm
 from core.data.collection import Photo
+from core.data.given_masks import with_mask
 from core.errors import BadInput
 from core.training import saved_look
 from core.training.outside import read_from_outside
@@ -71,7 +72,7 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
     if mask is not None:
-        photo = replace(photo, mask=mask)
+        photo = with_mask(photo, mask, sfm.lenses_of(trained.collection.root).get(photo.name))
     look = trained.model.look(trained.picture(photo).encoder_input, row)
     kind = "training" if row is not None else "held-out"
     return Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)

@@ -216,6 +216,7 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
         "camera": camera,
         "lens": photo.lens,
         "mask": None if photo.mask is None else path_within(photo.mask, home),
+        "mask_lens": photo.mask_lens,
     }
 
 
@@ -235,6 +236,7 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
         points=nothing,
         lens=values["lens"],
         mask=None if mask is None else home / mask,
+        mask_lens=values.get("mask_lens"),
     )
 
 

@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data.given_masks import check_masks, masked, with_masks, with_masks_of
+from core.data import lens as lenses
+from core.data.given_masks import check_masks, masked, with_mask, with_masks, with_masks_of
 from core.data.photos import load, read, read_light
 from core.errors import BadInput
+from core.training import run
 from tests.data.small_scene import add_exif, exif_block
 from tests.data.test_lens import HEIGHT, WIDTH, SmallScene, load_collection
 from tests.data.test_photos import noise, photo_at, save
-from tests.small import small_collection
+from tests.small import small_collection, small_settings
 
 
 @pytest.fixture
@@ -181,3 +183,35 @@ def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
         load(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
     with pytest.raises(BadInput, match="White"):
         read_light(path, mask)
+
+
+def test_the_mask_of_a_photo_as_it_was_taken_lies_on_its_undistorted_copy(tmp_path):
+    """A black disc near the corner, which the lens bent towards the middle, is hidden all of it, and little else."""
+    width, height = 160, 120
+    lens = {"model": "SIMPLE_RADIAL", "width": width, "height": height, "params": [130.0, 80.0, 60.0, -0.25]}
+    taken = np.full((height, width, 3), 255, np.uint8)
+    cv2.circle(taken, (22, 20), 9, (0, 0, 0), -1)
+    photo = photo_at(tmp_path / "copy.png", width + 8, height + 6)
+    photo = replace(photo, camera=replace(photo.camera, fx=130.0, fy=130.0, cx=84.0, cy=63.0))
+    copy, _ = lenses.undistort(taken, lens, photo.camera)
+    save(photo.path, copy)
+    mask = save(tmp_path / "mask.png", taken[..., 0])
+    disc = copy[..., 0] < 128
+    hidden = ~load(with_mask(photo, mask, lens), width + 8, height + 6).valid
+    assert (hidden == disc).all() and disc.sum() > 200
+    stretched = ~load(with_mask(photo, mask, None), width + 8, height + 6).valid
+    assert (disc & ~stretched).sum() > 20
+    own = with_mask(photo, save(tmp_path / "own.png", copy[..., 0]), lens)  # drawn on the copy, whose size tells
+    assert own.mask_lens is None and (~load(own, width + 8, height + 6).valid == disc).all()
+
+
+def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tmp_path):
+    mask, lens = save_mask(tmp_path / "masks" / "photo_0.png", 72, 96), {"model": "SIMPLE_RADIAL", "width": 96, "height": 72, "params": [1, 2, 3, 4]}
+    first = with_mask(collection.photos[0], mask, lens)
+    collection = replace(collection, photos=(first, *collection.photos[1:]))
+    run.create(tmp_path / "run", collection, small_settings())
+    before = run.read_config(tmp_path / "run")[2]
+    assert before.photos[0].mask_lens == lens and before.photos[1].mask_lens is None
+    bare = replace(collection, photos=(replace(first, mask=None, mask_lens=None), *collection.photos[1:]))
+    again = with_masks_of(bare, before).photos[0]
+    assert (again.mask, again.mask_lens) == (mask, lens)

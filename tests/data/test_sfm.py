@@ -66,11 +66,14 @@ def test_cameras_are_found_again(tmp_path):
     assert "1 photo turned upright, as EXIF says." in listener.lines
     assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
-    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "names.json", "photos.json", "sparse"]
+    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "lenses.json", "names.json", "photos.json", "sparse"]
 
     collection = load_collection(scene)
     assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
     assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg"]
+    lenses = sfm.lenses_of(scene)
+    assert lenses.keys() == {photo.name for photo in collection.photos}
+    assert all((lens["model"], lens["width"], lens["height"]) == ("SIMPLE_RADIAL", WIDTH, HEIGHT) for lens in lenses.values())
     assert all(photo.lens is None and photo.camera.width > photo.camera.height for photo in collection.photos)
     found = aligned(np.array([photo.camera.centre for photo in collection.photos]), np.array(centres))
     # 0.01 was seen; focal lengths and distortion are estimated as well, and threads make it vary. The arc is 1.8 long.

@@ -68,7 +68,7 @@ def settings_options(command: Callable) -> Callable:
         ),
         *(setting_option(name, *flags) for name, flags in FLAGS.items()),
         click.option(
-            "--config", type=click.Path(path_type=Path), help="TOML file of settings; the command line beats it."
+            "--config", type=click.Path(path_type=Path), help="TOML file of settings, as `steps = 2000`, and of a preset; the command line beats it."
         ),
         click.option(
             "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Any setting listed below; repeatable."
@@ -82,13 +82,13 @@ def settings_options(command: Callable) -> Callable:
 def settings_from(
     preset_name: str | None, config: Path | None, assignments: tuple[str, ...], typed: dict[str, Any]
 ) -> Settings:
-    """Settings: command line beats file beats preset beats default. typed: options, None where not typed."""
-    settings = preset(preset_name or "default")
-    if config is not None:
-        try:
-            settings = settings.changed(**_read_toml(config))
-        except BadSetting as problem:
-            raise BadSetting(f"{config}: {problem.what}", problem.fix) from None
+    """Settings: command line beats file beats preset beats default. typed: options, None where not typed. The file may name a preset."""
+    written = {} if config is None else _read_toml(config)
+    named = str(written.pop("preset", "default"))
+    try:
+        settings = preset(preset_name or named).changed(**written)
+    except BadSetting as problem:
+        raise BadSetting(f"{config}: {problem.what}" if config else problem.what, problem.fix) from None
     values = {name: value for name, value in typed.items() if value is not None}
     for assignment in assignments:
         name, value = _parse(assignment)

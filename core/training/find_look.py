@@ -88,8 +88,8 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     embedding, tone = read_from_outside(trained, picture)
     source = f"photo {path.name} from outside the collection"
     if tone is not None:
-        place, sky = (", ".join(f"{float(gain):.2f}" for gain in row) for row in tone)
-        source += f", lit as no photo of it is: the nearest look, red, green and blue of the place x {place}, of the sky x {sky}"
+        place, sky = (", ".join(f"{float(gain):.0%}" for gain in row) for row in tone)
+        source += f", lit as no photo of it is: the nearest look with {place} of the place's red, green and blue and {sky} of the sky's"
     return Appearance(path.stem, source, embedding, tone)
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from core.config import PRESETS, Settings
+from core.config import PRESETS, Settings, preset
 from core.errors import BadInput, BadSetting
 from wegs_cli.options import settings_from
 
@@ -83,7 +83,7 @@ def test_the_same_setting_twice_is_refused():
     "text, error, words",
     [
         ("steps = \n", BadInput, "not TOML"),
-        ("stepz = 3\n", BadSetting, "no setting 'stepz'"),
+        ("stepz = 3\n", BadSetting, "no setting 'stepz'. Did you mean steps?"),
         ("steps = '3'\n", BadSetting, "is not a whole number"),
         ("[train]\nsteps = 3\n", BadSetting, "no setting 'train'"),
     ],
@@ -93,6 +93,14 @@ def test_a_bad_file_is_refused(tmp_path, text, error, words):
     with pytest.raises(error, match=words) as caught:
         settings_from(None, path, (), {})
     assert str(caught.value).startswith(str(path))
+
+
+def test_a_file_may_name_a_preset_which_the_command_line_beats(tmp_path):
+    path = write_toml(tmp_path, "preset = 'quick'\nseed = 7\n")
+    assert settings_from(None, path, (), {}) == preset("quick").changed(seed=7)
+    assert settings_from("paper", path, (), {}) == preset("paper").changed(seed=7)
+    with pytest.raises(BadSetting, match="no preset 'fast'. Choose one of"):
+        settings_from(None, write_toml(tmp_path, "preset = 'fast'\n"), (), {})
 
 
 def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):

@@ -73,6 +73,7 @@ def train(
     settings: Settings,
     output: Path | None = None,
     report: Report = QUIET,
+    *,
     force: bool = False,
     masks: Path | None = None,
 ) -> Path:
@@ -182,6 +183,7 @@ def export(
     word: str,
     output: Path,
     report: Report = QUIET,
+    *,
     force: bool = False,
     save_as: str | None = None,
     prune: bool = True,
@@ -222,6 +224,7 @@ def interpolate(
     steps: int = 10,
     output: Path | None = None,
     report: Report = QUIET,
+    *,
     view: str | None = None,
     ply: bool = False,
     force: bool = False,
@@ -264,7 +267,7 @@ def interpolate(
 
 @cores_awake()
 def evaluate(
-    folder: Path | None, protocol: str = "half", report: Report = QUIET, refine: bool = True, keep_pictures: bool = False
+    folder: Path | None, protocol: str = "half", report: Report = QUIET, *, refine: bool = True, keep_pictures: bool = False
 ) -> Results:
     """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png of the protocol into the run.
 

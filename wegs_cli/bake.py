@@ -38,4 +38,5 @@ def bake(appearance, output, run_folder, force, mask, save_appearance, prune, sk
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        pipeline.export(run_folder, appearance, output, terminal, force, save_appearance, prune == "auto", mask, sky)
+        choices = {"force": force, "save_as": save_appearance, "prune": prune == "auto", "mask": mask, "sky": sky}
+        pipeline.export(run_folder, appearance, output, terminal, **choices)

@@ -48,4 +48,4 @@ def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
         if curve:
             suite.curves(run_folders, (protocol,) if protocol else tuple(PROTOCOLS), not no_refine, terminal)
         else:
-            pipeline.evaluate(next(iter(run_folders), None), protocol or "half", terminal, not no_refine, pictures)
+            pipeline.evaluate(next(iter(run_folders), None), protocol or "half", terminal, refine=not no_refine, keep_pictures=pictures)

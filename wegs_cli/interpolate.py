@@ -28,4 +28,4 @@ def interpolate(first, last, steps, view, ply, output, run_folder, force) -> Non
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        pipeline.interpolate(run_folder, first, last, steps, output, terminal, view, ply, force)
+        pipeline.interpolate(run_folder, first, last, steps, output, terminal, view=view, ply=ply, force=force)

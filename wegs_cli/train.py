@@ -49,4 +49,4 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
         if resume:
             pipeline.resume(output, terminal)
         else:
-            pipeline.train(scene or Path("."), settings, output, terminal, force, masks)
+            pipeline.train(scene or Path("."), settings, output, terminal, force=force, masks=masks)

@@ -1,5 +1,6 @@
 """What each command asks of the pipeline."""
 
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ from click.testing import CliRunner
 
 from core import pipeline
 from core.bench import FIGURES, suite
-from core.config import PRESETS, Settings
+from core.config import Settings, preset
 from core.errors import BadInput
 from core.report import Report
 from wegs_cli.main import wegs
@@ -15,21 +16,22 @@ from wegs_cli.main import wegs
 
 @pytest.fixture
 def asked(monkeypatch):
-    """The calls that reach the pipeline, which does nothing; reports are left out."""
+    """The calls that reach the pipeline, which does nothing: what each asks beyond the defaults. Reports are left out."""
     calls = []
 
-    def recorder(name):
+    def recorder(name, function):
         def record(*arguments, **named):
-            assert any(isinstance(value, Report) for value in arguments), name
-            kept = [value for value in arguments if not isinstance(value, Report)]
-            calls.append((name, *kept, *named.values()))
+            given = signature(function).bind(*arguments, **named).arguments
+            assert isinstance(given.pop("report"), Report), name
+            defaults = {item.name: item.default for item in signature(function).parameters.values()}
+            calls.append((name, {item: value for item, value in given.items() if value != defaults[item]}))
 
         return record
 
     for name in ("train", "resume", "export", "interpolate", "evaluate", "find_cameras"):
-        monkeypatch.setattr(pipeline, name, recorder(name))
+        monkeypatch.setattr(pipeline, name, recorder(name, getattr(pipeline, name)))
     for name in ("bench", "curves"):
-        monkeypatch.setattr(suite, name, recorder(name))
+        monkeypatch.setattr(suite, name, recorder(name, getattr(suite, name)))
     return calls
 
 
@@ -37,59 +39,71 @@ def invoke(*arguments: str):
     return CliRunner().invoke(wegs, list(arguments))
 
 
+LOOK = {"folder": None, "word": "a.jpg", "output": Path("a.ply")}
+HERE = {"scene": Path("."), "settings": Settings()}
+BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "output": Path("bench")}
+
+
 @pytest.mark.parametrize(
-    "line, call",
+    "line, name, call",
     [
-        ("train", ("train", Path("."), Settings(), None, False, None)),
+        ("train", "train", HERE),
         (
             "train plaza -o out --preset quick --steps 9 -r 2 --force",
-            ("train", Path("plaza"), Settings(**PRESETS["quick"]).changed(steps=9, resolution=2), Path("out"), True, None),
+            "train",
+            {"scene": Path("plaza"), "settings": preset("quick").changed(steps=9, resolution=2), "output": Path("out"), "force": True},
         ),
-        ("train --all-photos", ("train", Path("."), Settings(all_photos=True), None, False, None)),
-        ("train plaza --masks people", ("train", Path("plaza"), Settings(), None, False, Path("people"))),
-        ("train --set sky=none --sh-degree 0", ("train", Path("."), Settings(sky="none", sh_degree=0), None, False, None)),
+        ("train --all-photos", "train", HERE | {"settings": Settings(all_photos=True)}),
+        ("train plaza --masks people", "train", HERE | {"scene": Path("plaza"), "masks": Path("people")}),
+        ("train --set sky=none --sh-degree 0", "train", HERE | {"settings": Settings(sky="none", sh_degree=0)}),
         (
             "train --sh-degree auto --appearance exposure --transients off",
-            ("train", Path("."), Settings(appearance="exposure", transients="off"), None, False, None),
+            "train",
+            HERE | {"settings": Settings(appearance="exposure", transients="off")},
         ),
-        ("train --resume", ("resume", None)),
-        ("train --resume -o runs/a", ("resume", Path("runs/a"))),
-        ("bake --appearance a.jpg -o a.ply", ("export", None, "a.jpg", Path("a.ply"), False, None, True, None, True)),
-        ("bake --appearance a.jpg -o a.ply --no-sky", ("export", None, "a.jpg", Path("a.ply"), False, None, True, None, False)),
-        (
-            "bake --appearance a.jpg -o a.ply --prune off",
-            ("export", None, "a.jpg", Path("a.ply"), False, None, False, None, True),
-        ),
+        ("train --resume", "resume", {"folder": None}),
+        ("train --resume -o runs/a", "resume", {"folder": Path("runs/a")}),
+        ("bake --appearance a.jpg -o a.ply", "export", LOOK),
+        ("bake --appearance a.jpg -o a.ply --no-sky", "export", LOOK | {"sky": False}),
+        ("bake --appearance a.jpg -o a.ply --prune off", "export", LOOK | {"prune": False}),
+        ("bake --appearance a.jpg -o a.ply --mask m.png", "export", LOOK | {"mask": Path("m.png")}),
         (
             "bake --appearance neutral -o a.ply --run r --force --save-appearance x",
-            ("export", Path("r"), "neutral", Path("a.ply"), True, "x", True, None, True),
+            "export",
+            LOOK | {"folder": Path("r"), "word": "neutral", "force": True, "save_as": "x"},
         ),
-        ("bake --appearance a.jpg -o a.ply --mask m.png", ("export", None, "a.jpg", Path("a.ply"), False, None, True, Path("m.png"), True)),
-        ("interpolate a b", ("interpolate", None, "a", "b", 10, None, None, False, False)),
+        ("interpolate a b", "interpolate", {"folder": None, "first": "a", "last": "b"}),
         (
             "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",
-            ("interpolate", Path("r"), "a", "b", 3, Path("d"), "v.jpg", True, True),
+            "interpolate",
+            {"folder": Path("r"), "first": "a", "last": "b", "steps": 3, "output": Path("d"), "view": "v.jpg", "ply": True, "force": True},
         ),
-        ("eval", ("evaluate", None, "half", True, False)),
-        ("eval --run r --protocol full --no-refine --pictures", ("evaluate", Path("r"), "full", False, True)),
-        ("eval --curve", ("curves", (), ("half", "full"), True)),
+        ("eval", "evaluate", {"folder": None}),
+        (
+            "eval --run r --protocol full --no-refine --pictures",
+            "evaluate",
+            {"folder": Path("r"), "protocol": "full", "refine": False, "keep_pictures": True},
+        ),
+        ("eval --curve", "curves", {"run_folders": (), "protocols": ("half", "full"), "refine": True}),
         (
             "eval --curve --run a --run b --protocol full --no-refine",
-            ("curves", (Path("a"), Path("b")), ("full",), False),
+            "curves",
+            {"run_folders": (Path("a"), Path("b")), "protocols": ("full",), "refine": False},
         ),
-        ("bench", ("bench", None, None, FIGURES, False, Path("bench"), False)),
+        ("bench", "bench", BENCH),
         (
             "bench plaza --only baking --only training --full -o d --force",
-            ("bench", Path("plaza"), None, ("baking", "training"), True, Path("d"), True),
+            "bench",
+            BENCH | {"scene": Path("plaza"), "names": ("baking", "training"), "full": True, "output": Path("d"), "force": True},
         ),
-        ("bench --run r", ("bench", None, Path("r"), FIGURES, False, Path("bench"), False)),
-        ("sfm photos -o scene", ("find_cameras", Path("photos"), Path("scene"))),
+        ("bench --run r", "bench", BENCH | {"run_folder": Path("r")}),
+        ("sfm photos -o scene", "find_cameras", {"photos": Path("photos"), "output": Path("scene")}),
     ],
 )
-def test_a_command_line_reaches_the_pipeline(asked, line, call):
+def test_a_command_line_reaches_the_pipeline(asked, line, name, call):
     result = invoke(*line.split())
     assert result.exit_code == 0, result.output
-    assert asked == [call]
+    assert asked == [(name, call)]
 
 
 @pytest.mark.parametrize(
@@ -113,7 +127,7 @@ def test_several_runs_are_measured_one_at_a_time(asked):
 
 
 def test_an_error_of_the_pipeline_is_one_line(monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise BadInput("There is no folder plaza.", "Give another.")
 
     monkeypatch.setattr(pipeline, "train", fail)

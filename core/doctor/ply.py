@@ -36,10 +36,10 @@ ELSEWHERE = {
 
 def examine_ply(path: Path, report: Report) -> list[Finding]:
     """Findings about the file; with the cameras of the run folder it lies in, where it does. BadInput if unreadable."""
-    sky = sky_of(path)
-    splats = read_every_row(path)
-    findings = [*_file(path, splats, sky or 0), *_findings(path, splats, sky if sky and sky <= len(splats) else 0, report)]
-    if sky is not None:
+    said, splats = sky_of(path), read_every_row(path)
+    sky = said if said and said <= len(splats) else 0
+    findings = [*_file(path, splats, said or 0), *_findings(path, splats, sky, report)]
+    if said is not None:
         return findings
     return [replace(found, advice=ELSEWHERE.get(found.name, found.advice)) if found.advice else found for found in findings]
 

@@ -32,6 +32,11 @@ def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
         raise BadInput(f"The folder {there} may not be written in.", fix)
 
 
+def files_in(folder: Path) -> list[Path]:
+    """What the folder holds, without the temporary folders of work in progress or killed."""
+    return [path for path in folder.iterdir() if TEMPORARY not in path.name]
+
+
 def check_apart(folder: Path, given: Iterable[Path]) -> None:
     """Raise BadInput where something that the user gave lies in `folder`, whose files are about to be deleted for new ones."""
     for path in given:
@@ -91,7 +96,7 @@ class MadeMeanwhile(BadInput):
 @contextmanager
 def _temporary(folder: Path) -> Iterator[Path]:
     """A folder beside `folder`, or inside where that is there: it may be a disk of its own (a container's volume), where nothing can
-    be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made."""
+    be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made, where the disk knows locks."""
     parent = folder if folder.is_dir() else folder.parent
     parent.mkdir(parents=True, exist_ok=True)
     prefix = f".{folder.resolve().name}{TEMPORARY}"
@@ -156,7 +161,7 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
     files; with `force`, those that match are replaced and others still refused.
     """
     check_folder(folder)
-    old = [path for path in folder.iterdir() if TEMPORARY not in path.name] if folder.exists() else []
+    old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
     if foreign:
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")

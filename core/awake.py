@@ -71,7 +71,7 @@ def _allowed() -> float:
 def _groups() -> list[Path]:
     """The folders of the control groups, of the second version and of the first, that have a say in this process's time."""
     groups = [CONTROL_GROUPS, CONTROL_GROUPS / "cpu"]  # in a container its own are often shown as the topmost
-    with suppress(OSError):
+    with suppress(OSError, ValueError):
         for line in MEMBERSHIP.read_text().splitlines():
             _, controllers, path = line.split(":", 2)
             if not controllers or "cpu" in controllers.split(","):

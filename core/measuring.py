@@ -32,10 +32,10 @@ def held_out_view(trained: Run, photo: Photo) -> View:
 
 
 def over_views(
-    trained: Run, photos: Sequence[Photo], measured: Callable[[View], Measured], what: str, report: Report
+    trained: Run, photos: Sequence[Photo], measured: Callable[[View], Measured], what: str, report: Report, left_out: str = "not measured"
 ) -> Iterator[tuple[Photo, Measured]]:
     """Each photo with what is `measured` of its view, one by one: pictures are large. Those of which nothing can be are named at
-    the end; BadInput where these are all. what: the work, beside its progress."""
+    the end; BadInput where these are all. what: the work, beside its progress. left_out: what is said of those, after "3 photos"."""
     unusable = []
     for number, photo in enumerate(photos, 1):
         try:
@@ -47,5 +47,5 @@ def over_views(
         else:
             yield photo, result
         report.progress(what, number, len(photos), photo.name)
-    for note in name_them("not measured", unusable):
+    for note in name_them(left_out, unusable):
         report.warn(note)

@@ -145,13 +145,19 @@ def _train(trainer: Trainer, report: Report) -> Path:
     tell_plan(trainer, report)
     with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():
-            tell_step(step, settings.steps, report)
+            try:
+                tell_step(step, settings.steps, report)
+            except OSError:  # such as a log on a full disk
+                trainer.save()
+                raise
             if stop.asked and step.step < settings.steps:
                 trainer.save()
                 raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")
     try:
         _write_results(trainer, report)
     except KeyboardInterrupt:
+        if any(folder.glob(run.CLOUDS)):
+            raise
         raise KeyboardInterrupt(f"All steps are kept; finish with: {advice}") from None
     return folder
 

@@ -3,12 +3,15 @@
 The only module that imports plyfile, whose licence is GPL-3.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
 import plyfile
 
 from core.errors import BadInput
+
+HEADER_BYTES = 1 << 16  # no header is longer
 
 
 def read_rows(path: Path, wanted: str) -> np.ndarray:
@@ -38,13 +41,15 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
 
 def bytes_beyond(path: Path) -> int:
     """How many bytes follow the last row that the header of a readable file counts; 0 in a file of text, or with lists."""
-    file = plyfile.PlyData.read(str(path))  # maps the rows, and reads none
-    if file.text or any(isinstance(one, plyfile.PlyListProperty) for element in file.elements for one in element.properties):
-        return 0
     with path.open("rb") as stream:
-        while stream.readline().strip() != b"end_header":
-            pass
-        return path.stat().st_size - stream.tell() - sum(element.data.nbytes for element in file.elements)
+        header = stream.read(HEADER_BYTES)
+    end = re.search(rb"end_header(\r\n|\r|\n)", header)
+    if end is None or b"format ascii" in header[: end.start()]:
+        return 0
+    elements = plyfile.PlyData.read(str(path)).elements  # maps the rows, and reads none
+    if any(isinstance(column, plyfile.PlyListProperty) for element in elements for column in element.properties):
+        return 0
+    return path.stat().st_size - end.end() - sum(element.data.nbytes for element in elements)
 
 
 def write_rows(path: Path, rows: np.ndarray, comment: str = "") -> None:

@@ -1,5 +1,6 @@
 """Trainings that end early: stopped, or killed before anything was kept."""
 
+import errno
 import shutil
 import signal
 
@@ -30,6 +31,23 @@ class Gone(Heard):
         super().progress(what, done, total, note)
         if done == 5:
             signal.raise_signal(HANG_UP)
+
+
+class Full(Heard):
+    """What is said goes to a disk that is full from step 5 on."""
+
+    def progress(self, what, done, total, note=""):
+        super().progress(what, done, total, note)
+        if done == 5:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_step_that_cannot_be_told_is_kept(scene, tmp_path):
+    with pytest.raises(OSError, match="No space left"):
+        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Full())
+    heard = Heard()
+    pipeline.resume(tmp_path / "run", heard)
+    assert heard.steps[0] == (6, STEPS)
 
 
 @pytest.mark.skipif(HANG_UP is None, reason="Windows has no SIGHUP")

@@ -30,11 +30,13 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
       wegs train --resume
     """
     if resume:
+        from core.data.made import is_of_run
+
         given = ["--" + name.replace("_", "-") for name, value in typed.items() if value is not None]
         words = (("SCENE", scene), ("--masks", masks), ("--preset", preset_name), ("--config", config))
         given += [word for word, value in words if value]
         given += ["--set"] * bool(assignments) + ["--force"] * force
-        if given == ["SCENE"] and output is None:
+        if given == ["SCENE"] and output is None and is_of_run(scene):
             fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
             raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
         if given:

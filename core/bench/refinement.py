@@ -12,6 +12,7 @@ import torch
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import spread_over
+from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import REFINE_STEPS, View, fit_of, refinement
 from core.evaluation.subject import Subject
@@ -29,7 +30,7 @@ NOTES = (
 def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
     """The course of the refinement on up to `photos` held-out photos of each run. trained: by the names to draw them under.
 
-    Raises BadInput where nothing can be measured: no held-out photo of a run that can be read, or looks that follow no embedding.
+    Raises BadInput where nothing can be measured: no held-out photo that can be read, or looks that follow no embedding.
     """
     points = []
     for name, run in trained.items():
@@ -37,7 +38,14 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
             measured = partial(_course, subject, protocol)
-            courses = [course for _, course in over_views(run, chosen, measured, f"Refinement of {name}, {protocol}", report)]
+            through = over_views(run, chosen, measured, f"Refinement of {name}, {protocol}", report, f"of {name} not measured by {protocol}")
+            try:
+                courses = [course for _, course in through]
+            except BadInput as problem:
+                if len(trained) == 1:
+                    raise
+                report.warn(f"{name} is not measured by {protocol}: {problem}")
+                courses = []
             curve = protocol if len(trained) == 1 else f"{name}, {protocol}"
             points += _points(curve, protocol, courses)
     title = f"Embedding refinement: {', '.join(trained)}"

@@ -93,13 +93,19 @@ def place_of(name: str) -> Path:
 
 def picture_places(names: Iterable[str]) -> dict[str, Path]:
     """Where the PNG of each of the photos lies in a folder of such: a/0001.png for a/0001.jpg, or a/0001.jpg.png where the
-    photos have an a/0001.webp as well."""
-    places = {name: place_of(name) for name in names}
-    sharing = Counter(place.with_suffix(".png") for place in places.values())
-    return {
-        name: place.with_suffix(".png") if sharing[place.with_suffix(".png")] == 1 else place.with_name(f"{place.name}.png")
-        for name, place in places.items()
-    }
+    photos have an a/0001.webp as well; numbered where that is not enough."""
+    named = {name: place_of(name) for name in names}
+    sharing = Counter(place.with_suffix(".png") for place in named.values())
+    places: dict[Path, str] = {}
+    for name, place in named.items():
+        png, number = place.with_suffix(".png"), 1
+        if sharing[png] > 1:
+            png = place.with_name(f"{place.name}.png")
+        while png in places:  # named by whole paths, or through `..`
+            number += 1
+            png = place.with_name(f"{place.name}-{number}.png")
+        places[png] = name
+    return {name: png for png, name in places.items()}
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:

@@ -1,13 +1,16 @@
 """Masks that the user gives: which photo each belongs to, and what is said about them (`wegs train --masks DIR`)."""
 
 from dataclasses import replace
+from math import log
 from pathlib import Path
 
 from core.data.collection import Collection, Photo, place_of
 from core.data.photo_file import SUFFIXES, list_photos, probe
 from core.data.sfm import lenses_of
 from core.errors import BadInput
-from core.words import Note, counted, name_them
+from core.words import Note, Reasons, counted
+
+SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
 
 
 def check_masks(folder: Path) -> None:
@@ -23,8 +26,8 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
 
     A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's
     do; for photos in folders (`left/0001.jpg`) a mask in the same folder beats one in `folder` itself. A photo without a mask
-    is used whole, even if the scene gives one. Notes say how many training photos have one, which have none or one of another size
-    (it is resized, nearest pixel), and which masks belong to no photo. Raises BadInput for a folder without any match, and for two
+    is used whole, even if the scene gives one. Notes say how many training photos have one, which have none, one of another size
+    (it is resized, nearest pixel) or one of another shape (it is not used), and which masks belong to no photo. Raises BadInput for a folder without any match, and for two
     masks of one photo.
     """
     listed = {place: _by_stem(folder / place) for place in {Path(), *(place_of(photo.name).parent for photo in collection.photos)}}
@@ -46,35 +49,56 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     return found
 
 
-def with_mask(photo: Photo, mask: Path | None, taken_through: dict | None) -> Photo:
+def with_mask(photo: Photo, mask: Path, taken_through: dict | None) -> Photo:
     """The photo with its mask. taken_through: the lens of the photo as it was taken, where its file is an undistorted copy; the mask
     is that of the photo as it was taken, unless it has the size of the copy."""
-    if mask is None or taken_through is None:
-        return replace(photo, mask=mask, mask_lens=None)
-    size = probe(mask).displayed
-    of_copy = size == (photo.camera.width, photo.camera.height) != (taken_through["width"], taken_through["height"])
-    return replace(photo, mask=mask, mask_lens=None if of_copy else taken_through)
+    copy = replace(photo, mask=mask, mask_lens=None)
+    return copy if probe(mask).displayed == masked_size(copy) else replace(copy, mask_lens=taken_through)
+
+
+def masked_size(photo: Photo) -> tuple[int, int]:
+    """Width and height (px) of the picture that the photo's mask is one of: the photo, or the photo as it was taken."""
+    lens = photo.mask_lens
+    return (photo.camera.width, photo.camera.height) if lens is None else (lens["width"], lens["height"])
+
+
+def fits(mask: Path, size: tuple[int, int]) -> bool:
+    """Whether the mask is of the shape of a picture of this `size` (px), but for what making it by hand may change."""
+    width, height = probe(mask).displayed
+    return abs(log(width * size[1] / (height * size[0]))) <= SHAPE_TOLERANCE + 1 / min(width, height)
+
+
+def check_fits(mask: Path, size: tuple[int, int]) -> None:
+    """Raise BadInput for a mask of another shape than a picture of this `size` (px)."""
+    if not fits(mask, size):
+        (width, height), (photo_width, photo_height) = probe(mask).displayed, size
+        shapes = f"{width} x {height} px, its photo {photo_width} x {photo_height}"
+        raise BadInput(f"The mask {mask} is {shapes}: of another shape.", "Give one of the whole photo, as displayed.")
 
 
 def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
     """The collection whose photos have those of the `masks` (by photo name) that are there, in place of any others.
 
-    Notes say how many training photos have one, which have none, and which masks are of another size than their photo. `source`
-    gave them.
+    Notes say how many training photos have one, which have none, and which masks are of another size than their photo, or of another
+    shape, and then not used. `source` gave them. BadInput for a damaged one.
     """
-    training, lenses = collection.split("train"), lenses_of(collection.root)
-    known = {name: mask for name, mask in masks.items() if mask.is_file()}
-    resized = [
-        photo.name
-        for photo in training
-        if photo.name in known and probe(known[photo.name]).displayed not in _sizes(photo, lenses.get(photo.name))
-    ]
-    found = f"{counted(sum(photo.name in known for photo in training), 'photo')} with a mask from {source}."
-    notes = [Note(found, harmless=True)]
-    notes += name_them("without a mask, used whole", [photo.name for photo in training if photo.name not in known])
-    notes += name_them("with a mask of another size, which is resized", resized)
-    photos = tuple(with_mask(photo, known.get(photo.name), lenses.get(photo.name)) for photo in collection.photos)
-    return replace(collection, photos=photos, notes=(*collection.notes, *notes))
+    lenses, photos, said = lenses_of(collection.root), [], Reasons()
+    for photo in collection.photos:
+        mask, what = masks.get(photo.name), None
+        bare = replace(photo, mask=None, mask_lens=None)
+        found = bare if mask is None or not mask.is_file() else with_mask(bare, mask, lenses.get(photo.name))
+        if found.mask is None:
+            what = "without a mask, used whole"
+        elif not fits(mask, masked_size(found)):
+            what, found = "with a mask of another shape, used whole", bare
+        elif probe(mask).displayed != masked_size(found):
+            what = "with a mask of another size, which is resized"
+        photos.append(found)
+        if what and photo.split == "train":
+            said.add(what, photo.name)
+    count = sum(photo.mask is not None for photo in photos if photo.split == "train")
+    summary = Note(f"{counted(count, 'photo')} with a mask from {source}.", harmless=True)
+    return replace(collection, photos=tuple(photos), notes=(*collection.notes, summary, *said.notes()))
 
 
 def with_masks_of(collection: Collection, before: Collection) -> Collection:
@@ -87,12 +111,6 @@ def with_masks_of(collection: Collection, before: Collection) -> Collection:
         mask, mask_lens = masks.get(photo.name, (None, None))
         photos.append(replace(photo, mask=mask, mask_lens=mask_lens))
     return replace(collection, photos=tuple(photos))
-
-
-def _sizes(photo: Photo, taken_through: dict | None) -> set[tuple[int, int]]:
-    """That of the photo, and of the photo as it was taken."""
-    sizes = {(photo.camera.width, photo.camera.height)}
-    return sizes if taken_through is None else sizes | {(taken_through["width"], taken_through["height"])}
 
 
 def _stems_of_masks(photo: Path) -> list[str]:

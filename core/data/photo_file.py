@@ -4,6 +4,7 @@ import hashlib
 import mmap
 import struct
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,9 +73,10 @@ def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
     for alike in of_size.values():
         first: dict[bytes, Path] = {}
         for path in alike if len(alike) > 1 else ():
-            original = first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
-            if original != path:
-                copies[path] = original
+            with suppress(OSError):  # who reads it will say so
+                original = first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
+                if original != path:
+                    copies[path] = original
     return copies
 
 

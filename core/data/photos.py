@@ -16,7 +16,6 @@ REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: c
 MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
 LIGHT_PX = 2000  # a side is more than enough for light, of which the encoder sees a square of 144
-SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its photo's: photos are undistorted, masks made by hand
 LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake, such as a white of 1 instead of 255
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
@@ -47,7 +46,7 @@ def read(path: Path) -> np.ndarray:
 def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     """A photo of which only the light matters: as `read`, but what is transparent or hidden by a mask shows the colours around.
 
-    mask: a picture that is white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side comes shrunk. Raises
+    mask: a picture that is white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises
     BadInput as `read`, and where nothing of the photo is left.
     """
     header, pixels, alpha = _read_file(Path(path), (LIGHT_PX, LIGHT_PX))
@@ -114,17 +113,14 @@ def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
 def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
     """(H, W) bool, True where the mask of a photo of this `size` is white, both as displayed; resized to the nearest pixel.
 
-    photo: of a collection; its mask is undistorted as its file was (Photo.mask_lens), and beyond the mask's edges all is used. What is transparent is not white: many programs save a selection so.
+    photo: of a collection; its mask is undistorted as its file was (Photo.mask_lens), and beyond the mask's edges all is used.
+    What is transparent is not white: many programs save a selection so.
     """
     header, pixels, alpha = _read_file(path)
-    (height, width), (mask_width, mask_height) = size, header.displayed
-    if abs(np.log(mask_width * height / (mask_height * width))) > SHAPE_TOLERANCE + 1 / min(mask_width, mask_height):
-        shapes = f"{mask_width} x {mask_height} px, its photo {width} x {height}"
-        raise BadInput(f"The mask {path} is {shapes}: of another shape.", "Give one of the whole photo, as displayed.")
     shade = pixels.mean(axis=2) if alpha is None else pixels.mean(axis=2) * (alpha / 255)
     white = upright((shade >= 128).astype(np.uint8), header.orientation)
     if photo is not None and photo.mask_lens is not None:
-        found, seen = lenses.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(width, height))
+        found, seen = lenses.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(*size[::-1]))
         return (found[..., 0] >= 128) | ~seen
     return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from core.atomic import replacing_folder
+from core.atomic import files_in, replacing_folder
 from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
 from core.data.lens import describe
 from core.data.likely_pairs import likely_pairs
@@ -35,6 +35,7 @@ JPEG_SUFFIXES = (".jpg", ".jpeg")
 MARK = "photos.json"  # in a scene: the files it was made of
 NAMES = "names.json"  # in a scene: what it calls the photos of those files
 LENSES = "lenses.json"  # in a scene: through which lens each of its photos was taken, before it was undistorted
+LENS = {"model", "width", "height", "params"}  # what is known of each
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
@@ -50,7 +51,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """
     if output.resolve() == Path.cwd():
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
-    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+    if output.exists() and (not output.is_dir() or files_in(output)):
         raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
     if not photos.is_dir():
         raise BadInput(f"There is no folder {photos}.", "Give the folder that holds your photos.")
@@ -97,7 +98,8 @@ def name_in(scene: Path, path: Path) -> str | None:
 
 def lenses_of(scene: Path) -> dict[str, dict]:
     """The lenses (as Photo.lens) through which the photos of a scene of ours were taken, by its names; none of any other scene."""
-    return read_mark(scene / LENSES)
+    found = read_mark(scene / LENSES) if (scene / MARK).is_file() else {}
+    return {name: lens for name, lens in found.items() if isinstance(lens, dict) and LENS <= lens.keys()}
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:

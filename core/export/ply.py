@@ -15,11 +15,10 @@ from torch import Tensor
 import core
 from core.atomic import replacing
 from core.errors import BadInput
-from core.ply_file import read_rows, write_rows
+from core.ply_file import HEADER_BYTES, read_rows, write_rows
 from core.scene.harmonics import MAX_DEGREE, coefficient_count
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 
-HEADER_BYTES = 1 << 16  # no header is longer
 _REST_OF_DEGREE = {degree: 3 * (coefficient_count(degree) - 1) for degree in range(MAX_DEGREE + 1)}
 
 

@@ -9,7 +9,8 @@ import torch
 from core.data import photos as files
 from core.data import sfm
 from core.data.collection import Photo
-from core.data.given_masks import with_mask
+from core.data.given_masks import check_fits, masked_size, with_mask
+from core.data.photo_file import probe
 from core.errors import BadInput
 from core.training import saved_look
 from core.training.outside import read_from_outside
@@ -73,6 +74,7 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
         _refuse_unknown_to_table(trained, photo.name)
     if mask is not None:
         photo = with_mask(photo, mask, sfm.lenses_of(trained.collection.root).get(photo.name))
+        check_fits(mask, masked_size(photo))
     look = trained.model.look(trained.picture(photo).encoder_input, row)
     kind = "training" if row is not None else "held-out"
     return Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
@@ -80,6 +82,8 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
 
 def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     _refuse_unknown_to_table(trained, str(path))
+    if mask is not None:
+        check_fits(mask, probe(path).displayed)
     pixels = files.read_light(path, mask)
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:

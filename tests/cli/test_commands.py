@@ -115,7 +115,10 @@ def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     assert asked == []
 
 
-def test_a_run_named_as_a_scene_is_told_how_to_go_on(asked):
+def test_a_run_named_as_a_scene_is_told_how_to_go_on(asked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("runs/a b").mkdir(parents=True)
+    Path("runs/a b/config.json").write_text('{"wegs": "0.1.0"}')
     result = invoke("train", "--resume", "runs/a b")
     assert result.exit_code == 1 and "Type: wegs train --resume -o 'runs/a b'" in result.stderr and asked == []
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core.data import lens as lenses
-from core.data.given_masks import check_masks, masked, with_mask, with_masks, with_masks_of
+from core.data.given_masks import check_fits, check_masks, masked, masked_size, with_mask, with_masks, with_masks_of
 from core.data.photos import load, read, read_light
 from core.errors import BadInput
 from core.training import run
@@ -43,8 +43,8 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     assert all(photo.mask is None for photo in found.split("test"))
     assert found.notes == (
         f"2 photos with a mask from {folder}.",
-        "2 photos without a mask, used whole: photo_3.png, photo_4.png",
         "1 photo with a mask of another size, which is resized: photo_1.png",
+        "2 photos without a mask, used whole: photo_3.png, photo_4.png",
         "1 mask of no photo in use, such as passer.png.",
     )
     again = with_masks_of(collection, found)
@@ -115,12 +115,24 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
         with_masks(collection, folder)
 
 
-def test_a_mask_of_another_shape_is_no_mask_of_the_photo(tmp_path):
-    path = save(tmp_path / "a.png", noise())
-    height, width = read(path).shape[:2]
-    read_light(path, save_mask(tmp_path / "near.png", height // 2 + 1, width // 2, np.s_[:3]))
-    with pytest.raises(BadInput, match="strip.png is 99 x 8 px, its photo .*of another shape"):
-        read_light(path, save_mask(tmp_path / "strip.png", 8, 99, np.s_[:3]))
+def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
+    save_mask(tmp_path / "masks" / "photo_0.png", 17, 24)  # half the size, as near as whole pixels are
+    save_mask(tmp_path / "masks" / "photo_1.png", 8, 99, np.s_[:3])
+    found = with_masks(collection, tmp_path / "masks")
+    assert [photo.mask is not None for photo in found.photos[:2]] == [True, False]
+    assert "1 photo with a mask of another shape, used whole: photo_1.png" in found.notes
+    with pytest.raises(BadInput, match="photo_1.png is 99 x 8 px, its photo 48 x 36: of another shape"):
+        check_fits(tmp_path / "masks" / "photo_1.png", (48, 36))
+
+
+def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
+    """COLMAP's copy of such a photo is of another shape than the photo."""
+    lens = {"model": "SIMPLE_RADIAL", "width": 160, "height": 106, "params": [112.0, 80.0, 53.0, -0.25]}
+    photo = photo_at(save(tmp_path / "copy.png", np.zeros((114, 199, 3), np.uint8)), 199, 114)
+    photo = replace(photo, camera=replace(photo.camera, fx=112.0, fy=112.0))
+    found = with_mask(photo, save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50]), lens)
+    check_fits(found.mask, masked_size(found))
+    assert 0.2 < load(found, 199, 114).valid.mean() < 0.8
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

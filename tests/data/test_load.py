@@ -180,6 +180,8 @@ def test_real_collections(name, kind, train, test, points):
 def test_pictures_about_photos_have_places_of_their_own():
     places = picture_places(["a/1.jpg", "a/1.webp", "2.png", "../b/3.jpg", "../c/3.jpg", "/x/4.jpg"])
     assert [place.as_posix() for place in places.values()] == ["a/1.jpg.png", "a/1.webp.png", "2.png", "b/3.png", "c/3.png", "4.png"]
+    odd = picture_places(["/x/4.jpg", "/y/4.jpg", "../c/1.jpg", "c/1.jpg", "a.jpg", "a.webp", "a.jpg.png"])
+    assert len(set(odd.values())) == len(odd)
 
 
 def test_a_leftover_of_a_model_hides_no_transforms(tmp_path):

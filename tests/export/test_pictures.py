@@ -140,13 +140,14 @@ def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_pa
         return tmp_path / name
 
     killed, other, foreign = old(".fade.wegs-1"), old(".sheet.wegs-1"), old(".fade.mine")
+    (tmp_path / ".fade.wegs-2").mkdir()  # of a process that is about to hold it
     with filling(tmp_path / "fade", ("*.png",), False) as first:
         assert not killed.exists() and other.exists() and foreign.exists()
         os.utime(first, (1e9, 1e9))
         with filling(tmp_path / "fade", ("*.png",), False) as second:
             assert first != second and first.exists()
             (second / "a.png").touch()
-    assert sorted(path.name for path in tmp_path.iterdir()) == [".fade.mine", ".sheet.wegs-1", "fade"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".fade.mine", ".fade.wegs-2", ".sheet.wegs-1", "fade"]
 
 
 def test_a_folder_with_other_files_is_never_touched(tmp_path):

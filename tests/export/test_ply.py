@@ -158,7 +158,6 @@ def _with_nan_in_row_2(data: bytes) -> bytes:
         (_without("rot_3"), "lacks the column rot_3"),
         (_without("scale_2"), "holds flat Gaussians"),
         (lambda data: data.replace(b"property float x", b"property float packed_position"), "a compressed .ply"),
-        (lambda data: header_of(data).replace(b"binary_little_endian", b"ascii").replace(b"vertex 5", b"vertex 100000000000"), "more rows than fit into memory"),
         (_without("f_rest_44"), "44 f_rest"),
         (_with_nan_in_row_2, "row 2"),
     ],
@@ -170,6 +169,16 @@ def test_what_cannot_be_read_is_refused_by_name(tmp_path, spoil, words):
     with pytest.raises(BadInput, match=words) as caught:
         read_ply(path)
     assert str(path) in caught.value.what and "\n" not in str(caught.value)
+
+
+def test_more_rows_than_fit_into_memory_are_the_files_fault(tmp_path, monkeypatch):
+    def full(_):
+        raise MemoryError
+
+    write_ply(tmp_path / "a.ply", some_splats(5))
+    monkeypatch.setattr("plyfile.PlyData.read", full)
+    with pytest.raises(BadInput, match="announces more rows than fit into memory"):
+        read_ply(tmp_path / "a.ply")
 
 
 def test_a_missing_file_and_an_unknown_suffix_are_refused(tmp_path):

@@ -115,3 +115,12 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
         changed[place] = value
         losses.append(float(trainer.objective.mask(replace(drawn, image=changed, target=target), 0.9).detach()))
     assert losses[0] == losses[1] != losses[2]
+
+
+def test_masks_that_are_not_there_are_told_before_cameras_are_looked_for(tmp_path, monkeypatch):
+    def prepared(*_):
+        raise AssertionError("minutes of work")
+
+    monkeypatch.setattr(pipeline, "prepared", prepared)
+    with pytest.raises(BadInput, match="There is no folder .*nowhere"):
+        pipeline.train(tmp_path, small_settings(), masks=tmp_path / "nowhere")

@@ -90,6 +90,8 @@ def test_figures_on_either_side_of_a_bound_decide():
     def evidence(**figures):
         return Evidence(9, 999, **({"differ": 20.0, "remain": 9.0, "facing": 0.9, "strange": 0.1} | figures))
 
+    for seen, why in ((evidence(strange=None), "fewer than 300 places"), (evidence(strange=None, differ=None), "too little to judge by")):
+        assert needs.transients(seen).value == "on" and why in needs.transients(seen).because
     assert needs.appearance(evidence(differ=needs.LEAST_DIFFERENCE - 0.01)).value == "off"
     assert needs.appearance(evidence(remain=needs.LEAST_REMAINDER - 0.01)).value == "exposure"
     assert needs.appearance(evidence()).value == "full"

@@ -141,6 +141,13 @@ def meets_picture(x, y, reach_x, reach_y, size):
 
 
 @part
+def fits(channel):
+    """Whether a picture holds it: not one that comes of NaN or infinite coefficients, or of so large ones."""
+    held = np.float32(channel)
+    return held - held == 0
+
+
+@part
 def centre_in_picture(offset, rotation, lens, limits, size):
     fx, fy, cx, cy = lens
     _, x, y, _, _ = slopes_of(offset, rotation, limits)
@@ -221,8 +228,7 @@ def project(
                 continue
             fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
             red, green, blue = colour(sh, i, basis)
-            total = np.float32(red) + np.float32(green) + np.float32(blue)
-            if total - total != 0:  # NaN or infinite, as a coefficient must be, or beyond what the picture holds
+            if not (fits(red) and fits(green) and fits(blue)):
                 continue
 
             inverse_c = 1.0 / c

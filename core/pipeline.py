@@ -17,7 +17,7 @@ from core.data.given_masks import check_masks, with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
 from core.data.made import FADE
 from core.data.prepare import prepared
-from core.errors import BadInput, WegsError, command
+from core.errors import BadInput, BadSetting, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
@@ -239,6 +239,8 @@ def interpolate(
 
     The first and the last step are the two looks themselves, bit for bit: their embeddings are not computed but taken.
     """
+    if steps < 2:
+        raise BadSetting(f"A fade has two ends, and {steps} is fewer.", "Take 2 steps or more.")
     trained = load_run(run.find_run(folder))
     ends = [find_appearance(trained, word) for word in (first, last)]
     photo = trained.collection.view(view)

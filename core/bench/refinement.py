@@ -62,6 +62,7 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
 def _course(subject: Subject, protocol: str, view: View) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
     fit = fit_of(subject, view, protocol)
+    next(refinement(subject, fit.start, fit.camera, fit.region, fit.valid), None)  # unmeasured: the first of all loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()
     for step, embedding in enumerate(refinement(subject, fit.start, fit.camera, fit.region, fit.valid)):
         seconds += time.perf_counter() - since

@@ -105,6 +105,8 @@ def bench(
             finish(training_figure(courses, title, notes))
         if "refinement" in names and _follows_a_look(trained, report):
             finish(refinement_figure({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report))
+    if not figures:
+        raise BadInput("There was nothing to measure.", "Take another --only, or a run with looks.")
     return figures
 
 

@@ -13,7 +13,7 @@ from core.data.placing import LARGEST_COORDINATE, Placing, View
 from core.data.split import split_photos
 from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
-from core.words import Note, counted, name_them
+from core.words import Note, counted, is_harmless, name_them
 
 STRAY = 1e6  # median distances from the middle; SfM puts points near infinity, and float32 ends there
 CROOKED = 0.01  # by which axes may differ in length: matrices are often written with three or four digits
@@ -59,10 +59,10 @@ def collect(root: Path, posed: Posed) -> Collection:
     views = {view.name: view for view in sorted(posed.views, key=lambda view: view.name)}
     placed = {name: found for name, view in views.items() if (found := placing.place(view))}
     if not placed:
-        reasons = "; ".join(note.rstrip(".") for note in posed.notes + placing.notes())
-        anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
-        raise BadInput(f"No photo of {posed.source} can be used: {reasons}.", posed.fix if placing.missing else anew)
+        raise _unusable(f"No photo of {posed.source} can be used", posed, placing)
     splits, split_notes = _split(root, posed, list(placed))
+    if "train" not in splits.values():
+        raise _unusable(f"{posed.source} leaves no photo to train on", posed, placing)
     points, points_notes = posed.points, []
     if points is None:
         points, points_notes = Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [Note(NO_POINTS, harmless=True)]
@@ -97,6 +97,13 @@ def collect(root: Path, posed: Posed) -> Collection:
     return masked(collection, masks, posed.source) if masks else collection
 
 
+def _unusable(what: str, posed: Posed, placing: Placing) -> BadInput:
+    """The error for a collection that gives nothing, with all that was left out and why."""
+    reasons = "; ".join(note.rstrip(".") for note in posed.notes + placing.notes() if not is_harmless(note))
+    anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
+    return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing or not reasons else anew)
+
+
 def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
     by_path = {photo.path: photo for split in ("train", "test") for photo in photos if photo.split == split}
     pairs = [(by_path[copy], by_path[original]) for copy, original in copies_among(by_path).items()]
@@ -111,8 +118,6 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
         return split_photos(root, posed.source, names, {view.name for view in posed.views})
     splits = {name: said[name] for name in names if name in said}
     notes = []
-    if "train" not in splits.values():
-        raise BadInput(f"{posed.source} leaves no photo to train on.", posed.fix)
     if "test" not in splits.values():
         why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
         notes.append(f"{why}: quality on unseen photos cannot be measured.")

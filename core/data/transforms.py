@@ -55,19 +55,20 @@ def read_blender(root: Path) -> Posed:
     reading = _Reading(root)
     source = root / BLENDER_FILES["train"]
     facts = _read_json(source)
-    training, held_out = reading.views(source, facts), []
+    training, held_out, holding_out = reading.views(source, facts), [], source
     there = [root / BLENDER_FILES[split] for split in ("test", "val") if (root / BLENDER_FILES[split]).is_file()]
-    if there:
-        held_out = reading.views(there[0], _read_json(there[0], may_be_empty=True))
-    unused = (f"{path.name} is not used: {there[0].name} is what is held out." for path in there[1:])
-    reading.notes += [Note(line, harmless=True) for line in unused]
+    for path in there:
+        if held_out:
+            reading.notes.append(Note(f"{path.name} is not used: {holding_out.name} is what is held out.", harmless=True))
+        else:
+            held_out, holding_out = reading.views(path, _read_json(path, may_be_empty=True)), path
     both = {view.path for view in training} & {view.path for view in held_out}
     if both:
         reading.notes += name_them("listed for training and as held out, held out", sorted(path.name for path in both))
         training = [view for view in training if view.path not in both]
         if not training:
-            fix = f"Remove {there[0].name}: every 8th photo is then held out."
-            raise BadInput(f"{there[0]} holds out every photo of {source.name}.", fix)
+            fix = f"Remove {holding_out.name}: every 8th photo is then held out."
+            raise BadInput(f"{holding_out} holds out every photo of {source.name}.", fix)
     if held_out:
         training = [replace(view, split="train") for view in training]
     views = training + [replace(view, split="test") for view in held_out]
@@ -128,7 +129,7 @@ class _Reading:
         given, held_out = listed.get("train", set()), listed.get("test") or listed.get("val", set())
         training = given - held_out
         if not training:
-            raise BadInput(f"{source} leaves no photo to train on.", "Correct or remove its train_filenames.")
+            raise BadInput(f"{source} leaves no photo to train on.", f"Correct or remove its {' and '.join(f'{one}_filenames' for one in lists)}.")
         split = {path: "test" for path in held_out} | {path: "train" for path in training}
         paths = {view.path for view in views}
         for words, odd in (

@@ -121,7 +121,7 @@ class Pictures:
             try:
                 self.pictures.append(load_picture(photo, sizes, device, cut_out))
             except BadInput as problem:
-                damaged.add(f"of the {photo.split} split damaged, not used", named_with_fault(photo.name, photo.path, problem))
+                damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
         self.notes = damaged.notes() + _doubtful_masks(self.pictures)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0

@@ -105,7 +105,8 @@ def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, 
     heard, trained = Heard(), load_run(small_run)
     trained.model.sh_transfer = None
     monkeypatch.setattr(suite, "load_run", lambda _: trained)
-    assert suite.bench(None, small_run, ("refinement",), False, tmp_path, heard) == []
+    with pytest.raises(BadInput, match="nothing to measure"):
+        suite.bench(None, small_run, ("refinement",), False, tmp_path, heard)
     assert [figure.name for figure in suite.curves((small_run,), ("full",), True, heard)] == ["training"]
     assert sum("no embedding to refine" in line for line in heard.lines) == 2
 

@@ -112,7 +112,7 @@ def test_nothing_to_train_on(scene):
         read_nerf_osr(scene / "final" / "train")
     for path in (scene / "final" / "train" / "intrinsics").iterdir():
         path.write_text("nothing")
-    with pytest.raises(BadInput, match="leaves no photo to train on.* Put photos into .*rgb"):
+    with pytest.raises(BadInput, match="leaves no photo to train on: 2 photos whose text file in intrinsics/ does not hold 16 numbers, not used.* Correct"):
         load_collection(scene)
     shutil.rmtree(scene / "final" / "train" / "rgb")
     with pytest.raises(BadInput, match="final/train/rgb holds no photos"):

@@ -282,7 +282,7 @@ def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
 @pytest.mark.parametrize(
     ("lists", "words"),
     [
-        ({"test": named(0)}, "leaves no photo to train on. Correct or remove its train_filenames"),
+        ({"test": named(0)}, "leaves no photo to train on. Correct or remove its test_filenames"),
         ({"train": [], "test": named(0)}, "leaves no photo to train on"),
         ({"train": named(9), "test": named(0)}, "leaves no photo to train on"),
         ({"train": 3}, "has a list of file names that is none"),

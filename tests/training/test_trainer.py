@@ -81,10 +81,10 @@ def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, t
     trainer = Trainer(replace(collection, photos=(damage(first), *others)), small_settings(), tmp_path)
     assert [picture.photo.name for picture in trainer.pictures.pictures] == ["photo_1.png", "photo_3.png", "photo_4.png"]
     (note,) = trainer.pictures.notes
-    assert note.startswith("1 photo of the train split damaged, not used: photo_0.png (ends before") and str(tmp_path) not in note
+    assert note.startswith("1 photo of the train split that cannot be used: photo_0.png (ends before") and str(tmp_path) not in note
     assert trainer.held_out.notes == [] and next(trainer.train()).step == 1
     hopeless = replace(collection, photos=tuple(map(damage, collection.photos)))
-    with pytest.raises(BadInput, match="no photo is left to train on. 4 photos of the train split damaged"):
+    with pytest.raises(BadInput, match="no photo is left to train on. 4 photos of the train split that cannot be used"):
         Trainer(hopeless, small_settings(), tmp_path)
 
 

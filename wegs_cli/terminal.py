@@ -25,6 +25,20 @@ class Pipe(Console):
         raise sys.exception()
 
 
+@contextmanager
+def _whoever_listens() -> Iterator[None]:
+    """What is said into a closed pipe (`| head`) or terminal is lost, and so is all that follows: files are what was asked for."""
+    try:
+        yield
+    except OSError as problem:
+        if not isinstance(problem, BrokenPipeError) and problem.errno != errno.EIO:
+            raise
+        with suppress(OSError, ValueError):  # a standard output that is no file
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stdout.fileno())  # or Python would complain of what it could not write, at its end
+            os.close(nowhere)
+
+
 class Terminal(Report):
     """A Report for people. Use as a context manager: leaving it clears the bar. Where nobody listens any more, work goes on."""
 
@@ -38,27 +52,20 @@ class Terminal(Report):
     def __enter__(self) -> Self:
         return self
 
+    @_whoever_listens()
     def __exit__(self, *_) -> None:
-        with _whoever_listens():
-            self._end_bar()
+        self._end_bar()
 
+    @_whoever_listens()
     def say(self, line: str) -> None:
-        with _whoever_listens():
-            self.console.print(line, soft_wrap=True)
+        self.console.print(line, soft_wrap=True)
 
+    @_whoever_listens()
     def warn(self, line: str) -> None:
-        with _whoever_listens():
-            self.console.print(line, style="yellow", soft_wrap=True)
+        self.console.print(line, style="yellow", soft_wrap=True)
 
+    @_whoever_listens()
     def progress(self, what: str, done: int, total: int, note: str = "") -> None:
-        with _whoever_listens():
-            self._tell_progress(what, done, total, note)
-
-    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
-        with _whoever_listens():
-            self._draw_table(title, rows, header)
-
-    def _tell_progress(self, what: str, done: int, total: int, note: str) -> None:
         if self.console.is_terminal:
             self._advance_bar(what, done, total, note)
         elif done == total or time.monotonic() - self.told >= PLAIN_SECONDS:
@@ -66,7 +73,8 @@ class Terminal(Report):
             click.echo(f"{what} {done}/{total}  {note}".rstrip())
             sys.stdout.flush()
 
-    def _draw_table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...]) -> None:
+    @_whoever_listens()
+    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self._end_bar()
         if not self.console.is_terminal:
             if header:
@@ -96,20 +104,6 @@ class Terminal(Report):
         if self.bar is not None:
             self.bar.stop()
             self.bar = None
-
-
-@contextmanager
-def _whoever_listens() -> Iterator[None]:
-    """What is said into a closed pipe (`| head`) or terminal is lost, and so is all that follows: files are what was asked for."""
-    try:
-        yield
-    except OSError as problem:
-        if not isinstance(problem, BrokenPipeError) and problem.errno != errno.EIO:
-            raise
-        with suppress(OSError, ValueError):  # a standard output that is no file
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, sys.stdout.fileno())  # or Python would complain of what it could not write, at its end
-            os.close(nowhere)
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> list[str]:

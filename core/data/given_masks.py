@@ -49,11 +49,11 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     return found
 
 
-def with_mask(photo: Photo, mask: Path, taken_through: dict | None) -> Photo:
-    """The photo with its mask. taken_through: the lens of the photo as it was taken, where its file is an undistorted copy; the mask
-    is that of the photo as it was taken, unless it has the size of the copy."""
+def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: dict | None) -> Photo:
+    """The photo with its mask, of this `size` (px). taken_through: the lens of the photo as it was taken, where its file is an
+    undistorted copy; the mask is that of the photo as it was taken, unless it has the size of the copy."""
     copy = replace(photo, mask=mask, mask_lens=None)
-    return copy if probe(mask).displayed == masked_size(copy) else replace(copy, mask_lens=taken_through)
+    return copy if size == masked_size(copy) else replace(copy, mask_lens=taken_through)
 
 
 def masked_size(photo: Photo) -> tuple[int, int]:
@@ -62,17 +62,15 @@ def masked_size(photo: Photo) -> tuple[int, int]:
     return (photo.camera.width, photo.camera.height) if lens is None else (lens["width"], lens["height"])
 
 
-def fits(mask: Path, size: tuple[int, int]) -> bool:
-    """Whether the mask is of the shape of a picture of this `size` (px), but for what making it by hand may change."""
-    width, height = probe(mask).displayed
-    return abs(log(width * size[1] / (height * size[0]))) <= SHAPE_TOLERANCE + 1 / min(width, height)
+def fits(size: tuple[int, int], wanted: tuple[int, int]) -> bool:
+    """Whether a mask of this `size` (px) is of the shape of its picture, but for what making it by hand may change."""
+    return abs(log(size[0] * wanted[1] / (size[1] * wanted[0]))) <= SHAPE_TOLERANCE + 1 / min(size)
 
 
-def check_fits(mask: Path, size: tuple[int, int]) -> None:
-    """Raise BadInput for a mask of another shape than a picture of this `size` (px)."""
-    if not fits(mask, size):
-        (width, height), (photo_width, photo_height) = probe(mask).displayed, size
-        shapes = f"{width} x {height} px, its photo {photo_width} x {photo_height}"
+def check_fits(mask: Path, size: tuple[int, int], wanted: tuple[int, int]) -> None:
+    """Raise BadInput for a mask of this `size` (px) that is of another shape than its picture."""
+    if not fits(size, wanted):
+        shapes = f"{size[0]} x {size[1]} px, its photo {wanted[0]} x {wanted[1]}"
         raise BadInput(f"The mask {mask} is {shapes}: of another shape.", "Give one of the whole photo, as displayed.")
 
 
@@ -84,15 +82,16 @@ def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Coll
     """
     lenses, photos, said = lenses_of(collection.root), [], Reasons()
     for photo in collection.photos:
-        mask, what = masks.get(photo.name), None
-        bare = replace(photo, mask=None, mask_lens=None)
-        found = bare if mask is None or not mask.is_file() else with_mask(bare, mask, lenses.get(photo.name))
-        if found.mask is None:
+        mask, what, found = masks.get(photo.name), None, replace(photo, mask=None, mask_lens=None)
+        if mask is None or not mask.is_file():
             what = "without a mask, used whole"
-        elif not fits(mask, masked_size(found)):
-            what, found = "with a mask of another shape, used whole", bare
-        elif probe(mask).displayed != masked_size(found):
-            what = "with a mask of another size, which is resized"
+        else:
+            size = probe(mask).displayed
+            found = with_mask(photo, mask, size, lenses.get(photo.name))
+            if not fits(size, masked_size(found)):
+                what, found = "with a mask of another shape, used whole", replace(found, mask=None, mask_lens=None)
+            elif size != masked_size(found):
+                what = "with a mask of another size, which is resized"
         photos.append(found)
         if what and photo.split == "train":
             said.add(what, photo.name)

@@ -69,13 +69,13 @@ def find_kind(path: Path) -> str:
 
 def kind_with_cameras(path: Path) -> str | None:
     """Which kind of scene with cameras the folder holds, None for none; BadInput where there is but a part of a model."""
-    other = posed_kind(path)
     try:
-        return kind_of(path) if find_model(path) else other
+        if find_model(path):
+            return kind_of(path)
     except BadInput:
-        if other is None:
+        if posed_kind(path) is None:
             raise
-        return other
+    return posed_kind(path)
 
 
 def posed_kind(path: Path) -> str | None:

@@ -3,7 +3,7 @@
 import hashlib
 import mmap
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", "
 # Of cameras and phones; OpenCV reads none, or as .avif in some builds only, and not turned as the file says. No photo is a .gif.
 UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif")
 
+START_BYTES = 1 << 16  # of files that may be copies
 JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"
 JPEG_EXIF = b"Exif\0\0"
@@ -65,19 +66,28 @@ def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
 
 
 def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
-    """The files that are byte for byte as an earlier one of `paths`, with that one. Only files of one size are read."""
-    of_size: dict[int, list[Path]] = {}
-    for path in paths:
-        of_size.setdefault(path.stat().st_size, []).append(path)
+    """The files that are byte for byte as an earlier one of `paths`, with that one. Only what begins alike is read to its end."""
     copies = {}
-    for alike in of_size.values():
-        first: dict[bytes, Path] = {}
-        for path in alike if len(alike) > 1 else ():
-            with suppress(OSError):  # who reads it will say so
-                original = first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)
-                if original != path:
-                    copies[path] = original
+    for same_size in _alike(paths, lambda path: path.stat().st_size):
+        for same_start in _alike(same_size, lambda path: _digest(path, START_BYTES)):
+            for original, *others in _alike(same_start, _digest):
+                copies |= dict.fromkeys(others, original)
     return copies
+
+
+def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Path]]:
+    """The files that share a key with others, in their order; what cannot be read is like no other."""
+    groups: dict[object, list[Path]] = {}
+    for path in paths:
+        with suppress(OSError):  # who reads it will say so
+            groups.setdefault(key(path), []).append(path)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def _digest(path: Path, count: int = -1) -> bytes:
+    """Of the first `count` bytes of a file, or of all."""
+    with path.open("rb") as file:
+        return hashlib.sha256(file.read(count)).digest()
 
 
 def no_photos(folder: Path, what: str = "no photos") -> BadInput:

@@ -73,8 +73,9 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
     if mask is not None:
-        photo = with_mask(photo, mask, sfm.lenses_of(trained.collection.root).get(photo.name))
-        check_fits(mask, masked_size(photo))
+        size = probe(mask).displayed
+        photo = with_mask(photo, mask, size, sfm.lenses_of(trained.collection.root).get(photo.name))
+        check_fits(mask, size, masked_size(photo))
     look = trained.model.look(trained.picture(photo).encoder_input, row)
     kind = "training" if row is not None else "held-out"
     return Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
@@ -83,7 +84,7 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
 def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     _refuse_unknown_to_table(trained, str(path))
     if mask is not None:
-        check_fits(mask, probe(path).displayed)
+        check_fits(mask, probe(mask).displayed, probe(path).displayed)
     pixels = files.read_light(path, mask)
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:

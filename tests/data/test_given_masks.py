@@ -122,7 +122,7 @@ def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
     assert [photo.mask is not None for photo in found.photos[:2]] == [True, False]
     assert "1 photo with a mask of another shape, used whole: photo_1.png" in found.notes
     with pytest.raises(BadInput, match="photo_1.png is 99 x 8 px, its photo 48 x 36: of another shape"):
-        check_fits(tmp_path / "masks" / "photo_1.png", (48, 36))
+        check_fits(tmp_path / "masks" / "photo_1.png", (99, 8), (48, 36))
 
 
 def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
@@ -130,8 +130,8 @@ def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
     lens = {"model": "SIMPLE_RADIAL", "width": 160, "height": 106, "params": [112.0, 80.0, 53.0, -0.25]}
     photo = photo_at(save(tmp_path / "copy.png", np.zeros((114, 199, 3), np.uint8)), 199, 114)
     photo = replace(photo, camera=replace(photo.camera, fx=112.0, fy=112.0))
-    found = with_mask(photo, save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50]), lens)
-    check_fits(found.mask, masked_size(found))
+    found = with_mask(photo, save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50]), (160, 106), lens)
+    check_fits(found.mask, (160, 106), masked_size(found))
     assert 0.2 < load(found, 199, 114).valid.mean() < 0.8
 
 
@@ -209,17 +209,17 @@ def test_the_mask_of_a_photo_as_it_was_taken_lies_on_its_undistorted_copy(tmp_pa
     save(photo.path, copy)
     mask = save(tmp_path / "mask.png", taken[..., 0])
     disc = copy[..., 0] < 128
-    hidden = ~load(with_mask(photo, mask, lens), width + 8, height + 6).valid
+    hidden = ~load(with_mask(photo, mask, (width, height), lens), width + 8, height + 6).valid
     assert (hidden == disc).all() and disc.sum() > 200
-    stretched = ~load(with_mask(photo, mask, None), width + 8, height + 6).valid
+    stretched = ~load(with_mask(photo, mask, (width, height), None), width + 8, height + 6).valid
     assert (disc & ~stretched).sum() > 20
-    own = with_mask(photo, save(tmp_path / "own.png", copy[..., 0]), lens)  # drawn on the copy, whose size tells
+    own = with_mask(photo, save(tmp_path / "own.png", copy[..., 0]), (width + 8, height + 6), lens)  # drawn on the copy, whose size tells
     assert own.mask_lens is None and (~load(own, width + 8, height + 6).valid == disc).all()
 
 
 def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tmp_path):
     mask, lens = save_mask(tmp_path / "masks" / "photo_0.png", 72, 96), {"model": "SIMPLE_RADIAL", "width": 96, "height": 72, "params": [1, 2, 3, 4]}
-    first = with_mask(collection.photos[0], mask, lens)
+    first = with_mask(collection.photos[0], mask, (96, 72), lens)
     collection = replace(collection, photos=(first, *collection.photos[1:]))
     run.create(tmp_path / "run", collection, small_settings())
     before = run.read_config(tmp_path / "run")[2]

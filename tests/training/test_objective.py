@@ -8,14 +8,6 @@ import torch
 from core.appearance.model import Look
 from core.training import losses
 from core.training.photometric import photometric_of_mask
-from core.training.trainer import Trainer
-from tests.small import small_collection, small_settings
-
-
-@pytest.fixture
-def trainer_of(tmp_path):
-    collection = small_collection(tmp_path)
-    return lambda **changes: Trainer(collection, small_settings(**changes), tmp_path)
 
 
 def test_a_mask_is_taught_from_its_time_on(trainer_of):

@@ -15,16 +15,9 @@ from core.training.gaussians import learning_rates
 from core.training.jitter import draw_gain, jittered
 from core.training.masks import write_masks
 from core.training.photometric import Target
-from core.training.trainer import Trainer
-from tests.small import small_collection, small_settings
+from tests.small import small_settings
 
 PHOTOS = ["a.jpg", "b.jpg"]
-
-
-@pytest.fixture
-def trainer_of(tmp_path):
-    collection = small_collection(tmp_path)
-    return lambda **changes: Trainer(collection, small_settings(**changes), tmp_path)
 
 
 # --- what

@@ -46,31 +46,31 @@ class Settings:
     # --- the run
     steps: int = setting(
         UNDECIDED,
-        f"Optimisation steps; every schedule is a fraction of them. auto: {FIRST_VISITS} a photo up to {FIRST_STEPS}, or {VISITS} a "
-        f"photo where that is more, at least {LEAST['steps']}.",
+        f"Training steps; every schedule is a fraction of them. auto: {FIRST_VISITS} per photo, at least {LEAST['steps']} and at most "
+        f"{FIRST_STEPS}; {VISITS} per photo where that is more.",
         low=1,
         auto=True,
     )
     seed: int = setting(0, "Seed of everything random.", low=0, high=2**63 - 1)
-    device: str = setting("auto", "Where to compute.", choices=("auto", "cpu", "cuda"))
-    backend: str = setting("auto", "Rasterizer.", choices=("auto", "reference", "cpu", "cuda"))
+    device: str = setting("auto", "Where to compute. auto: an NVIDIA GPU if torch finds one.", choices=("auto", "cpu", "cuda"))
+    backend: str = setting("auto", "Rasterizer. auto: the one for the device; reference is slow, for tests.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(
         -1,
-        "1, 2, 4 or 8 divide the photos' size; a larger number is their width in px; -1 shrinks them to a mean of "
+        "Size of the photos in training: 1, 2, 4 or 8 divides it; a larger number is the width in px; -1 shrinks photos to a mean of "
         f"{AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
         low=-1,
     )
-    all_photos: bool = setting(False, "Train on held-out photos, too: the best scene, and no figures of it.")
+    all_photos: bool = setting(False, "Train on the held-out photos, too: a better scene, but nothing is left to measure it on.")
     max_gaussians: int = setting(
         UNDECIDED,
-        f"Never more Gaussians than this (without the sky's). auto: one for {PIXELS_A_GAUSSIAN} pixels of all photos or "
-        f"{GAUSSIANS_A_PHOTO} a photo, whichever is more, at least {LEAST['max_gaussians']}.",
+        f"Upper limit on the number of Gaussians, not counting the sky. auto: one per {PIXELS_A_GAUSSIAN} pixels of all photos "
+        f"together, or {GAUSSIANS_A_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']}.",
         low=1,
         auto=True,
     )
     sh_degree: int = setting(
         UNDECIDED,
-        "Degree of the spherical harmonics; auto asks the photos whether colours depend on the viewing direction.",
+        "Degree of the spherical harmonics. auto: 0 or 1, by whether colours in the photos depend on the viewing direction.",
         low=0,
         high=3,
         auto=True,
@@ -79,10 +79,10 @@ class Settings:
     # --- the parts of the method, each a switch of the paper's ablation
     appearance: str = setting(
         AUTO,
-        "How looks differ: not at all, by an affine colour map, by SH transfer; auto asks the photos.",
+        "How the look may differ between photos: off = not at all, exposure = by an affine colour map, full = by SH transfer. auto: chosen from the photos.",
         choices=(AUTO, "off", "exposure", "full"),
     )
-    transients: str = setting(AUTO, "Whether passers-by are masked; auto asks the photos.", choices=(AUTO, "off", "on"))
+    transients: str = setting(AUTO, "Whether passers-by (transients) are masked. auto: chosen from the photos.", choices=(AUTO, "off", "on"))
     sky: str = setting(
         AUTO,
         "What stands behind everything: a far dome of Gaussians, or nothing. auto: nothing where transparent pixels are empty.",
@@ -106,7 +106,7 @@ class Settings:
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
 
-    # --- sizes; those of the look by the table in core/TRIED.md, "What a look can say"
+    # --- sizes; those of the look by the table in core/TRIED.md, "Capacity of a look"
     embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024)
     latent_size: int = setting(
         16, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position; 0: none (paper).", low=0, high=1024

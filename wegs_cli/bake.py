@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 
-@click.command(short_help="Write the scene in the light of a photo, as a .ply.")
+@click.command(short_help="Write the scene in the look of a photo, as a .ply.")
 @click.option(
     "--appearance",
     required=True,
@@ -14,19 +14,19 @@ import click
 )
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The .ply to write.")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
-@click.option("--force", is_flag=True, help="Replace OUTPUT, and the look that is kept, if they exist.")
-@click.option("--mask", type=click.Path(path_type=Path), help="Picture that is white where PHOTO is to be used.")
-@click.option("--save-appearance", metavar="NAME", help="Keep the look in the run as appearance/NAME.json.")
+@click.option("--force", is_flag=True, help="Overwrite the .ply, and a look saved under that name.")
+@click.option("--mask", type=click.Path(path_type=Path), help="Mask for PHOTO: white = use.")
+@click.option("--save-appearance", metavar="NAME", help="Also save the look in the run, as appearance/NAME.json, for a later --appearance NAME.")
 @click.option(
     "--prune",
     type=click.Choice(["auto", "off"]),
     default="auto",
     show_default=True,
-    help="Leave out Gaussians and SH bands that change no training view by more than half an 8-bit step, or keep all.",
+    help="auto: leave out Gaussians and SH bands that change no training view by more than half an 8-bit step (0.5/255). off: keep all.",
 )
-@click.option("--sky/--no-sky", default=True, show_default=True, help="Write the sky, a dome far around the place, too.")
+@click.option("--sky/--no-sky", default=True, show_default=True, help="Include the sky, a distant dome around the place.")
 def bake(appearance, output, run_folder, force, mask, save_appearance, prune, sky) -> None:
-    """Write the scene in the light of a photo, as a .ply that every 3DGS viewer opens.
+    """Write the scene in the look of a photo, as a .ply that every 3DGS viewer opens.
 
     \b
     Examples:

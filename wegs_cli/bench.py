@@ -17,10 +17,10 @@ from core.bench import FIGURES
 )
 @click.option("--force", is_flag=True, help="Replace the figures that OUTPUT holds.")
 def bench(scene, run_folder, names, full, output, force) -> None:
-    """Draw what accuracy costs: rendering, baking, training and refinement, each as a table, CSV, JSON and PNG.
+    """Plot error against run time for rendering, baking, training and refinement, each as a table, CSV, JSON and PNG.
 
-    Without SCENE and --run a small built-in scene is photographed and trained on by every preset: under three minutes on
-    two cores. With SCENE, of any kind that `wegs train` reads, the presets are trained on that.
+    Without SCENE and --run, every preset is trained on a small built-in scene: under three minutes on two cores. With
+    SCENE, of any kind that `wegs train` reads, the presets are trained on that.
 
     \b
     Examples:

@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 
-@click.command(short_help="Say what is the matter with a .ply, a run or a scene.")
+@click.command(short_help="Check a .ply, a run or a scene.")
 @click.argument("what", required=False, type=click.Path(path_type=Path))
 def doctor(what) -> None:
-    """Look at WHAT and say in one line a finding what was found, what it means and what to do.
+    """Check WHAT and print one line per finding: what was found, what it means and what to do.
 
     WHAT is a .ply of Gaussians (of any program), a run, a scene or a folder of photos; without it, the newest run.
 

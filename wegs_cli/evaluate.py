@@ -19,12 +19,12 @@ from core.evaluation import PROTOCOLS
 @click.option(
     "--protocol",
     type=click.Choice(list(PROTOCOLS)),
-    help="half: look from the left half of a test photo, figures from the right; full: both from the whole.  "
+    help="half: read the look from the left half of a test photo, score the right half; full: the whole photo for both.  "
     "[default: half; with --curve, both]",
 )
-@click.option("--no-refine", is_flag=True, help="Take the encoder's embedding as it is.")
+@click.option("--no-refine", is_flag=True, help="Skip refinement: score the encoder's embedding only.")
 @click.option("--pictures", is_flag=True, help="Keep every render and photo as PNG, in the run's pictures/.")
-@click.option("--curve", is_flag=True, help="Draw quality over time instead: of the training, and of the refinement.")
+@click.option("--curve", is_flag=True, help="Instead, plot quality over time, of training and of refinement.")
 def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
     """Measure a run on the photos it was not trained on: PSNR, SSIM and, where its weights are found, LPIPS.
 

@@ -9,10 +9,10 @@ import click
 @click.argument("first")
 @click.argument("last")
 @click.option(
-    "--steps", type=click.IntRange(min=2), default=10, show_default=True, help="Frames, the two ends included."
+    "--steps", type=click.IntRange(min=2), default=10, show_default=True, help="Number of frames, including both ends."
 )
-@click.option("--view", metavar="NAME", help="Photo whose camera looks on.  [default: the first held-out one]")
-@click.option("--ply", is_flag=True, help="Write one .ply a step as well.")
+@click.option("--view", metavar="NAME", help="Photo whose camera is used.  [default: the first held-out one]")
+@click.option("--ply", is_flag=True, help="Also write one .ply per frame.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the frames.  [default: FIRST-to-LAST]")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Replace the frames that OUTPUT holds.")

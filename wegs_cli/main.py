@@ -122,7 +122,7 @@ def _show_version(context: click.Context, _parameter: click.Parameter, wanted: b
     help="Never take more main memory than this (Linux); a GPU's own is not limited.",
 )
 def wegs(memory: float | None) -> None:
-    """Tourist photos in, a 3D Gaussian scene out whose light follows any photo.
+    """From tourist photos to a 3D Gaussian scene whose look follows any photo.
 
     \b
     wegs train photos/                            # minutes on two cores

@@ -5,13 +5,15 @@ from pathlib import Path
 import click
 
 
-@click.command(short_help="Find where photos were taken.")
+@click.command(short_help="Find the camera poses of photos.")
 @click.argument("photos", type=click.Path(path_type=Path))
 @click.option(
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the scene, new or empty."
 )
 def sfm(photos, output) -> None:
-    """Find where PHOTOS, a folder, were taken: undistorted pictures and a COLMAP model that `wegs train` reads.
+    """Find the camera poses of the photos in the folder PHOTOS with COLMAP.
+
+    Writes undistorted photos and a COLMAP model, which `wegs train` reads.
 
     \b
     Example:

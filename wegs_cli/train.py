@@ -11,12 +11,12 @@ from wegs_cli.options import settings_from, settings_options, settings_table
 @click.command(epilog=settings_table(), short_help="Photos in, a run out.")
 @click.argument("scene", type=click.Path(path_type=Path), required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the run.  [default: runs/SCENE]")
-@click.option("--masks", type=click.Path(path_type=Path), help="Folder of masks named as the photos; white = use.")
+@click.option("--masks", type=click.Path(path_type=Path), help="Folder of masks, one per photo with the photo's name; white = use.")
 @settings_options
 @click.option("--resume", is_flag=True, help="Go on with the run in -o (default: the newest), with its own settings.")
 @click.option("--force", is_flag=True, help="Replace the run that -o holds.")
 def train(scene, output, masks, preset_name, config, assignments, resume, force, **typed) -> None:
-    """Train a scene whose light can be changed, from the photos in SCENE (default: the current folder).
+    """Train a scene whose look can follow any photo, from the photos in SCENE (default: the current folder).
 
     SCENE is a COLMAP model with its photos, a PhotoTourism folder, a transforms.json of nerfstudio or Instant-NGP, a
     Blender or NeRF-OSR scene, or plain photos, whose cameras are then found first. Where cameras come without points,

@@ -1,4 +1,4 @@
-"""What was trained meets how it is judged: a run as the protocols' subject, its held-out photos as their views."""
+"""What was trained meets how it is judged: a run's held-out photos as the views of the protocols, whose subject is the run itself."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
@@ -7,7 +7,6 @@ from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
 from core.errors import BadInput
 from core.evaluation.protocols import View
-from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import load_truth
 from core.report import Report
 from core.training.pictures import shown_on
@@ -15,11 +14,6 @@ from core.training.trained import Run
 from core.words import name_them
 
 Measured = TypeVar("Measured")
-
-
-def subject_of(trained: Run) -> TrainedScene:
-    """The run as what the protocols measure."""
-    return TrainedScene(trained.splats, trained.latents, trained.model, trained.rasterizer, trained.backdrop)
 
 
 def held_out_view(trained: Run, photo: Photo) -> View:

@@ -23,8 +23,8 @@ from core.evaluation.protocols import measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
 from core.evaluation.sheet import picture_sheet, row_of, write_view
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
-from core.measuring import over_views, subject_of
-from core.report import Report
+from core.measuring import over_views
+from core.report import QUIET, Report
 from core.training import checkpoint, run, saved_look
 from core.training.claim import held, new_run
 from core.training.find_look import find_appearance
@@ -50,7 +50,6 @@ __all__ = [
     "resume",
     "train",
 ]
-QUIET = Report()
 ONE_LOOK = "This run was trained without appearance: all its looks are one."
 
 
@@ -195,10 +194,12 @@ def export(
     prune: bool = True,
     mask: Path | None = None,
     sky: bool = True,
+    refine: bool = True,
 ) -> Path:
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
     prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. sky: write the dome, too.
+    refine: read a photo better than the encoder does, where its camera is known or found.
     """
     core.export.check_format(output)
     check_file(output)
@@ -207,7 +208,7 @@ def export(
     trained = load_run(run.find_run(folder))
     if save_as is not None:
         saved_look.check_free(trained.folder, save_as, force, [photo.name for photo in trained.collection.photos])
-    appearance = find_appearance(trained, word, mask)
+    appearance = find_appearance(trained, word, mask, refine, report)
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {appearance.source}")
     for note in trained.collection.frame.offset_notes():
         report.warn(note)
@@ -234,6 +235,7 @@ def interpolate(
     view: str | None = None,
     ply: bool = False,
     force: bool = False,
+    refine: bool = True,
 ) -> Path:
     """Fade from one look to another in `steps` frames (2 or more) seen by the camera of photo `view`; returns their folder.
 
@@ -242,7 +244,7 @@ def interpolate(
     if steps < 2:
         raise BadSetting(f"A fade has two ends, and {steps} is fewer.", "Take 2 steps or more.")
     trained = load_run(run.find_run(folder))
-    ends = [find_appearance(trained, word) for word in (first, last)]
+    ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
     photo = trained.collection.view(view)
     output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
     check_apart(output, [Path(first), Path(last)])
@@ -293,11 +295,10 @@ def evaluate(
     else:
         distance = distance.to(trained.device)
     kept = f"{PICTURES}/{protocol}/"
-    subject = subject_of(trained)
     start = time.perf_counter()
     views, rows, scales = [], [], []
     places = picture_places(photo.name for photo in photos)
-    through = over_views(trained, photos, lambda view: measure(subject, view, protocol, refine, distance), "Photos", report)
+    through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
     for photo, (measured, pictures) in through:
         views.append(measured)
         scales.append(measured.width / photo.camera.width)

@@ -15,3 +15,6 @@ class Report:
 
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         """Names and values, at the end of something; with a header, columns of any number."""
+
+
+QUIET = Report()

@@ -13,6 +13,7 @@ view a row, neutral and each look, and no photo, whose licence may not allow it.
 import os
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
@@ -24,14 +25,13 @@ import cv2
 import numpy as np
 import torch
 
+from core.appearance.refinement import refined
 from core.atomic import write_bytes
 from core.data import photos
 from core.data.collection import Photo
 from core.errors import BadInput
 from core.evaluation import metrics
-from core.evaluation.protocols import refine_embedding
 from core.export.pictures import to_8_bit
-from core.measuring import subject_of
 from core.training import run
 from core.training.find_look import find_appearance
 from core.training.trained import Run, bake, blend, load_run
@@ -128,7 +128,6 @@ def nearness(trained: Run, style: str) -> str | None:
     known = truths(trained, style)
     if not known:
         return None
-    subject = subject_of(trained)
     own = find_appearance(trained, style)
     seen = {photo.name: find_appearance(trained, photo.name) for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}
@@ -137,7 +136,7 @@ def nearness(trained: Run, style: str) -> str | None:
         pixels = cv2.resize(photos.read(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         truth = torch.from_numpy(pixels).to(trained.device).float() / 255
         looks = {"own": own, "neutral": find_appearance(trained, "neutral")} | seen
-        fitted = refine_embedding(subject, own.embedding, camera, truth)
+        fitted = refined(partial(trained.render, camera=camera), own.embedding, truth)
         looks |= {} if fitted is None else {"fitted": replace(own, embedding=fitted, tone=None)}
         for look, appearance in looks.items():
             picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image)

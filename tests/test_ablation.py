@@ -10,10 +10,11 @@ import torch
 from click.testing import CliRunner
 
 from core import pipeline
+from core.appearance import refinement
 from core.config import PRESETS
 from core.data import load_collection
 from core.errors import BadInput
-from core.evaluation import lpips, protocols
+from core.evaluation import lpips
 from samples import ablation, compare
 from samples.measurements import finished
 from samples.measurements.variants import FULL, VARIANTS
@@ -32,7 +33,7 @@ def small_scene(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pipeline, "prepared", lambda path, *_: replace(collection, root=path))
         patch.setattr(pipeline, "load_collection", lambda path: replace(collection, root=path))
-        patch.setattr(protocols, "REFINE_STEPS", 2)
+        patch.setattr(refinement, "STEPS", 2)
         patch.setattr(lpips, "load", lambda: None)
         yield folder
 

@@ -152,7 +152,7 @@ def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outs
     assert known.source == "training photo photo_0.png"
     copy = tmp_path / "copy.png"
     copy.write_bytes((small_scene / "photo_0.png").read_bytes())
-    outside = pipeline.find_appearance(live, str(copy))
+    outside = pipeline.find_appearance(live, str(copy), refine=False)
     assert outside.source == "photo copy.png from outside the collection"
     assert "held-out" in pipeline.find_appearance(live, "photo_2.png").source
 
@@ -335,7 +335,7 @@ def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
 
 def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
-    monkeypatch.setattr(pipeline, "subject_of", None)
+    monkeypatch.setattr(pipeline, "measure", None)
     monkeypatch.setattr("os.access", lambda path, mode: trained[0] not in (Path(path), Path(path).parent))
     for need in (
         lambda: pipeline.evaluate(trained[0]),

@@ -16,6 +16,7 @@ import click
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Overwrite the .ply, and a look saved under that name.")
 @click.option("--mask", type=click.Path(path_type=Path), help="Mask for PHOTO: white = use.")
+@click.option("--no-refine", is_flag=True, help="Take the look as the encoder reads it, also where the camera of PHOTO is known or found.")
 @click.option("--save-appearance", metavar="NAME", help="Also save the look in the run, as appearance/NAME.json, for a later --appearance NAME.")
 @click.option(
     "--prune",
@@ -25,8 +26,11 @@ import click
     help="auto: leave out Gaussians and SH bands that change no training view by more than half an 8-bit step (0.5/255). off: keep all.",
 )
 @click.option("--sky/--no-sky", default=True, show_default=True, help="Include the sky, a distant dome around the place.")
-def bake(appearance, output, run_folder, force, mask, save_appearance, prune, sky) -> None:
+def bake(appearance, output, run_folder, force, mask, no_refine, save_appearance, prune, sky) -> None:
     """Write the scene in the look of a photo, as a .ply that every 3DGS viewer opens.
+
+    The encoder reads the look from the photo. If the training has not seen the photo, but its camera is known (a held-out photo) or is
+    found among the scene's (a photo of the same place), the look is then refined until the scene, seen by that camera, fits the photo best.
 
     \b
     Examples:
@@ -38,5 +42,5 @@ def bake(appearance, output, run_folder, force, mask, save_appearance, prune, sk
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        choices = {"force": force, "save_as": save_appearance, "prune": prune == "auto", "mask": mask, "sky": sky}
+        choices = {"force": force, "save_as": save_appearance, "prune": prune == "auto", "mask": mask, "sky": sky, "refine": not no_refine}
         pipeline.export(run_folder, appearance, output, terminal, **choices)

@@ -12,11 +12,12 @@ import click
     "--steps", type=click.IntRange(min=2), default=10, show_default=True, help="Number of frames, including both ends."
 )
 @click.option("--view", metavar="NAME", help="Photo whose camera is used.  [default: the first held-out one]")
+@click.option("--no-refine", is_flag=True, help="Take looks as the encoder reads them; see `wegs bake`.")
 @click.option("--ply", is_flag=True, help="Also write one .ply per frame.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the frames.  [default: FIRST-to-LAST]")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Replace the frames that OUTPUT holds.")
-def interpolate(first, last, steps, view, ply, output, run_folder, force) -> None:
+def interpolate(first, last, steps, view, no_refine, ply, output, run_folder, force) -> None:
     """Fade from one look to another: frames, a contact sheet and a video. FIRST and LAST are as in `wegs bake`.
 
     \b
@@ -28,4 +29,5 @@ def interpolate(first, last, steps, view, ply, output, run_folder, force) -> Non
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        pipeline.interpolate(run_folder, first, last, steps, output, terminal, view=view, ply=ply, force=force)
+        choices = {"view": view, "ply": ply, "force": force, "refine": not no_refine}
+        pipeline.interpolate(run_folder, first, last, steps, output, terminal, **choices)

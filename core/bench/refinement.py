@@ -1,6 +1,6 @@
 """Embedding refinement: how many dB each step of Adam brings on held-out photos, by both protocols.
 
-The refinement is that of core.evaluation.protocols, and so are the regions: with `half`, the left half is fitted and
+The refinement is that of core.appearance.refinement, the regions are those of core.evaluation.protocols: with `half`, the left half is fitted and
 the right half measured; with `full`, the whole photo is both, so that its figures have seen what they are scored on.
 """
 
@@ -9,14 +9,15 @@ from functools import partial
 
 import torch
 
+from core.appearance.refinement import STEPS, refinement
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import metrics
-from core.evaluation.protocols import REFINE_STEPS, View, fit_of, refinement
+from core.evaluation.protocols import View, fit_of
 from core.evaluation.subject import Subject
-from core.measuring import over_views, subject_of
+from core.measuring import over_views
 from core.report import Report
 from core.training.trained import Run
 from core.words import counted
@@ -34,10 +35,9 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
     """
     points = []
     for name, run in trained.items():
-        subject = subject_of(run)
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
-            measured = partial(_course, subject, protocol)
+            measured = partial(_course, run, protocol)
             through = over_views(run, chosen, measured, f"Refinement of {name}, {protocol}", report, f"of {name} not measured by {protocol}")
             try:
                 courses = [course for _, course in through]
@@ -62,9 +62,9 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
 def _course(subject: Subject, protocol: str, view: View) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
     fit = fit_of(subject, view, protocol)
-    next(refinement(subject, fit.start, fit.camera, fit.region, fit.valid), None)  # unmeasured: the first of all loads the kernels
+    next(refinement(fit.render, fit.start, fit.region, fit.valid), None)  # unmeasured: the first of all loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()
-    for step, embedding in enumerate(refinement(subject, fit.start, fit.camera, fit.region, fit.valid)):
+    for step, embedding in enumerate(refinement(fit.render, fit.start, fit.region, fit.valid)):
         seconds += time.perf_counter() - since
         if step in MEASURED:
             with torch.no_grad():
@@ -85,5 +85,5 @@ def _points(curve: str, protocol: str, courses: list[list[dict[str, float]]]) ->
         values = {name: spreads[name] for name in ("steps", "seconds")}
         values |= {f"{name}_{protocol}": spreads[name] for name in ("gain", "psnr")}
         steps = round(at[0]["steps"])
-        points.append(Point(curve, counted(steps, "step"), values, steps == REFINE_STEPS))
+        points.append(Point(curve, counted(steps, "step"), values, steps == STEPS))
     return points

@@ -2,9 +2,15 @@
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pycolmap
 
+from core.data import photos as files
+from core.data.collection import Photo
+from core.errors import BadInput
 from core.report import Report
+from core.scene.camera import Camera
 
 LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
 FEATURES = 8192  # at most, a photo
@@ -13,7 +19,41 @@ JPEG_QUALITY = 95  # of the copies that features are looked for in, and of undis
 SEED = 0
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 BATCHES = 24  # features and matches are computed in so many parts, to tell of progress and to notice Ctrl-C
-PHOTOS, DATABASE = "photos", "database.db"  # in the folder of work
+PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the folder of work
+HALF = 128  # of 255, of emptiness: features are looked for where less of a pixel is empty
+
+
+def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
+    """Write the undistorted pictures, shrunk to LONG_SIDE_PX, and their masks; the photo and camera of each by its name.
+
+    Numbered, because COLMAP's list of pairs is split at spaces.
+    """
+    for folder in (PHOTOS, MASKS):
+        (work / folder).mkdir()
+    cameras = {}
+    for number, (photo, camera) in enumerate(posed, 1):
+        shrink = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
+        camera = camera.resized(max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink)))
+        try:
+            picture = files.load(photo, camera.width, camera.height, cut_out=True)
+        except BadInput:
+            continue
+        name = f"{number:06d}.jpg"
+        cameras[name] = photo, camera
+        pixels = cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2BGR)
+        _write(work / PHOTOS / name, ".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        shown = np.ones(pixels.shape[:2], bool) if picture.valid is None else picture.valid
+        if picture.empty is not None:
+            shown &= picture.empty < HALF
+        _write(work / MASKS / f"{name}.png", ".png", shown * np.uint8(255), [])  # COLMAP reads no photo that lacks one
+        report.progress("Photos", number, len(posed))
+    return cameras
+
+
+def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
+    path.write_bytes(
+        cv2.imencode(kind, pixels, flags)[1].tobytes()
+    )  # a full disk raises here, where imwrite says False
 
 
 def extract(work: Path, names: list[str], report: Report, masks: Path | None = None) -> None:

@@ -2,22 +2,18 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pycolmap
 
-from core.data import photos as files
 from core.data.collection import Photo
-from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, LONG_SIDE_PX, PHOTOS, SEED, extract, match
+from core.data.features import DATABASE, LEAST_PHOTOS, MASKS, PHOTOS, SEED, extract, match, write_pictures
 from core.data.model_file import quiet
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
 from core.words import counted
 
-MASKS = "masks"
 NEAREST, SPREAD = 10, 10  # partners of a photo: the nearest ones, and others evenly spread over those that look its way
-HALF = 128  # of 255, of emptiness: features are looked for where less of a pixel is empty
 MOST_DEGREES = 75.0  # between the directions in which partners look; SIFT matches little beyond 40
 # As the lines are known, more may be let through to them. Against the usual 0.8: points of plaza, Liberty and kermit + 98, 13, 15 %;
 # COLMAP's own points have one nearer by 29, 6, 5 %, and they lie farther from COLMAP's by 10, 8, 45 % (medians).
@@ -34,7 +30,7 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
     Raises BadInput for fewer than LEAST_PHOTOS.
     """
     with quiet():
-        cameras = _write_pictures(posed, work, report)
+        cameras = write_pictures(posed, work, report)
         names = list(cameras)
         if len(names) < LEAST_PHOTOS:
             what = f"{counted(len(names), 'photo')} to train on can be read; at least {LEAST_PHOTOS} are needed to triangulate points"
@@ -91,39 +87,6 @@ def off_line_px(first: Camera, second: Camera, in_first: np.ndarray, in_second: 
     slopes = [line[:, :2] / (camera.fx, camera.fy) for camera, line in zip((first, second), lines, strict=True)]
     steepness = np.sqrt((slopes[0] ** 2).sum(axis=1) + (slopes[1] ** 2).sum(axis=1))
     return np.abs(error) / np.maximum(steepness, np.finfo(float).tiny)
-
-
-def _write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
-    """Write the undistorted pictures, shrunk to LONG_SIDE_PX, and their masks; the photo and camera of each by its name.
-
-    Numbered, because COLMAP's list of pairs is split at spaces.
-    """
-    for folder in (PHOTOS, MASKS):
-        (work / folder).mkdir()
-    cameras = {}
-    for number, (photo, camera) in enumerate(posed, 1):
-        shrink = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
-        camera = camera.resized(max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink)))
-        try:
-            picture = files.load(photo, camera.width, camera.height, cut_out=True)
-        except BadInput:
-            continue
-        name = f"{number:06d}.jpg"
-        cameras[name] = photo, camera
-        pixels = cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2BGR)
-        _write(work / PHOTOS / name, ".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        shown = np.ones(pixels.shape[:2], bool) if picture.valid is None else picture.valid
-        if picture.empty is not None:
-            shown &= picture.empty < HALF
-        _write(work / MASKS / f"{name}.png", ".png", shown * np.uint8(255), [])  # COLMAP reads no photo that lacks one
-        report.progress("Photos", number, len(posed))
-    return cameras
-
-
-def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
-    path.write_bytes(
-        cv2.imencode(kind, pixels, flags)[1].tobytes()
-    )  # a full disk raises here, where imwrite says False
 
 
 def _known(work: Path, cameras: dict[str, tuple[Photo, Camera]]) -> pycolmap.Reconstruction:

@@ -5,25 +5,22 @@ from the right half. full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come f
 Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray
 from torch import Tensor
 
+from core.appearance.refinement import Render, refined
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
 from core.evaluation.truth import UNKNOWN, Truth
 from core.export.pictures import to_8_bit
 from core.scene.camera import Camera
-from core.threads import threads_for_blocks
-
-# The refinement of WildGaussians and nerfbaselines.
-REFINE_STEPS = 128
-REFINE_RATE = 0.1
 
 Distance = Callable[[Tensor, Tensor], float | None]  # LPIPS
 
@@ -43,12 +40,12 @@ class View:
 class Fit:
     """What a look of a view is read from, and where it is scored. start: the encoder's embedding of `region`.
 
-    photo: quantised, whole. region: its columns that give the look, as `camera` sees them. valid: of the region. scored: columns.
+    photo: quantised, whole. region: its columns that give the look, as `render` draws them. valid: of the region. scored: columns.
     """
 
     photo: Float[Tensor, "h w 3"]
     region: Float[Tensor, "h w_fitted 3"]
-    camera: Camera
+    render: Render
     valid: Bool[Tensor, "h w_fitted"] | None
     scored: slice
     start: Float[Tensor, " e"]
@@ -61,7 +58,7 @@ def fit_of(subject: Subject, view: View, protocol: str) -> Fit:
     region = photo[:, fitted]
     camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
     valid = None if view.valid is None else view.valid[:, fitted]
-    return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
+    return Fit(photo, region, partial(subject.render, camera=camera), valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
 
 
 @dataclass(frozen=True)
@@ -114,9 +111,9 @@ def measure(
     height, width = photo.shape[:2]
     embeddings = {"zero_shot": fit.start}
     if refine:
-        refined = refine_embedding(subject, fit.start, fit.camera, fit.region, fit.valid)
-        if refined is not None:
-            embeddings["refined"] = refined
+        better = refined(fit.render, fit.start, fit.region, fit.valid)
+        if better is not None:
+            embeddings["refined"] = better
 
     everything = slice(0, width)
     against = {"photo": (photo, view.valid, scored)}
@@ -167,48 +164,3 @@ def compare(
     shown = image if valid is None else torch.where(valid[..., None], image, photo)
     distance = None if lpips is None else lpips(shown, photo)
     return Scores(metrics.psnr(image, photo, valid), metrics.ssim(image, photo, valid), distance)
-
-
-def refine_embedding(
-    subject: Subject,
-    embedding: Float[Tensor, " e"],
-    camera: Camera,
-    picture: Float[Tensor, "h w 3"],
-    valid: Bool[Tensor, "h w"] | None = None,
-) -> Float[Tensor, " e"] | None:
-    """The embedding after REFINE_STEPS of `refinement`; None if the look does not follow it."""
-    best = None
-    for best in refinement(subject, embedding, camera, picture, valid):
-        pass
-    return best
-
-
-def refinement(
-    subject: Subject,
-    embedding: Float[Tensor, " e"],
-    camera: Camera,
-    picture: Float[Tensor, "h w 3"],
-    valid: Bool[Tensor, "h w"] | None = None,
-) -> Iterator[Float[Tensor, " e"]]:
-    """The best embedding after 0, 1, ... REFINE_STEPS of Adam on the mean |render - picture|; none if the look does not
-    follow it.
-
-    L1, because passers-by in the picture would pull harder on a squared error. Of all steps, the start among them, the
-    one that fits `picture` best is kept, so that the refinement never makes the region it sees worse. The same for any number of
-    threads, which torch's own products are not on every processor.
-    """
-    embedding = embedding.detach().clone().requires_grad_()
-    optimizer = torch.optim.Adam([embedding], lr=REFINE_RATE)
-    best, least = embedding.detach().clone(), float("inf")
-    for _ in range(REFINE_STEPS + 1):
-        optimizer.zero_grad()
-        with torch.enable_grad(), threads_for_blocks():
-            difference = (subject.render(embedding, camera) - picture).abs()
-            loss = difference.mean() if valid is None else difference[valid].mean()
-            if not loss.requires_grad:
-                return
-            loss.backward()
-        if float(loss.detach()) < least:
-            best, least = embedding.detach().clone(), float(loss.detach())
-        yield best
-        optimizer.step()

@@ -7,10 +7,11 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from core.appearance import refinement
 from core.atomic import write_json
 from core.evaluation import PROTOCOLS, lpips
 from core.evaluation.metrics import SSIM_KIND
-from core.evaluation.protocols import REFINE_RATE, REFINE_STEPS, ViewResult
+from core.evaluation.protocols import ViewResult
 
 RESULTS = "results.json"
 PER_VIEW = "per_view.json"
@@ -84,7 +85,7 @@ class Results:
         return {
             "protocol": self.protocol,
             "protocol_means": PROTOCOLS[self.protocol],
-            "refinement": f"Adam, {REFINE_STEPS} steps, rate {REFINE_RATE}, L1" if refined else None,
+            "refinement": f"Adam, {refinement.STEPS} steps, rate {refinement.RATE}, L1" if refined else None,
             "photos": {"train": self.train_photos, "test": self.test_photos, "measured": len(self.views)},
             "scale": self.scale,
             "quantisation": "8 bit",

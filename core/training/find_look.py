@@ -12,8 +12,10 @@ from core.data.collection import Photo
 from core.data.given_masks import check_fits, masked_size, with_mask
 from core.data.photo_file import probe
 from core.errors import BadInput
+from core.report import QUIET, Report
 from core.training import saved_look
 from core.training.outside import read_from_outside
+from core.training.refined_look import refined_held_out, refined_outside
 from core.training.saved_look import NEUTRAL
 from core.training.trained import Appearance, Run
 
@@ -21,10 +23,13 @@ SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that 
 
 
 @torch.no_grad()
-def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appearance:
+def find_appearance(
+    trained: Run, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
+) -> Appearance:
     """The look that `word` stands for.
 
-    mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all.
+    mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all. refine: read a photo
+    that was not trained on better than the encoder does, where its camera is known or found; this takes seconds, which `report` hears of.
 
     Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection,
     or the file that structure from motion made it of; the name of a look saved in the run; that of a photo of the collection.
@@ -43,9 +48,10 @@ def find_appearance(trained: Run, word: str, mask: Path | None = None) -> Appear
         return replace(look, embedding=look.embedding.to(trained.device), tone=tone)
     photo = _of_collection(trained, word)
     if photo is not None:
-        return _of_photo(trained, photo, mask)
+        return _of_photo(trained, photo, mask, refine, report)
     if Path(word).is_file():
-        return _of_outside(trained, Path(word), mask)
+        look = _of_outside(trained, Path(word), mask)
+        return refined_outside(trained, look, Path(word), mask, report) if refine else look
     raise _unknown(trained, word)
 
 
@@ -67,7 +73,7 @@ def _of_collection(trained: Run, word: str) -> Photo | None:
     return same or photos.get(sfm.name_in(trained.collection.root, path))
 
 
-def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
+def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, report: Report) -> Appearance:
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
     if row is None:
@@ -76,9 +82,11 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None) -> Appearance:
         size = probe(mask).displayed
         photo = with_mask(photo, mask, size, sfm.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, masked_size(photo))
-    look = trained.model.look(trained.picture(photo).encoder_input, row)
+    picture = trained.picture(photo)
+    look = trained.model.look(picture.encoder_input, row)
     kind = "training" if row is not None else "held-out"
-    return Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
+    found = Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
+    return refined_held_out(trained, found, picture, report) if refine and row is None else found
 
 
 def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:

@@ -27,7 +27,7 @@ class Run:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` are the dome. latents: theirs, where the run has any. seconds: spent
-    on training.
+    on training. It is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -54,6 +54,28 @@ class Run:
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo of the collection at the size it was trained at; the photo itself is not needed."""
         return self.sizes.camera(photo)
+
+    @torch.no_grad()
+    def embed(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
+        """The embedding of a picture ([0, 1], any size) that was not trained on."""
+        return self.model.look(picture).embedding
+
+    @torch.no_grad()
+    def mask(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "h4 w4"] | None:
+        """What is static in a picture (1) and what is not (0), or None without a network that says so."""
+        mask = self.model.look(picture).mask
+        return None if mask is None else mask[0]
+
+    def render(self, embedding: Float[Tensor, " e"], camera: Camera, tone: Float[Tensor, "2 3"] | None = None) -> Float[Tensor, "H W 3"]:
+        """The view in a look, as of its bake; differentiable in the embedding if the look follows it at all."""
+        visible = self.rasterizer.visible(self.splats, camera)
+        seen = self.splats[visible.rows].detached()
+        latents = None if self.latents is None else self.latents[visible.rows].detach()
+        sh, _ = self.model.transfer(seen.sh, seen.means, embedding, latents)
+        seen = seen.with_sh(sh)
+        if tone is not None:
+            seen = toned(seen, tone, int((visible.rows >= len(self.splats) - self.sky).sum()))
+        return self.rasterizer.render(seen, camera, self.backdrop, pairs=visible.pairs).image
 
     @property
     def sizes(self) -> Sizes:

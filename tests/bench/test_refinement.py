@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-import core.rasterizer
+from core.appearance.refinement import STEPS
 from core.bench.refinement import MEASURED, refinement_figure
 from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
-from core.evaluation.protocols import REFINE_STEPS, measure
-from core.evaluation.subject import TrainedScene
+from core.evaluation.protocols import measure
 from core.measuring import held_out_view
 from core.report import Report
 from tests.heard import Heard
@@ -20,15 +19,14 @@ from tests.small import damage
 def test_the_course_begins_and_ends_with_the_figures_of_the_evaluation(trained):
     made = refinement_figure({"run": trained}, tuple(PROTOCOLS), 1, Report())
     photo = spread_over(trained.collection.split("test"), 1)[0]
-    subject = TrainedScene(trained.splats, trained.latents, trained.model, core.rasterizer.create("cpu"))
     for protocol, points in made.curves().items():
-        result, _ = measure(subject, held_out_view(trained, photo), protocol)
+        result, _ = measure(trained, held_out_view(trained, photo), protocol)
         scores = result.scores["photo"]
         assert points[0].values[f"psnr_{protocol}"].median == scores["zero_shot"].psnr
         assert points[-1].values[f"psnr_{protocol}"].median == scores["refined"].psnr
         assert points[0].values[f"gain_{protocol}"].median == 0
         assert [point.values["steps"].median for point in points] == list(MEASURED)
-        assert [point.is_default for point in points] == [steps == REFINE_STEPS for steps in MEASURED]
+        assert [point.is_default for point in points] == [steps == STEPS for steps in MEASURED]
         for panel in made.panels:  # figures of one protocol never stand beside those of the other
             assert (points[0] in made.shown(panel)) == panel.y.endswith(protocol)
         seconds = [point.values["seconds"].median for point in points]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
+from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
 from core.config import PRESETS
 from core.errors import BadInput
-from core.evaluation import protocols
 from core.report import Report
 from core.training.find_look import find_appearance
 from core.training.trained import bake, load_run
@@ -25,7 +25,7 @@ TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, pho
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch):
     monkeypatch.setattr(suite, "SMALL", TINY)
-    monkeypatch.setattr(protocols, "REFINE_STEPS", 4)
+    monkeypatch.setattr(refinement, "STEPS", 4)
 
 
 def test_without_a_run_every_preset_is_trained_on_the_built_in_scene(tmp_path):

@@ -9,16 +9,12 @@ import numpy as np
 import pytest
 import torch
 
-import core.rasterizer
-from core.appearance.model import AppearanceModel
+from core.appearance.refinement import STEPS
 from core.errors import BadInput, BadSetting
-from core.evaluation.metrics import quantised
-from core.evaluation.protocols import REFINE_STEPS, View, compare, measure, refine_embedding, refinement
+from core.evaluation.protocols import View, compare, measure
 from core.evaluation.results import Results
-from core.evaluation.subject import TrainedScene
 from core.evaluation.truth import Truth, load_truth
-from core.scene.splats import Splats
-from tests.small import ring_camera, small_settings
+from tests.small import ring_camera
 
 WIDTH, HEIGHT = 25, 14  # an odd width: the halves are 13 and 12 columns
 CAMERA = dataclasses.replace(ring_camera(0.0), width=WIDTH, height=HEIGHT)
@@ -79,21 +75,11 @@ def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
     result, pictures = measure(subject, view(picture=halves(0.4, 0.4)), "half")
     assert pictures.embedding == "refined"
     refined = [camera.width for camera in subject.cameras]
-    assert refined == [13] * (REFINE_STEPS + 1) + [WIDTH] * 2
+    assert refined == [13] * (STEPS + 1) + [WIDTH] * 2
     photo = result.scores["photo"]
     assert photo["zero_shot"].psnr < 12
     # L1 on a flat colour leaves Adam swinging around it by less than its rate; the best step of 128 is within 0.02.
     assert photo["refined"].psnr > -20 * math.log10(0.02)
-
-
-def test_refinement_never_makes_what_it_sees_worse():
-    """A hair off, where Adam's first step leads past the colour by nearly its rate."""
-    picture, begin = quantised(halves(0.4, 0.4)), torch.full((3,), 102 / 255 + 1e-4)
-    steps = list(refinement(Flat(), begin, CAMERA, picture))
-    losses = [float((Flat().render(best, CAMERA) - picture).abs().mean()) for best in steps]
-    assert torch.equal(steps[0], begin) and torch.equal(steps[1], begin)
-    assert losses == sorted(losses, reverse=True)
-    assert torch.equal(refine_embedding(Flat(), begin, CAMERA, picture), steps[-1])
 
 
 def test_a_look_that_follows_nothing_is_not_refined():
@@ -160,35 +146,6 @@ def test_bad_requests_are_refused():
 
 
 # --- a real subject
-
-
-def test_a_trained_scene_renders_what_its_bake_renders_and_its_embedding_can_be_refined():
-    generator = torch.Generator().manual_seed(1)
-    splats = Splats(
-        means=0.3 * torch.randn(40, 3, generator=generator),
-        quaternions=torch.randn(40, 4, generator=generator),
-        log_scales=torch.full((40, 3), -2.0),
-        logit_opacities=torch.ones(40),
-        sh=0.3 * torch.randn(40, 4, 3, generator=generator),
-    )
-    model = AppearanceModel(small_settings(), ["a", "b"])
-    # At the start the transfer adds nothing; a look needs one that does.
-    with torch.no_grad():
-        for parameter in model.sh_transfer.parameters():
-            parameter += 0.1 * torch.randn(parameter.shape, generator=generator)
-    rasterizer = core.rasterizer.create("reference")
-    subject = TrainedScene(splats, None, model, rasterizer)
-    picture = torch.rand(3, HEIGHT, WIDTH, generator=generator)
-    embedding = subject.embed(picture)
-    baked = rasterizer.render(model.bake(splats, embedding), CAMERA).image
-    # float32, and a sum over fewer Gaussians where those out of view are left out
-    torch.testing.assert_close(subject.render(embedding, CAMERA), baked, rtol=0, atol=1e-5)
-
-    embedding = embedding.clone().requires_grad_()
-    subject.render(embedding, CAMERA).sum().backward()
-    assert embedding.grad.abs().max() > 0
-    assert all(parameter.grad is None or not parameter.grad.any() for parameter in [splats.means, splats.sh])
-    assert subject.mask(picture).ndim == 2
 
 
 # --- truth and results as files

@@ -1,0 +1,80 @@
+"""Photos from outside, located and refined: are their cameras found, and what is the look worth that is refined from there?
+
+    python samples/located.py RUN
+
+Each held-out photo of RUN (default: the newest) is located as a file that nothing is known of. By the protocol `half` its look is then read
+from the left half, refined there as seen by the camera that was found, and scored on the right half as seen by the camera that is known.
+"""
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import click
+import numpy as np
+import torch
+
+from core.appearance.refinement import refined
+from core.data import load_collection
+from core.data.collection import Collection, Photo
+from core.data.locate import locate
+from core.evaluation.metrics import psnr, quantised
+from core.evaluation.protocols import fit_of
+from core.measuring import held_out_view
+from core.report import QUIET
+from core.scene.camera import Camera
+from core.training import run
+from core.training.trained import Run, load_run
+from wegs_cli.main import Told
+
+WIDTH_PX = 400  # of the picture in which a camera's error is told
+
+
+@click.command(cls=Told)
+@click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
+def main(run_folder: Path | None) -> None:
+    """Locate the held-out photos of RUN, and refine their looks from there."""
+    trained = load_run(run.find_run(run_folder))
+    collection = load_collection(trained.collection.root)
+    rows = []
+    for photo in collection.split("test"):
+        found = locate(photo.path, collection, QUIET)
+        if found is None:
+            click.echo(f"{photo.name}: not found")
+            continue
+        rows.append((off_px(found.camera, photo, collection), *scores(trained, photo, found.camera)))
+        off, *decibels = rows[-1]
+        gains = "encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(*decibels)
+        click.echo(f"{photo.name}: {found.agreeing} of {found.matched} features agree, {off:.2f} px of {WIDTH_PX} off; {gains}")
+    click.echo(f"{len(rows)} of {len(collection.split('test'))} found")
+    if rows:
+        click.echo("median {:.2f} px off; mean of encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(
+            np.median([row[0] for row in rows]), *np.mean([row[1:] for row in rows], axis=0)
+        ))
+
+
+def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
+    """By how much, of WIDTH_PX, the SfM points that a photo sees lie off in the median."""
+    points = collection.points[photo.points] if len(photo.points) else collection.points[photo.camera.shows(collection.points)[0]]
+    height = max(1, round(WIDTH_PX * photo.camera.height / photo.camera.width))
+    there, known = (each.resized(WIDTH_PX, height).project(points)[0] for each in (camera, photo.camera))
+    return float(np.median(np.linalg.norm(there - known, axis=1)))
+
+
+@torch.no_grad()
+def scores(trained: Run, photo: Photo, found: Camera) -> list[float]:
+    """dB of the right half: with the look of the left one as encoded, refined from the camera found, and from the one known."""
+    view = held_out_view(trained, trained.collection.view(photo.name))
+    fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
+    looks = [fits[0].start, *(refined(fit.render, fit.start, fit.region, fit.valid) for fit in fits)]
+    scored = fits[0].scored
+    valid = None if view.valid is None else view.valid[:, scored]
+    return [psnr(quantised(trained.render(look, view.camera))[:, scored], fits[0].photo[:, scored], valid) for look in looks]
+
+
+if __name__ == "__main__":
+    main()

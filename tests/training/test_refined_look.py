@@ -1,0 +1,111 @@
+"""Looks refined against their photos: of held-out ones always, of photos from outside where these were taken is found."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from core.data.prepare import prepared
+from core.report import Report
+from core.training import refined_look, run
+from core.training.find_look import find_appearance
+from core.training.trained import Run, bake, load_run
+from core.training.trainer import Trainer
+from tests.data.room_corner import HEIGHT, WIDTH, write_corner
+from tests.heard import Heard
+from tests.small import whole_settings
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Run:
+    """The room corner, each photo in a light of its own; photo 0 is held out."""
+    scene, runs = write_corner(tmp_path_factory.mktemp("corner")), tmp_path_factory.mktemp("runs")
+    for number in range(6):
+        path = str(scene / f"{number}.png")
+        tint = np.exp(0.3 * np.random.default_rng(number).normal(size=3))
+        cv2.imwrite(path, np.clip(0.7 * tint * cv2.imread(path), 0, 255).astype(np.uint8))
+    collection = prepared(scene, runs / "points", Report())
+    small = {"steps": 150, "max_gaussians": 1500, "sky_gaussians": 100, "encoder_side_px": 48, "checkpoints": 1, "held_out_checks": 0}
+    trainer = Trainer(collection, whole_settings(**small), runs / "run")
+    run.create(runs / "run", collection, trainer.settings)
+    for _ in trainer.train():
+        pass
+    return load_run(runs / "run")
+
+
+def off(trained: Run, look) -> float:
+    """The mean difference, which a refinement makes smaller, between the look, seen by the camera of photo 0, and that photo."""
+    picture = trained.picture(trained.collection.view("0.png"))
+    image = trained.rasterizer.render(bake(trained, look), picture.camera, trained.backdrop).image
+    return float((image - torch.from_numpy(picture.pixels).float() / 255).abs().mean())
+
+
+def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it_was_learnt(trained):
+    heard = Heard()
+    encoded, refined = (find_appearance(trained, "0.png", refine=refine, report=heard) for refine in (False, True))
+    assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.94 and 0.95 were seen, after seconds of training
+    assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
+    assert heard.steps[-1] == (128, 128)
+    twice = [find_appearance(trained, "1.png", refine=refine) for refine in (False, True)]
+    assert torch.equal(twice[0].embedding, twice[1].embedding) and twice[0].source == twice[1].source
+
+
+def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_path):
+    outside = tmp_path / "outside.png"
+    outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
+    encoded, refined = (find_appearance(trained, str(outside), refine=refine) for refine in (False, True))
+    assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.94 and 0.95 were seen, after seconds of training
+    assert "from outside the collection, refined from where it was taken (" in refined.source
+    again = find_appearance(trained, str(outside), refine=True)
+    assert torch.equal(again.embedding, refined.embedding)
+
+
+def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path):
+    wall = tmp_path / "wall.png"
+    cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), (90, 120, 150), np.uint8))
+    encoded, kept = (find_appearance(trained, str(wall), refine=refine) for refine in (False, True))
+    assert torch.equal(kept.embedding, encoded.embedding)
+    assert kept.source == f"{encoded.source}, not refined: where it was taken was not found"
+
+
+def test_without_its_scene_a_photo_is_read_all_the_same(trained, tmp_path):
+    outside = tmp_path / "outside.png"
+    outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
+    gone = replace(trained, collection=replace(trained.collection, root=tmp_path / "gone"))
+    assert find_appearance(gone, str(outside), refine=True).source.endswith("not refined: the scene cannot be read")
+
+
+def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_path, monkeypatch):
+    pixels = cv2.resize(cv2.imread(str(trained.collection.view("0.png").path)), (4 * WIDTH, 4 * HEIGHT), interpolation=cv2.INTER_CUBIC)
+    cv2.imwrite(str(tmp_path / "large.png"), pixels)
+    drawn = []
+    monkeypatch.setattr(refined_look, "_refined", lambda trained, look, camera, *rest: drawn.append(camera))
+    find_appearance(trained, str(tmp_path / "large.png"), refine=True)
+    assert (drawn[0].width, drawn[0].height) == (WIDTH, HEIGHT)
+
+
+def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path):
+    pixels, mask = cv2.imread(str(trained.collection.view("0.png").path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[HEIGHT // 2 :] = 0
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    looks = []
+    for colour in ((20, 120, 240), (230, 60, 20)):
+        pixels[HEIGHT // 2 :] = colour
+        cv2.imwrite(str(tmp_path / "photo.png"), pixels)
+        looks.append(find_appearance(trained, str(tmp_path / "photo.png"), tmp_path / "mask.png", refine=True))
+    assert torch.equal(looks[0].embedding, looks[1].embedding)
+
+
+def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
+    """float32, and a sum over fewer Gaussians where those out of view are left out."""
+    look, camera = find_appearance(trained, "1.png"), trained.camera(trained.collection.view("0.png"))
+    for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
+        shown = replace(look, tone=tone)
+        baked = trained.rasterizer.render(bake(trained, shown), camera, trained.backdrop).image
+        torch.testing.assert_close(trained.render(look.embedding, camera, tone), baked, rtol=0, atol=1e-5)
+    embedding = look.embedding.clone().requires_grad_()
+    trained.render(embedding, camera).sum().backward()
+    assert embedding.grad.abs().max() > 0
+    assert trained.splats.means.grad is None and all(weight.grad is None for weight in trained.model.encoder.parameters())

@@ -26,7 +26,7 @@ class BadSetting(WegsError):
 
 
 class TrainingStopped(WegsError):
-    """Training could not go on; a checkpoint was written and `fix` says how to continue."""
+    """Training could not go on; a checkpoint was written. `fix` says what to change before training again."""
 
 
 def not_made(folder: Path, problem: OSError) -> BadInput:

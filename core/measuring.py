@@ -8,9 +8,9 @@ from core.data.photo_file import named_with_fault
 from core.errors import BadInput
 from core.evaluation.protocols import View
 from core.evaluation.truth import load_truth
+from core.looks.trained import Run
 from core.report import Report
 from core.training.pictures import shown_on
-from core.training.trained import Run
 from core.words import name_them
 
 Measured = TypeVar("Measured")
@@ -28,8 +28,8 @@ def held_out_view(trained: Run, photo: Photo) -> View:
 def over_views(
     trained: Run, photos: Sequence[Photo], measured: Callable[[View], Measured], what: str, report: Report, left_out: str = "not measured"
 ) -> Iterator[tuple[Photo, Measured]]:
-    """Each photo with what is `measured` of its view, one by one: pictures are large. Those of which nothing can be are named at
-    the end; BadInput where these are all. what: the work, beside its progress. left_out: what is said of those, after "3 photos"."""
+    """(photo, measured(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
+    end; where all do, the last BadInput is raised. what: the work, beside its progress. left_out: what is said of the skipped, after "3 photos"."""
     unusable = []
     for number, photo in enumerate(photos, 1):
         try:

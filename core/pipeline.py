@@ -23,20 +23,21 @@ from core.evaluation.protocols import measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
 from core.evaluation.sheet import picture_sheet, row_of, write_view
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
+from core.looks import saved_look
+from core.looks.find_look import find_appearance
+from core.looks.look_file import write_look
+from core.looks.trained import bake, blend, load_run
+from core.looks.trim import trim_of
 from core.measuring import over_views
 from core.report import QUIET, Report
-from core.training import checkpoint, run, saved_look
+from core.training import checkpoint, run
 from core.training.claim import held, new_run
-from core.training.find_look import find_appearance
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
-from core.training.look_file import write_look
 from core.training.masks import write_masks
 from core.training.pictures import check_resolution
 from core.training.tell import next_step, tell_collection, tell_plan, tell_step
-from core.training.trained import bake, blend, load_run
 from core.training.trainer import Trainer
-from core.training.trim import trim_of
 from core.words import list_names
 
 __all__ = [
@@ -177,7 +178,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     if masks:
         rows.append(("masks", str(folder / "masks")))
     report.table("Done", rows)
-    report.say(f"Next: {next_step(trained, neutral)}")
+    report.say(f"Next: {next_step(folder, trainer.settings, neutral)}")
 
 
 # --- trained run -> .ply and pictures
@@ -259,7 +260,7 @@ def interpolate(
         for step in range(steps):
             appearance = blend(*ends, step / (steps - 1))
             if ply:
-                write_look(trained, appearance, work / f"step_{step:03d}.ply", report, trim)
+                write_look(trained, appearance, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, trim)
             frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)

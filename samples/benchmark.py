@@ -84,7 +84,7 @@ def tables(name: str, measured: dict) -> list[rich.table.Table]:
 def main(what: tuple[str, ...], file: Path | None, small: bool) -> None:
     """Measure time and memory of what is named, or of everything."""
     scale = SMALL if small else 1.0
-    result = {"machine": made_on(seed=0), "scale": scale, "seconds": ["CPU", "wall"], "measurements": {}}
+    result = {"machine": made_on(0), "scale": scale, "seconds": ["CPU", "wall"], "measurements": {}}
     rich.print(result["machine"])
     for name in what or MEASUREMENTS:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # a fork would begin with this process's memory

@@ -36,7 +36,7 @@ def main(what: tuple[str, ...], file: Path | None) -> None:
     from samples.measurements.gpu import Place
     from samples.measurements.on_gpu import MEASUREMENTS  # Triton, which is there with a GPU only
 
-    machine, lines = made_on(seed=0), []
+    machine, lines = made_on(0), []
     click.echo(f"{machine}\n\n| what | reach | measured |\n|---|---|---|")
     for name in what or MEASUREMENTS:
         torch.manual_seed(0)

@@ -12,8 +12,6 @@ view a row, neutral and each look, and no photo, whose licence may not allow it.
 
 import os
 import sys
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
@@ -25,16 +23,16 @@ import cv2
 import numpy as np
 import torch
 
-from core.appearance.refinement import refined
 from core.atomic import write_bytes
 from core.data import photos
 from core.data.collection import Photo
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.export.pictures import to_8_bit
+from core.looks.find_look import find_appearance
+from core.looks.refined_look import refined
+from core.looks.trained import Run, bake, blend, load_run
 from core.training import run
-from core.training.find_look import find_appearance
-from core.training.trained import Run, bake, blend, load_run
 from wegs_cli.main import Told
 
 PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
@@ -136,8 +134,8 @@ def nearness(trained: Run, style: str) -> str | None:
         pixels = cv2.resize(photos.read(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         truth = torch.from_numpy(pixels).to(trained.device).float() / 255
         looks = {"own": own, "neutral": find_appearance(trained, "neutral")} | seen
-        fitted = refined(partial(trained.render, camera=camera), own.embedding, truth)
-        looks |= {} if fitted is None else {"fitted": replace(own, embedding=fitted, tone=None)}
+        fitted = refined(trained, own, camera, truth, None)
+        looks |= {} if fitted is None else {"fitted": fitted}
         for look, appearance in looks.items():
             picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image)
             found.setdefault(look, []).append(metrics.psnr(picture, truth))

@@ -18,17 +18,16 @@ import click
 import numpy as np
 import torch
 
-from core.appearance.refinement import refined
 from core.data import load_collection
 from core.data.collection import Collection, Photo
 from core.data.locate import locate
 from core.evaluation.metrics import psnr, quantised
-from core.evaluation.protocols import fit_of
+from core.evaluation.protocols import fit_of, refining
+from core.looks.trained import Run, load_run
 from core.measuring import held_out_view
 from core.report import QUIET
 from core.scene.camera import Camera
 from core.training import run
-from core.training.trained import Run, load_run
 from wegs_cli.main import Told
 
 WIDTH_PX = 400  # of the picture in which a camera's error is told
@@ -70,10 +69,11 @@ def scores(trained: Run, photo: Photo, found: Camera) -> list[float]:
     """dB of the right half: with the look of the left one as encoded, refined from the camera found, and from the one known."""
     view = held_out_view(trained, trained.collection.view(photo.name))
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
-    looks = [fits[0].start, *(refined(fit.render, fit.start, fit.region, fit.valid) for fit in fits)]
+    looks = [(fits[0].start, None), *(list(refining(trained, fit))[-1] for fit in fits)]
     scored = fits[0].scored
     valid = None if view.valid is None else view.valid[:, scored]
-    return [psnr(quantised(trained.render(look, view.camera))[:, scored], fits[0].photo[:, scored], valid) for look in looks]
+    pictures = (trained.render(embedding, view.camera, tone) for embedding, tone in looks)
+    return [psnr(quantised(picture)[:, scored], fits[0].photo[:, scored], valid) for picture in pictures]
 
 
 if __name__ == "__main__":

@@ -25,10 +25,10 @@ from core.config import preset
 from core.data import load_collection, photos
 from core.data.collection import Collection, Photo
 from core.evaluation.metrics import psnr, quantised
+from core.looks.outside import read_from_outside
+from core.looks.trained import Appearance, Run, bake, load_run
 from core.measuring import held_out_view
 from core.training import run
-from core.training.outside import read_from_outside
-from core.training.trained import Appearance, Run, bake, load_run
 from core.training.trainer import Trainer
 from wegs_cli.main import Told
 from wegs_cli.terminal import Terminal

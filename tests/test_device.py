@@ -7,10 +7,10 @@ import torch
 
 from core import device
 from core.errors import BadInput, BadSetting, TrainingStopped
+from core.looks.trained import load_run
 from core.pipeline import resume
 from core.training import checkpoint, run
 from core.training.full_memory import saved_if_memory_runs_out
-from core.training.trained import load_run
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
 from wegs_cli.main import explain

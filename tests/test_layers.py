@@ -17,6 +17,7 @@ LAYERS = [
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},
+    {"core.looks"},
     {"core.measuring"},
     {"core.pipeline", "core.doctor"},
     {"core.bench"},

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from core.looks.find_look import find_appearance
+from core.looks.trained import load_run
 from core.training import run
-from core.training.find_look import find_appearance
-from core.training.trained import load_run
 from core.training.trainer import Trainer
 from samples import lights
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings

@@ -40,12 +40,16 @@ def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
     if len(run_folders) > 1 and not curve:
         raise BadSetting("Several runs were given.", "Measure one at a time, or add --curve to draw them together.")
 
+    if curve and pictures:
+        raise BadSetting("--curve draws figures, and --pictures keeps renders.", "Type one of them.")
+
     from core import pipeline
-    from core.bench import suite
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
         if curve:
+            from core.bench import suite
+
             suite.curves(run_folders, (protocol,) if protocol else tuple(PROTOCOLS), not no_refine, terminal)
         else:
             pipeline.evaluate(next(iter(run_folders), None), protocol or "half", terminal, refine=not no_refine, keep_pictures=pictures)

@@ -92,7 +92,7 @@ class Terminal(Report):
     def _advance_bar(self, what: str, done: int, total: int, note: str) -> None:
         if self.bar is None or what != self.what:
             self._end_bar()
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+            columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
             left = (TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[note]}", markup=False))
             self.bar = Progress(*columns, *left, console=self.console)
             self.bar.start()

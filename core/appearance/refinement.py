@@ -1,51 +1,74 @@
-"""Refinement: an embedding follows the photo that it was read from, seen by that photo's own camera."""
+"""Refinement: a look follows the photo that it was read from, seen by that photo's own camera."""
 
 from collections.abc import Callable, Iterator
+from math import cos, pi
+from typing import NamedTuple
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.threads import threads_for_blocks
 
-# Those of WildGaussians and nerfbaselines.
-STEPS = 128
-RATE = 0.1
+STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; the rate falls to zero along half a cosine
+TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
+CELLS = 40  # along the longer side: a photo is compared with its render in means over cells
+FARTHEST = 2.0  # times the reach of training photos; see AppearanceModel.within_reach
 
-Render = Callable[[Float[Tensor, " e"]], Float[Tensor, "h w 3"]]
+
+class Refined(NamedTuple):
+    """A look: embedding and tone (core.appearance.tone)."""
+
+    embedding: Float[Tensor, " e"]
+    tone: Float[Tensor, "2 3"]
+
+
+Render = Callable[[Float[Tensor, " e"], Float[Tensor, "2 3"]], Float[Tensor, "h w 3"]]
+Bound = Callable[[Float[Tensor, " e"]], Float[Tensor, " e"]]
 
 
 def refinement(
-    render: Render, embedding: Float[Tensor, " e"], picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
-) -> Iterator[Float[Tensor, " e"]]:
-    """The best embedding after 0, 1, ... STEPS of Adam on the mean |render - picture|; none if the look does not follow it.
+    render: Render,
+    bound: Bound,
+    start: Float[Tensor, " e"],
+    picture: Float[Tensor, "h w 3"],
+    valid: Bool[Tensor, "h w"] | None = None,
+    tone: Float[Tensor, "2 3"] | None = None,
+) -> Iterator[Refined]:
+    """The best look after 0, 1, ... STEPS of Adam on embedding and tone, which begin as given; none if looks follow no embedding.
 
-    L1, because passers-by in the picture would pull harder on a squared error. Of all steps, the start among them, the
-    one that fits `picture` best is kept, so that the refinement never makes what it sees worse. The same for any number of
+    Minimised is the mean |render - picture| of cell means: what is finer than a cell says where things lie, not how they are lit. L1, because
+    passers-by would pull harder on a squared error. Of all steps, the start among them, the one that fits best is kept. bound: where an
+    embedding may go; beyond, the SH transfer makes up colours for what the photo does not show. The same for any number of
     threads, which torch's own products are not on every processor.
     """
-    embedding = embedding.detach().clone().requires_grad_()
-    optimizer = torch.optim.Adam([embedding], lr=RATE)
-    best, least = embedding.detach().clone(), float("inf")
-    for _ in range(STEPS + 1):
+    embedding = start.detach().clone().requires_grad_()
+    gains = (torch.ones(2, 3, device=start.device) if tone is None else tone).log().requires_grad_()
+    with torch.enable_grad(), threads_for_blocks():
+        if not render(embedding, torch.ones_like(gains)).requires_grad:
+            return
+    optimizer = torch.optim.Adam([{"params": [embedding], "rate": RATE}, {"params": [gains], "rate": TONE_RATE}])
+    best, least = None, float("inf")
+    for step in range(STEPS + 1):
+        for group in optimizer.param_groups:
+            group["lr"] = group["rate"] * (1 + cos(pi * step / STEPS)) / 2
         optimizer.zero_grad()
         with torch.enable_grad(), threads_for_blocks():
-            difference = (render(embedding) - picture).abs()
-            loss = difference.mean() if valid is None else difference[valid].mean()
-            if not loss.requires_grad:
-                return
+            loss = _cell_means(render(embedding, gains.exp()) - picture, valid).abs().mean()
             loss.backward()
-        if float(loss.detach()) < least:
-            best, least = embedding.detach().clone(), float(loss.detach())
+        if float(loss.detach()) < least or best is None:
+            best, least = Refined(embedding.detach().clone(), gains.detach().exp()), float(loss.detach())
         yield best
         optimizer.step()
+        with torch.no_grad():
+            embedding.copy_(bound(embedding))
 
 
-def refined(
-    render: Render, embedding: Float[Tensor, " e"], picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
-) -> Float[Tensor, " e"] | None:
-    """The embedding after all steps of `refinement`; None if the look does not follow it."""
-    best = None
-    for best in refinement(render, embedding, picture, valid):
-        pass
-    return best
+def _cell_means(difference: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None) -> Float[Tensor, "1 3 rows columns"]:
+    if valid is not None:
+        difference = difference * valid[..., None]
+    height, width = difference.shape[:2]
+    size = max(height, width)
+    cells = tuple(max(1, round(CELLS * side / size)) if size > CELLS else side for side in (height, width))
+    return F.adaptive_avg_pool2d(difference.permute(2, 0, 1)[None], cells)

@@ -15,16 +15,15 @@ from torch import Tensor
 import core.export
 from core.bench.errors import LIMIT, errors
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
-from core.bench.levers import truncated
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
 from core.data.collection import spread_over
+from core.looks.find_look import find_appearance
+from core.looks.trained import Run, bake
+from core.looks.trim import trim_of
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.splats import Splats
-from core.training.find_look import find_appearance
-from core.training.trained import Run, bake
-from core.training.trim import trim_of
 
 LIMIT_STEPS = 255 * LIMIT[0], LIMIT[1]
 QUANTITIES = (
@@ -58,7 +57,7 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
     cameras = spread_over(cameras, views)
     neutral = find_appearance(trained, "neutral")
     whole = bake(trained, neutral)
-    truth = [rasterizer.render(whole, camera).image.clamp(0, 1) for camera in cameras]
+    truth = [rasterizer.render(whole, camera, trained.backdrop).image.clamp(0, 1) for camera in cameras]
     points = []
     total = len(SHARES) * (whole.degree + 1) + 1
     with tempfile.TemporaryDirectory() as folder:
@@ -70,11 +69,11 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
 
         def some(rows: Tensor, degree: int) -> Splats:
             latents = None if trained.latents is None else trained.latents[rows]
-            return truncated(trained.model.bake(trained.splats[rows], neutral.embedding, latents), degree)
+            return trained.model.bake(trained.splats[rows], neutral.embedding, latents).up_to_degree(degree)
 
         def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
             look, seconds = timed(lambda: written(make()), budget)
-            pictures, drawing = timed(lambda: [rasterizer.render(look, camera).image for camera in cameras], budget)
+            pictures, drawing = timed(lambda: [rasterizer.render(look, camera, trained.backdrop).image for camera in cameras], budget)
             apart = errors([picture.clamp(0, 1) for picture in pictures], truth)
             values = {
                 "megabytes": Spread.exactly(path.stat().st_size / 1e6),

@@ -19,29 +19,24 @@ from core.bench.figure import Spread
 from core.bench.stopwatch import timed
 from core.rasterizer import contract, create, reference
 from core.scene.camera import Camera
-from core.scene.harmonics import colour
+from core.scene.harmonics import MAX_DEGREE, colour
 from core.scene.splats import Splats
 
 
 @dataclass(frozen=True)
 class Levers:
     """alpha_min, stop_transmittance: see the contract. tile_px: side of the tiles that get a list of splats of their own,
-    or None for one list for the whole picture. sh_degree: None for that of the splats."""
+    or None for one list for the whole picture."""
 
     dtype: torch.dtype = torch.float64
     alpha_min: float = contract.ALPHA_MIN
     stop_transmittance: float = contract.STOP_TRANSMITTANCE
     tile_px: int | None = 16
-    sh_degree: int | None = None
+    sh_degree: int = MAX_DEGREE
 
 
 # As good as no thresholds: what is left out are contributions below a thousandth of half an 8-bit step.
 UNTHRESHOLDED = Levers(alpha_min=1e-6, stop_transmittance=0.0)
-
-
-def truncated(splats: Splats, degree: int | None) -> Splats:
-    """The splats without the SH bands above `degree`; None keeps all."""
-    return splats if degree is None else splats.up_to_degree(degree)
 
 
 @torch.no_grad()
@@ -50,7 +45,7 @@ def draw(splats: Splats, camera: Camera, levers: Levers) -> Float[Tensor, "h w 3
 
     Whatever the threshold, Gaussians whose opacity is below the contract's ALPHA_MIN are culled.
     """
-    splats = truncated(splats, levers.sh_degree).map(lambda tensor: tensor.to(levers.dtype))
+    splats = splats.up_to_degree(levers.sh_degree).map(lambda tensor: tensor.to(levers.dtype))
     splats = splats[reference.can_be_projected(splats, camera)]
     splats = splats[reference.front_to_back(splats, camera)]
     projection = reference.project(splats, camera)

@@ -12,8 +12,8 @@ import core
 PACKAGES = ("torch", "numba", "numpy")
 
 
-def made_on(seed: int) -> dict[str, str]:
-    """Machine, threads, versions and seed, in words, in the order in which they are shown."""
+def made_on(*seeds: int) -> dict[str, str]:
+    """Machine, threads, versions and seeds, in words, in the order in which they are shown."""
     facts = {"cpu": cpu_model(), "cores": str(os.cpu_count() or 1), "threads": str(torch.get_num_threads())}
     if torch.cuda.is_available():
         facts["gpu"] = torch.cuda.get_device_name()
@@ -21,7 +21,7 @@ def made_on(seed: int) -> dict[str, str]:
         facts["load"] = f"{os.getloadavg()[0]:.1f}"
     facts["wegs"] = core.__version__
     facts |= {name: _version(name) for name in PACKAGES}
-    return facts | {"python": platform.python_version(), "seed": str(seed)}
+    return facts | {"python": platform.python_version(), "seed": ", ".join(map(str, seeds))}
 
 
 def cpu_model() -> str:

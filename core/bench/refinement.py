@@ -9,17 +9,17 @@ from functools import partial
 
 import torch
 
-from core.appearance.refinement import STEPS, refinement
+from core.appearance.refinement import STEPS
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import metrics
-from core.evaluation.protocols import View, fit_of
+from core.evaluation.protocols import View, fit_of, refining
 from core.evaluation.subject import Subject
+from core.looks.trained import Run
 from core.measuring import over_views
 from core.report import Report
-from core.training.trained import Run
 from core.words import counted
 
 MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, 128)  # steps
@@ -62,13 +62,13 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
 def _course(subject: Subject, protocol: str, view: View) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
     fit = fit_of(subject, view, protocol)
-    next(refinement(fit.render, fit.start, fit.region, fit.valid), None)  # unmeasured: the first of all loads the kernels
+    next(refining(subject, fit), None)  # unmeasured: the first of all loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()
-    for step, embedding in enumerate(refinement(fit.render, fit.start, fit.region, fit.valid)):
+    for step, look in enumerate(refining(subject, fit)):
         seconds += time.perf_counter() - since
         if step in MEASURED:
             with torch.no_grad():
-                image = metrics.quantised(subject.render(embedding, view.camera))
+                image = metrics.quantised(subject.render(look.embedding, view.camera, look.tone))
             part = None if view.valid is None else view.valid[:, fit.scored]
             psnr = metrics.psnr(image[:, fit.scored], fit.photo[:, fit.scored], part)
             first = course[0]["psnr"] if course else psnr

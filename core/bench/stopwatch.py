@@ -13,11 +13,10 @@ Result = TypeVar("Result")
 
 
 def timed(work: Callable[[], Result], budget: float = 1.0) -> tuple[Result, Spread]:
-    """What `work()` returns, and the seconds it takes: once to warm up (kernels compile, memory is touched), then LEAST
-    to MOST times.
+    """What `work()` returns, and the seconds it takes: once to warm up (memory is touched), then LEAST to MOST times.
 
     budget: seconds after which no further repeat beyond LEAST begins. Work that takes longer than that by itself needs
-    no warm-up: its first time counts.
+    no warm-up: its first time counts. So what it runs has to be compiled already.
     """
     taken: list[float] = []
     warm = False

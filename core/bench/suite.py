@@ -1,7 +1,7 @@
 """Which figures are drawn, of what, and where they go: what `wegs bench` and `wegs eval --curve` do."""
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from torch import Tensor
@@ -17,10 +17,10 @@ from core.data.collection import Collection, spread_over
 from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
+from core.looks.find_look import find_appearance
+from core.looks.trained import Run, bake, load_run
 from core.report import Report
 from core.training import run
-from core.training.find_look import find_appearance
-from core.training.trained import Run, bake, load_run
 from core.training.trainer import Trainer
 
 OF_RUN = "rendering-run"  # the rendering of a run's own cameras
@@ -83,10 +83,8 @@ def bench(
     figures = []
 
     def finish(figure: Figure) -> None:
-        files.show(figure, report)
-        paths = files.save(figure, output)
-        report.say(f"{output}: {', '.join(path.name for path in paths)}\n")
         figures.append(figure)
+        _keep(figure, output, report)
 
     if "rendering" in names:
         finish(_fixed_rendering(size, full, report))
@@ -125,10 +123,14 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     if trained:
         figures.append(refinement_figure(trained, protocols, FULL.photos, report))
     for figure in figures:
-        files.show(figure, report)
-        paths = files.save(figure, folders[0] / CURVES)
-        report.say(f"{folders[0] / CURVES}: {', '.join(path.name for path in paths)}\n")
+        _keep(figure, folders[0] / CURVES, report)
     return figures
+
+
+def _keep(figure: Figure, folder: Path, report: Report) -> None:
+    files.show(figure, report)
+    paths = files.save(figure, folder)
+    report.say(f"{folder}: {', '.join(path.name for path in paths)}\n")
 
 
 def _measurable(names: tuple[str, ...], collection: Collection | None, report: Report) -> tuple[str, ...]:
@@ -216,8 +218,7 @@ def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
     settings = preset(name).decided(**LEAST)
     steps = max(1, round(min(settings.steps, LEAST["steps"]) * size.share))
     gaussians = min(settings.max_gaussians, size.gaussians)
-    return replace(
-        settings,
+    return settings.changed(
         steps=steps,
         max_gaussians=gaussians,
         seed=seed,

@@ -43,11 +43,11 @@ class Course:
 def training_figure(courses: list[Course], title: str, notes: tuple[str, ...] = ()) -> Figure:
     """All courses in one picture; medians and quartiles over the runs of a course. Raises BadInput without a check."""
     points = [point for course in courses for point in _points(course)]
-    _, settings, _ = read_config(courses[0].folders[0])
+    seeds = sorted({read_config(folder)[1].seed for course in courses for folder in course.folders})
     known = {name for point in points for name in point.values}  # runs of an older version recorded no SSIM
     quantities = tuple(quantity for quantity in QUANTITIES if quantity.name in known)
     panels = tuple(panel for panel in PANELS if panel.y in known)
-    return Figure("training", title, quantities, panels, tuple(points), made_on(settings.seed), NOTES + notes)
+    return Figure("training", title, quantities, panels, tuple(points), made_on(*seeds), NOTES + notes)
 
 
 def checks(folder: Path) -> list[dict[str, float]]:

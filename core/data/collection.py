@@ -22,9 +22,10 @@ class Photo:
     """A posed photo. `camera` is pinhole, at the size the photo has on disk (as displayed), in the scene frame.
 
     lens: the COLMAP camera as {"model", "width", "height", "params"} where the file itself is distorted, else None;
-    core.data.photos undistorts with it. points: indices into Collection.points of the SfM points it sees. mask: a picture that
-    is white where the photo is to be used while it is trained on (core.data.given_masks), else None. mask_lens: as lens, where the
-    mask lies in the photo as it was taken, and the file is its undistorted copy.
+    core.data.photos undistorts with it. With "orientation" (EXIF's) it is the lens of the pixels as stored, else of the picture as
+    displayed. points: indices into Collection.points of the SfM points it sees. mask: a picture that is white where the photo is to
+    be used while it is trained on (core.data.given_masks), else None. mask_lens: as lens, where the mask lies in the photo as it was
+    taken, and the file is its undistorted copy.
     """
 
     name: str
@@ -109,8 +110,8 @@ def picture_places(names: Iterable[str]) -> dict[str, Path]:
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
-    """At most `count` of the items (photos, cameras), evenly spread."""
-    return items[:: -(-len(items) // count)] if items else items
+    """`count` of the items (photos, cameras), evenly spread from the first to the last; all where there are no more."""
+    return items if len(items) <= count else [items[row] for row in np.linspace(0, len(items) - 1, count).astype(int)]
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:

@@ -58,19 +58,33 @@ def read_colmap(root: Path) -> Posed:
     if model is None:
         raise BadInput(f"{root} has no COLMAP model any more.", "Put it back.")
     reconstruction = read_model(model)
-    found = sorted((image for image in reconstruction.images.values() if image.has_pose), key=lambda image: image.name)
+    names, garbled = _names_in(reconstruction)
+    not_named = name_them("of the model whose name is not in UTF-8, not used", garbled)
+    found = [image for number in sorted(names, key=names.get) if (image := reconstruction.images[number]).has_pose]
     if not found:
-        raise BadInput(f"{model} has no photos with a pose.", "Run COLMAP again, or type: wegs sfm PHOTOS -o SCENE")
+        why = f": {not_named[0]}" if not_named else ""
+        raise BadInput(f"{model} has no photos with a pose{why}.", "Run COLMAP again, or type: wegs sfm PHOTOS -o SCENE")
     points, notes = read_points(reconstruction, model)
-    notes += _other_models(model)
+    notes += not_named + _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
     views = [_view(image, images) for image in found]
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
-    known = {os.path.abspath(images / image.name) for image in found}
+    known = {os.path.abspath(images / name) for name in (*(image.name for image in found), *garbled)}
     extra = [path.name for path in there if os.path.abspath(path) not in known]
     notes += name_them(f"in {images} without a pose, not used", extra)
     fix = f"Put the photos into {root / 'images'}, named as in the model."
     return Posed(kind_of(root), model, views, points, f"of the model missing in {images}", fix, notes)
+
+
+def _names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
+    """The names of a model's photos, by id, and those that are not in UTF-8, as Python names files: pycolmap gives out none of them."""
+    names, garbled = {}, []
+    for number, image in reconstruction.images.items():
+        try:
+            names[number] = image.name
+        except UnicodeDecodeError as problem:
+            garbled.append(problem.object.decode("utf-8", "surrogateescape"))
+    return names, sorted(garbled)
 
 
 def _view(image: pycolmap.Image, images: Path) -> View:
@@ -99,7 +113,7 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
         for element in point.track.elements:
             seen[element.image_id].append(index)
     # An image may see a point twice.
-    by_name = {reconstruction.images[number].name: np.unique(rows).astype(np.int64) for number, rows in seen.items()}
+    by_name = {name: np.unique(seen[number]).astype(np.int64) for number, name in _names_in(reconstruction)[0].items()}
     return Points(positions[good], colours, by_name), notes
 
 

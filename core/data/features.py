@@ -24,36 +24,39 @@ HALF = 128  # of 255, of emptiness: features are looked for where less of a pixe
 
 
 def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
-    """Write the undistorted pictures, shrunk to LONG_SIDE_PX, and their masks; the photo and camera of each by its name.
+    """Write the pictures of photos for `extract`; the photo of each and its camera, at the picture's size, by its name.
 
-    Numbered, because COLMAP's list of pairs is split at spaces.
+    Numbered, because COLMAP's list of pairs is split at spaces. Photos that cannot be decoded are left out.
     """
-    for folder in (PHOTOS, MASKS):
-        (work / folder).mkdir()
     cameras = {}
     for number, (photo, camera) in enumerate(posed, 1):
-        shrink = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
-        camera = camera.resized(max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink)))
+        name = f"{number:06d}.jpg"
         try:
-            picture = files.load(photo, camera.width, camera.height, cut_out=True)
+            cameras[name] = photo, write_picture(photo, camera, work, name)
         except BadInput:
             continue
-        name = f"{number:06d}.jpg"
-        cameras[name] = photo, camera
-        pixels = cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2BGR)
-        _write(work / PHOTOS / name, ".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        shown = np.ones(pixels.shape[:2], bool) if picture.valid is None else picture.valid
-        if picture.empty is not None:
-            shown &= picture.empty < HALF
-        _write(work / MASKS / f"{name}.png", ".png", shown * np.uint8(255), [])  # COLMAP reads no photo that lacks one
         report.progress("Photos", number, len(posed))
     return cameras
 
 
+def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
+    """Write a photo undistorted, shrunk to LONG_SIDE_PX, and its mask; its camera at that size. BadInput where it cannot be decoded."""
+    shrink = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
+    camera = camera.resized(max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink)))
+    picture = files.load(photo, camera.width, camera.height, cut_out=True)
+    shown = np.ones(picture.pixels.shape[:2], bool) if picture.valid is None else picture.valid
+    if picture.empty is not None:
+        shown &= picture.empty < HALF
+    for folder in (PHOTOS, MASKS):
+        (work / folder).mkdir(exist_ok=True)
+    pixels = cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2BGR)
+    _write(work / PHOTOS / name, ".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    _write(work / MASKS / f"{name}.png", ".png", shown * np.uint8(255), [])  # COLMAP reads no photo that lacks one
+    return camera
+
+
 def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
-    path.write_bytes(
-        cv2.imencode(kind, pixels, flags)[1].tobytes()
-    )  # a full disk raises here, where imwrite says False
+    path.write_bytes(cv2.imencode(kind, pixels, flags)[1].tobytes())  # a full disk raises here, where imwrite says False
 
 
 def extract(work: Path, names: list[str], report: Report, masks: Path | None = None) -> None:

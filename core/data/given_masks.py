@@ -1,14 +1,15 @@
 """Masks that the user gives: which photo each belongs to, and what is said about them (`wegs train --masks DIR`)."""
 
+import os
 from dataclasses import replace
 from math import log
 from pathlib import Path
 
 from core.data.collection import Collection, Photo, place_of
-from core.data.photo_file import SUFFIXES, list_photos, probe
+from core.data.photo_file import SUFFIXES, list_photos, named_with_fault, probe
 from core.data.sfm import lenses_of
 from core.errors import BadInput
-from core.words import Note, Reasons, counted
+from core.words import Note, Reasons, counted, is_harmless
 
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
 
@@ -27,20 +28,28 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's
     do; for photos in folders (`left/0001.jpg`) a mask in the same folder beats one in `folder` itself. A photo without a mask
     is used whole, even if the scene gives one. Notes say how many training photos have one, which have none, one of another size
-    (it is resized, nearest pixel) or one of another shape (it is not used), and which masks belong to no photo. Raises BadInput for a folder without any match, and for two
-    masks of one photo.
+    (it is resized, nearest pixel), or one that is damaged or of another shape (it is not used), and which masks belong to no
+    photo. Raises BadInput for a folder without any mask that can be used, and for two masks of one photo.
     """
     listed = {place: _by_stem(folder / place) for place in {Path(), *(place_of(photo.name).parent for photo in collection.photos)}}
     masks = {}
     for photo in collection.photos:
         folders = listed[place_of(photo.name).parent], listed[Path()]
         stems = _stems_of_masks(Path(photo.name))
-        masks[photo.name] = next((found[stem] for found in folders for stem in stems if stem in found), None)
-    unused = sorted({path for found in listed.values() for path in found.values()} - set(masks.values()))
-    found = masked(collection, {name: path for name, path in masks.items() if path is not None}, folder)
-    if not any(photo.mask for photo in found.split("train")):
-        example = place_of(collection.split("train")[0].name).with_suffix(".png")
+        mask, *others = next((found[stem] for found in folders for stem in stems if stem in found), (None,))
+        if others:
+            raise BadInput(f"{mask} and {others[0].name} are masks of one photo.", "Remove one of them.")
+        if mask is not None:
+            masks[photo.name] = mask
+    unused = sorted({path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values()))
+    training = collection.split("train")
+    if not any(photo.name in masks for photo in training):
+        example = place_of(training[0].name).with_suffix(".png")
         raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
+    found = masked(collection, masks, folder)
+    if not any(photo.mask for photo in found.split("train")):
+        why = "; ".join(note for note in found.notes[len(collection.notes) :] if not is_harmless(note))
+        raise BadInput(f"No mask in {folder} can be used: {why}.", "Copy or draw them again.")
     if any(photo.mask for photo in collection.photos):
         found = replace(found, notes=(*found.notes, "The masks that the scene itself gives are not used."))
     if unused:
@@ -77,27 +86,36 @@ def check_fits(mask: Path, size: tuple[int, int], wanted: tuple[int, int]) -> No
 def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
     """The collection whose photos have those of the `masks` (by photo name) that are there, in place of any others.
 
-    Notes say how many training photos have one, which have none, and which masks are of another size than their photo, or of another
-    shape, and then not used. `source` gave them. BadInput for a damaged one.
+    Notes say how many training photos have one, which have none, and which masks are of another size than their photo, or are damaged or
+    of another shape, and then not used. `source` gave them.
     """
     lenses, photos, said = lenses_of(collection.root), [], Reasons()
     for photo in collection.photos:
-        mask, what, found = masks.get(photo.name), None, replace(photo, mask=None, mask_lens=None)
-        if mask is None or not mask.is_file():
-            what = "without a mask, used whole"
-        else:
-            size = probe(mask).displayed
-            found = with_mask(photo, mask, size, lenses.get(photo.name))
-            if not fits(size, masked_size(found)):
-                what, found = "with a mask of another shape, used whole", replace(found, mask=None, mask_lens=None)
-            elif size != masked_size(found):
-                what = "with a mask of another size, which is resized"
-        photos.append(found)
-        if what and photo.split == "train":
-            said.add(what, photo.name)
+        heard = said if photo.split == "train" else Reasons()  # masks never enter a figure
+        photos.append(_masked(photo, masks.get(photo.name), lenses.get(photo.name), heard))
     count = sum(photo.mask is not None for photo in photos if photo.split == "train")
     summary = Note(f"{counted(count, 'photo')} with a mask from {source}.", harmless=True)
     return replace(collection, photos=tuple(photos), notes=(*collection.notes, summary, *said.notes()))
+
+
+def _masked(photo: Photo, mask: Path | None, taken_through: dict | None, said: Reasons) -> Photo:
+    """The photo with its mask, or without any where that cannot be used; what is odd is `said` of it."""
+    whole = replace(photo, mask=None, mask_lens=None)
+    if mask is None or not os.path.isfile(mask):  # pathlib's raises for names that are too long
+        said.add("without a mask, used whole", photo.name)
+        return whole
+    try:
+        size = probe(mask).displayed
+    except BadInput as problem:
+        said.add("with a damaged mask, used whole", named_with_fault(photo.name, mask, problem))
+        return whole
+    found = with_mask(photo, mask, size, taken_through)
+    if not fits(size, masked_size(found)):
+        said.add("with a mask of another shape, used whole", photo.name)
+        return whole
+    if size != masked_size(found):
+        said.add("with a mask of another size, which is resized", photo.name)
+    return found
 
 
 def with_masks_of(collection: Collection, before: Collection) -> Collection:
@@ -120,11 +138,9 @@ def _stems_of_masks(photo: Path) -> list[str]:
     return stems
 
 
-def _by_stem(folder: Path) -> dict[str, Path]:
+def _by_stem(folder: Path) -> dict[str, list[Path]]:
     """The pictures of a folder, none where there is no such folder."""
-    found: dict[str, Path] = {}
+    found: dict[str, list[Path]] = {}
     for path in list_photos(folder) if folder.is_dir() else ():
-        if path.stem in found:
-            raise BadInput(f"{found[path.stem]} and {path.name} are masks of one photo.", "Remove one of them.")
-        found[path.stem] = path
+        found.setdefault(path.stem, []).append(path)
     return found

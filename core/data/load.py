@@ -5,7 +5,7 @@ from pathlib import Path
 
 from core.data.collection import Collection
 from core.data.colmap import find_model, kind_of, lacks_photos, read_colmap
-from core.data.kept_points import read_kept, scene_of
+from core.data.kept_points import home_of, read_kept, scene_of
 from core.data.made import is_of_run
 from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.photo_file import list_photos, no_photos
@@ -32,11 +32,12 @@ def load_collection(path: Path) -> Collection:
         raise BadInput(
             f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}"
         )
-    if (of := scene_of(path)) is None:
-        return collect(path, _read(path, kind))
-    scene, _ = of
-    posed, (points, notes) = _read(scene, kind), read_kept(path)
-    return replace(collect(scene, replace(posed, points=points, notes=posed.notes + notes)), root=path)
+    home = home_of(path)
+    posed = _read(home, kind)
+    if home != path:
+        points, notes = read_kept(path)
+        posed = replace(posed, points=points, notes=posed.notes + notes)
+    return replace(collect(home, posed), root=path)
 
 
 def _read(path: Path, kind: str) -> Posed:

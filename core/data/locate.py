@@ -8,12 +8,14 @@ import numpy as np
 import pycolmap
 
 from core.data.collection import Collection, Photo, spread_over
-from core.data.features import DATABASE, MASKS, SEED, extract, match, write_pictures
+from core.data.features import DATABASE, MASKS, SEED, extract, match, write_picture, write_pictures
 from core.data.model_file import quiet
 from core.data.photo_file import probe
 from core.report import Report
 from core.scene.camera import Camera
 
+QUERY = "query.jpg"
+NO_POINTS = np.zeros(0, dtype=np.int64)  # that a photo from outside sees
 COMPARED = 40  # photos of the collection, at most
 NEAR_PX = 2.0  # from a feature to where its photo sees the point that it is taken for; none is placed much better than that
 OFF = 0.006  # of the long side: how far from a point's projection a feature agrees with it, 10 of 1600 px; COLMAP takes 12
@@ -37,33 +39,33 @@ def locate(path: Path, collection: Collection, report: Report, mask: Path | None
 
     Features are matched with those of up to COMPARED training photos that lie where these see an SfM point; what matches is a pixel
     and a point, and many of them are a camera (P3P, or P4P with an unknown focal length, in LO-RANSAC). mask: a picture that is
-    white where the photo is to be used. The same for any number of threads. Raises BadInput for a photo that cannot be read.
+    white where the photo is to be used. The same for any number of threads. Raises BadInput for a photo that cannot be read, or of which
+    its mask leaves nothing.
     """
     width, height = probe(path).displayed
     long_side = max(width, height)
     anywhere = Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
-    photo = Photo(path.name, path, anywhere, "test", np.zeros(0, dtype=np.int64), mask=mask)
+    photo = Photo(path.name, path, anywhere, "test", NO_POINTS, mask=mask)
     known = spread_over([known for known in collection.split("train") if len(known.points)], COMPARED)
     with TemporaryDirectory() as folder, quiet():
         work = Path(folder)
-        pictures = write_pictures([(each, each.camera) for each in (photo, *known)], work, report)
-        query, *others = pictures
-        extract(work, list(pictures), report, work / MASKS)
-        match(work, [(query, other) for other in others], report, verify=False)
-        pixels, points = _pixels_of_points(work, query, {other: pictures[other] for other in others}, collection.points)
-    camera = pictures[query][1]
+        camera = write_picture(photo, anywhere, work, QUERY)
+        others = write_pictures([(each, each.camera) for each in known], work, report)
+        extract(work, [QUERY, *others], report, work / MASKS)
+        match(work, [(QUERY, other) for other in others], report, verify=False)
+        pixels, points = _pixels_of_points(work, others, collection.points)
     return _camera_of(pixels, points, _lens(path, camera.width, camera.height), (width, height))
 
 
 def _pixels_of_points(
-    work: Path, query: str, others: dict[str, tuple[Photo, Camera]], points: np.ndarray
+    work: Path, others: dict[str, tuple[Photo, Camera]], points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2) px of the picture `query` and (n, 3) points that are matched with each other, each pair once."""
+    """(n, 2) px of the picture QUERY and (n, 3) points that are matched with each other, each pair once."""
     pairs = [np.zeros((0, 2), dtype=np.int64)]  # feature of the query, point
     with pycolmap.Database.open(work / DATABASE) as database:
-        numbers = {name: database.read_image_with_name(name).image_id for name in (query, *others)}
+        numbers = {name: database.read_image_with_name(name).image_id for name in (QUERY, *others)}
         for name, (photo, camera) in others.items():
-            matches = database.read_matches(numbers[query], numbers[name])
+            matches = database.read_matches(numbers[QUERY], numbers[name])
             if len(matches):
                 features = database.read_keypoints(numbers[name])[:, :2]
                 seen, _ = camera.project(points[photo.points])
@@ -71,7 +73,7 @@ def _pixels_of_points(
                 nearest, near = off.argmin(axis=1), off.min(axis=1) <= NEAR_PX
                 pairs.append(np.column_stack([matches[near, 0], photo.points[nearest[near]]]))
         feature, point = np.unique(np.concatenate(pairs), axis=0).T
-        return database.read_keypoints(numbers[query])[feature, :2].astype(np.float64), points[point]
+        return database.read_keypoints(numbers[QUERY])[feature, :2].astype(np.float64), points[point]
 
 
 def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:

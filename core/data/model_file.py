@@ -18,7 +18,8 @@ import pycolmap
 from core.errors import BadInput
 
 NEEDED, POINTS = ("cameras", "images"), "points3D"
-NO_POINTS = {".bin": bytes(8), ".txt": b""}  # a file of no points, by the suffixes of a model's two kinds of files
+SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
+EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file of no points
 POSE_BYTES = 7 * 8  # quaternion and translation
 
 if threading.current_thread() is threading.main_thread():  # Python sets handlers in no other
@@ -28,12 +29,12 @@ if threading.current_thread() is threading.main_thread():  # Python sets handler
 
 def holds_model(folder: Path) -> bool:
     """Whether `folder` has the files of a COLMAP model, binary or text; that of the points may be missing."""
-    return any(_has(folder, suffix, *NEEDED) for suffix in NO_POINTS)
+    return any(_has(folder, suffix, *NEEDED) for suffix in SUFFIXES)
 
 
 def lacking_files(folder: Path) -> list[str]:
     """The files that `folder` lacks for the COLMAP model of which it has a part; none where it has all, or nothing."""
-    begun = [suffix for suffix in NO_POINTS if any(_has(folder, suffix, part) for part in (*NEEDED, POINTS))]
+    begun = [suffix for suffix in SUFFIXES if any(_has(folder, suffix, part) for part in (*NEEDED, POINTS))]
     lacking = ([part + suffix for part in NEEDED if not _has(folder, suffix, part)] for suffix in begun)
     return min(lacking, key=len, default=[])
 
@@ -48,8 +49,8 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     Raises BadInput for files that are truncated, damaged or no model.
     """
     fix = "Copy the model again, or run COLMAP again."
-    whole = next((suffix for suffix in NO_POINTS if _has(folder, suffix, *NEEDED, POINTS)), None)
-    suffix = whole or next((suffix for suffix in NO_POINTS if _has(folder, suffix, *NEEDED)), None)
+    whole = next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
+    suffix = whole or next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED)), None)
     for part, walk in WALKS.items() if suffix == ".bin" else ():
         file = folder / f"{part}.bin"
         if file.is_file() and not _whole(file.read_bytes(), walk):
@@ -62,7 +63,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
             for part in WALKS:
                 if _has(folder, suffix, part):
                     shutil.copyfile(folder / (part + suffix), Path(copy, part + suffix))
-            Path(copy, POINTS + suffix).write_bytes(NO_POINTS[suffix])
+            Path(copy, POINTS + suffix).write_bytes(EMPTY_POINTS[suffix])
             return pycolmap.Reconstruction(copy)
     except (ValueError, IndexError, RuntimeError) as problem:
         reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__

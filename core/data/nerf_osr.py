@@ -13,7 +13,7 @@ import pycolmap
 
 from core.data.photo_file import list_photos
 from core.data.placing import View
-from core.data.posed import Posed, from_camera_to_world
+from core.data.posed import Fault, Posed, from_camera_to_world
 from core.errors import BadInput
 from core.words import Note, Reasons
 
@@ -37,7 +37,7 @@ def read_nerf_osr(root: Path) -> Posed:
     if source is None:
         raise BadInput(f"{root} has no folder {TRAINING}/pose any more.", "Put it back.")
     fix = f"Put photos into {source / TRAINING / 'rgb'}, and their pose and intrinsics beside them."
-    photos = {split: _photos(source / split) for split in (TRAINING, *HELD_OUT)}
+    photos = {split: _pictures(source / split / "rgb") for split in (TRAINING, *HELD_OUT)}
     if not photos[TRAINING]:
         raise BadInput(f"{source / TRAINING / 'rgb'} holds no photos.", fix)
     held_out = next((split for split in HELD_OUT if photos[split]), None)
@@ -49,51 +49,36 @@ def read_nerf_osr(root: Path) -> Posed:
     used = [(split, path) for split in (TRAINING, held_out) if split for path in photos[split]]
     names = [path.name for _, path in used]
     views, faults = [], Reasons()
-    masks = {split: _masks(source / split / "mask") for split in (TRAINING, *HELD_OUT)}
+    masks = {split: {path.stem: path for path in _pictures(source / split / "mask")} for split in (TRAINING, *HELD_OUT)}
     for split, path in used:
         name = path.name if len(set(names)) == len(names) else f"{split}/{path.name}"
         role = None if held_out is None else "train" if split == TRAINING else "test"
         try:
             lens = _lens(_matrix(source / split / "intrinsics", path.stem))
-            rotation, centre = _pose(_matrix(source / split / "pose", path.stem))
-        except ValueError as fault:
+            rotation, centre = from_camera_to_world(_matrix(source / split / "pose", path.stem), "a pose")
+        except Fault as fault:
             faults.add(f"{fault}, not used", name)
             continue
-        views.append(View(name, path, lens, rotation, centre, role, masks[split](path.stem)))
+        views.append(View(name, path, lens, rotation, centre, role, masks[split].get(path.stem)))
     return Posed("nerf-osr", source, views, None, f"missing in {source}", fix, notes + faults.notes())
 
 
-def _photos(folder: Path) -> list[Path]:
-    return list_photos(folder / "rgb") if (folder / "rgb").is_dir() else []
-
-
-def _masks(folder: Path) -> Callable[[str], Path | None]:
-    """The mask of the photo of a stem, None in a scene without any; where only this one is missing, a path of no file."""
-    if not folder.is_dir():
-        return lambda stem: None
-    by_stem = {path.stem: path for path in list_photos(folder)}
-    return lambda stem: by_stem.get(stem, folder / stem)
+def _pictures(folder: Path) -> list[Path]:
+    return list_photos(folder) if folder.is_dir() else []
 
 
 def _matrix(folder: Path, stem: str) -> np.ndarray:
-    """(4, 4), of a text file; ValueError says what is wrong."""
+    """(4, 4), of a text file; Fault where it holds none."""
     path = folder / f"{stem}.txt"
     try:
         numbers = np.array(path.read_text(encoding="utf-8").split(), dtype=np.float64)
     except OSError:
-        raise ValueError(f"without a text file in {folder.name}/") from None
+        raise Fault(f"without a text file in {folder.name}/") from None
     except ValueError:
         numbers = np.zeros(0)
     if numbers.size != 16:
-        raise ValueError(f"whose text file in {folder.name}/ does not hold 16 numbers")
+        raise Fault(f"whose text file in {folder.name}/ does not hold 16 numbers")
     return numbers.reshape(4, 4)
-
-
-def _pose(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        return from_camera_to_world(matrix)
-    except ValueError as problem:
-        raise ValueError(f"with a pose {problem}") from None
 
 
 def _lens(matrix: np.ndarray) -> Callable[[int, int], pycolmap.Camera]:
@@ -101,5 +86,5 @@ def _lens(matrix: np.ndarray) -> Callable[[int, int], pycolmap.Camera]:
     fx, skew, cx = matrix[0, :3]
     fy, cy = matrix[1, 1:3]
     if not abs(skew) <= LARGEST_SKEW * abs(fx):
-        raise ValueError("with intrinsics of slanted pixels")
+        raise Fault("with intrinsics of slanted pixels")
     return lambda width, height: pycolmap.Camera(model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])

@@ -5,7 +5,7 @@ import mmap
 import struct
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -18,7 +18,7 @@ cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what is wro
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe")
 # Of cameras and phones; OpenCV reads none, or as .avif in some builds only, and not turned as the file says. No photo is a .gif.
-UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif")
+UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif", ".hif", ".jxl", ".pef", ".srw")
 
 START_BYTES = 1 << 16  # of files that may be copies
 JPEG_START = b"\xff\xd8"
@@ -131,14 +131,23 @@ def probe(path: Path) -> Header:
 
 def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
     """The header of a photo whose bytes are at hand; raises BadInput like `probe`."""
+    header = peek(path, data)
+    if header.width:
+        return header
+    turn = cv2.IMREAD_IGNORE_ORIENTATION if header.kind == "webp" else 0
+    height, width = decode(path, data[:], cv2.IMREAD_COLOR | turn).shape[:2]
+    return replace(header, width=width, height=height)
+
+
+def peek(path: Path, data: bytes | mmap.mmap) -> Header:
+    """As `read_header`, but nothing is decoded: width and height are 0 of what is neither a JPEG nor a PNG, whole or not."""
     if data[:2] == JPEG_START:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:
         return _read_png(path, data)
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        return _read_webp(path, data)
-    height, width = decode(path, data[:], cv2.IMREAD_COLOR).shape[:2]
-    return Header("other", width, height)
+        return _read_webp(data)
+    return Header("other", 0, 0)
 
 
 def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
@@ -213,9 +222,8 @@ def _read_png(path: Path, data: bytes | mmap.mmap) -> Header:
     return Header("png", *size, orientation, exif)
 
 
-def _read_webp(path: Path, data: bytes | mmap.mmap) -> Header:
-    """Decode the picture for its size, then walk the chunks to EXIF."""
-    height, width = decode(path, data[:], cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION).shape[:2]
+def _read_webp(data: bytes | mmap.mmap) -> Header:
+    """Walk the chunks to EXIF."""
     position, exif = 12, b""
     while head := data[position : position + 8]:
         body, length = position + 8, int.from_bytes(head[4:], "little")
@@ -223,7 +231,7 @@ def _read_webp(path: Path, data: bytes | mmap.mmap) -> Header:
             exif = data[body : body + length].removeprefix(JPEG_EXIF)
             break
         position = body + length + length % 2
-    return Header("webp", width, height, orientation_of(exif), exif)
+    return Header("webp", 0, 0, orientation_of(exif), exif)
 
 
 def orientation_of(exif: bytes) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from core.data import lens as lenses
 from core.data.collection import Photo
 from core.data.fill import fill
-from core.data.photo_file import TRUNCATED, Header, bad_photo, decode, read_header
+from core.data.photo_file import TRUNCATED, Header, bad_photo, decode, peek
 from core.errors import BadInput
 
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
@@ -135,7 +135,7 @@ def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path | None) 
 
 
 def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
-    """Header, stored pixels (H, W, 3) RGB, and alpha (H, W) or None.
+    """What `peek` says, stored pixels (H, W, 3) RGB, and alpha (H, W) or None.
 
     A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
     """
@@ -143,7 +143,7 @@ def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Heade
         data = path.read_bytes()
     except OSError as problem:
         raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
-    header = read_header(path, data)
+    header = peek(path, data)
     if header.kind == "jpeg":
         flags = REDUCTIONS.get(_reduction(header, wanted), cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
         pixels = decode(path, data, flags)

@@ -18,7 +18,6 @@ class SplitTable:
     splits: photo name -> "train" or "test". without_id, unknown_split: names of rows not used.
     """
 
-    path: Path
     splits: dict[str, str]
     without_id: tuple[str, ...]
     unknown_split: tuple[str, ...]
@@ -74,4 +73,4 @@ def read_split_table(path: Path) -> SplitTable:
             unknown_split.append(name)
         else:
             splits[name] = split.lower()
-    return SplitTable(path, splits, tuple(without_id), tuple(unknown_split))
+    return SplitTable(splits, tuple(without_id), tuple(unknown_split))

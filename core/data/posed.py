@@ -21,6 +21,10 @@ NO_POINTS = "No points are given with the cameras: `wegs train` triangulates the
 UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos need cannot be judged by their colours."
 
 
+class Fault(Exception):
+    """Why a photo cannot be used, in words that follow "3 photos"."""
+
+
 @dataclass(frozen=True)
 class Points:
     """Points of a scene in world units: positions (P, 3) float64, colours (P, 3) float32 in [0, 1].
@@ -136,19 +140,19 @@ def usable(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
     )
 
 
-def from_camera_to_world(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
     """A camera-to-world matrix (4, 4) or (3, 4) as View.rotation and View.centre; camera axes stay those it has.
 
     Axes of one common length other than 1 are those of a scaled camera, which sees the same. Rounded ones are made
-    orthonormal (the nearest rotation, by SVD). Raises ValueError, which says what it is, for any other that is no rotation.
+    orthonormal (the nearest rotation, by SVD). Raises Fault, in which the matrix is called `what`, for any other that is no rotation.
     """
     axes, centre = matrix[:3, :3], matrix[:3, 3]
     if not (np.abs(matrix[:3]) < LARGEST_COORDINATE).all():
-        raise ValueError("with numbers that are not finite")
+        raise Fault(f"with {what} with numbers that are not finite")
     left, lengths, right = np.linalg.svd(axes)
     if not lengths[2] > (1 - CROOKED) * lengths[0]:
-        raise ValueError("that is no rotation: its axes differ in length or are not at right angles")
+        raise Fault(f"with {what} that is no rotation: its axes differ in length or are not at right angles")
     rotation = left @ right
     if np.linalg.det(rotation) < 0:
-        raise ValueError("that is mirrored")
+        raise Fault(f"with {what} that is mirrored")
     return rotation.T, centre

@@ -17,7 +17,7 @@ import pycolmap
 from core.data.photo_file import SUFFIXES
 from core.data.placing import View
 from core.data.point_file import read_points_file
-from core.data.posed import Points, Posed, from_camera_to_world, usable
+from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
 
@@ -91,18 +91,19 @@ class _Reading:
             label = f"frame {number} of {source.name}"
             try:
                 if not (isinstance(frame, dict) and frame.get("file_path") and isinstance(frame["file_path"], str)):
-                    raise _Fault("without a file_path")
+                    raise Fault("without a file_path")
                 path = self.find(frame["file_path"])
                 label = path.name
                 if path in views:
-                    raise _Fault("named more than once, used the first time")
+                    self.faults.add("named more than once, used the first time", label)
+                    continue
                 rotation, centre = _pose(frame)
                 lens = _Lens.of(facts | frame)
                 mask = frame.get("mask_path")
                 mask = self.find(mask) if isinstance(mask, str) else None
                 views[path] = View(str(path), path, lens.camera, rotation, centre, mask=mask)
-            except _Fault as fault:
-                self.faults.add(str(fault), label)
+            except Fault as fault:
+                self.faults.add(f"{fault}, not used", label)
         if views:
             self.sources.append(source.name)
         return list(views.values())
@@ -173,10 +174,6 @@ class _Reading:
         return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes)
 
 
-class _Fault(Exception):
-    """Why a frame cannot be used, to be put after "3 photos"."""
-
-
 @dataclass(frozen=True)
 class _Lens:
     """A frame's intrinsics as the file has them; what it leaves out follows from the size of the photo."""
@@ -189,20 +186,18 @@ class _Lens:
         """The lens of a frame, whose own values come before those at the top of the file."""
         model = facts.get("camera_model", FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])
         if model not in (*PERSPECTIVE, FISHEYE):
-            raise _Fault(
-                f"with a camera_model that is not read ({model}; {PERSPECTIVE[0]} and {FISHEYE} are), not used"
-            )
+            raise Fault(f"with a camera_model that is not read ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
         terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)
         try:
             numbers = {name: float(facts[name]) for name in terms if facts.get(name) is not None}
-        except (TypeError, ValueError):
-            raise _Fault("with intrinsics that are no numbers, not used") from None
+        except (TypeError, ValueError, OverflowError):
+            raise Fault("with intrinsics that are no numbers") from None
         if not {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} & numbers.keys():
-            raise _Fault("without fl_x or camera_angle_x, not used")
+            raise Fault("without fl_x or camera_angle_x")
         if not all(1 <= numbers.get(name, 1) <= LARGEST_SIDE for name in ("w", "h")):
-            raise _Fault("with a w or h that no photo has, not used")
+            raise Fault("with a w or h that no photo has")
         if model != FISHEYE and numbers.get("k4"):
-            raise _Fault(f"with a k4, which only {FISHEYE} lenses have, not used")
+            raise Fault(f"with a k4, which only {FISHEYE} lenses have")
         return _Lens(model, numbers)
 
     def camera(self, width: int, height: int) -> pycolmap.Camera:
@@ -234,15 +229,11 @@ def _pose(frame: dict) -> tuple[np.ndarray, np.ndarray]:
     """View.rotation and View.centre."""
     try:
         matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.zeros(0)
     if matrix.shape not in ((4, 4), (3, 4)):
-        raise _Fault("without a transform_matrix of 4 x 4 numbers, not used")
-    matrix = matrix[:3] * [*TO_OPENCV, 1.0]
-    try:
-        return from_camera_to_world(matrix)
-    except ValueError as problem:
-        raise _Fault(f"with a transform_matrix {problem}, not used") from None
+        raise Fault("without a transform_matrix of 4 x 4 numbers")
+    return from_camera_to_world(matrix[:3] * [*TO_OPENCV, 1.0], "a transform_matrix")
 
 
 def _share_in_view(points: np.ndarray, views: list[View]) -> float:

@@ -14,13 +14,11 @@ from core.errors import BadInput
 from core.export.ply import read_every_row, sky_of
 from core.ply_file import bytes_beyond
 from core.report import Report
-from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.splats import Splats
 
 MOST_CAMERAS = 100  # evenly spread over those known
 AGAIN = "Copy or export it again."
-WIDEST_PX = 640  # what Gaussians show in is asked at this size
 # What to do about a file that wegs did not write, where wegs' own commands and settings are no help.
 ELSEWHERE = {
     "not finite": "Remove those rows, or export the file again.",
@@ -74,13 +72,5 @@ def _findings(path: Path, splats: Splats, sky: int, report: Report) -> list[Find
     cameras = [camera.in_scene(frame) for camera in spread_over(cameras, MOST_CAMERAS)]
     findings.append(views.float32_error(frame, frame.to_scene(centres), cameras))
     if cameras:
-        try:
-            findings.append(views.never_seen(in_scene, [_small(camera) for camera in cameras], sky, report))
-        except BadInput as problem:  # so large that their tile lists are refused
-            findings.append(Finding("never seen", "not measured", problem.what.rstrip("."), "Remove the giants first."))
+        findings.append(views.never_seen(in_scene, cameras, sky, report))
     return findings
-
-
-def _small(camera: Camera) -> Camera:
-    scale = min(1.0, WIDEST_PX / camera.width)
-    return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))

@@ -14,12 +14,12 @@ from core.doctor.finding import Finding, part
 from core.doctor.gaussians import look_at_gaussians
 from core.errors import BadInput, command
 from core.export.ply import BYTES_A_GAUSSIAN
+from core.looks.find_look import find_appearance
+from core.looks.trained import Run, bake, load_run
 from core.report import Report
 from core.training import checkpoint
-from core.training.find_look import find_appearance
 from core.training.losses import COLLAPSED
 from core.training.run import HISTORY
-from core.training.trained import Run, bake, load_run
 
 MOST_PHOTOS = 64  # whose looks are asked for, evenly spread
 NEAR_BOUND = 0.95  # of the largest residual: there the transfer has no gradient left
@@ -101,7 +101,7 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
     photos = spread_over(trained.collection.split("train"), MOST_PHOTOS)
     names = trained.model.photo_names
     masks: dict[str, float] = {}
-    unreadable: list[str] = []
+    unusable: dict[str, str] = {}  # with what to do about each
     splats, added = trained.splats, _Residuals(trained.settings.residual_bound)
     good = splats.finite_rows()
     splats, latents = splats[good], None if trained.latents is None else trained.latents[good]
@@ -110,7 +110,7 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
         try:
             picture = trained.picture(photo)
         except BadInput as problem:  # of the photo or of its mask
-            unreadable.append(named_with_fault(photo.name, photo.path, problem))
+            unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
         with torch.no_grad():
             look = trained.model.look(picture.encoder_input, names.index(photo.name) if photo.name in names else None)
@@ -120,11 +120,10 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
         if residual is not None and residual.numel():
             added.add(residual)
     findings = []
-    if unreadable:
-        figure = f"{len(unreadable)} of {len(photos)}, such as {unreadable[0]}"
-        findings.append(
-            Finding("photos", figure, "gone or damaged since training", "Put them back to bake their looks.")
-        )
+    if unusable:
+        example, fix = next(iter(unusable.items()))
+        figure = f"{len(unusable)} of {len(photos)}, such as {example}"
+        findings.append(Finding("photos", figure, "cannot be used now, so their looks cannot be baked", fix))
     if added.looks:
         findings += added.findings(trained.settings.appearance == "full")
     if masks:

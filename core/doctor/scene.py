@@ -99,9 +99,11 @@ def _points(collection: Collection) -> list[Finding]:
     seen = {photo.name: len(photo.points) for photo in photos}
     few = [f"{name}: {points}" for name, points in seen.items() if points < FEW_POINTS]
     farthest = np.linalg.norm(collection.points, axis=1).max()
-    figure = f"{count:,}, {np.median(list(seen.values())):.0f} a photo (median), the farthest {farthest:.3g} radii off"
-    more = "Run SfM with more features." if count < POINTS_WANTED else ""
-    found = Finding("points", figure, "Gaussians start from them", more)
+    each, more = f", {np.median(list(seen.values())):.0f} a photo (median)", "Run SfM with more features."
+    if not any(seen.values()):  # nobody says who sees them
+        each, more = "", "Give more of them, or run SfM with more features."
+    figure = f"{count:,}{each}, the farthest {farthest:.3g} radii off"
+    found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")
     if collection.kind not in FOUND_BY_SFM or scene_of(collection.root):
         return [found]  # poses that were given do not hang on them
     return [
@@ -122,26 +124,27 @@ def _world(collection: Collection) -> list[Finding]:
 
 
 def _photos(collection: Collection, report: Report) -> list[Finding]:
-    unreadable, flat = [], []
-    for number, photo in enumerate(collection.photos):
-        report.progress("Photos", number + 1, len(collection.photos), photo.name)
+    unusable, flat, cut_out = {}, [], looks_for_empty(collection, Settings())
+    photos = collection.split("train") + collection.split("test")
+    for number, photo in enumerate(photos):
+        report.progress("Photos", number + 1, len(photos), photo.name)
         width = min(SMALL_PX, photo.camera.width)
         height = max(1, round(photo.camera.height * width / photo.camera.width))
         try:
-            picture = files.load(photo, width, height, cut_out=looks_for_empty(collection, Settings()))
+            picture = files.load(photo, width, height, cut_out=cut_out)
         except BadInput as problem:
-            unreadable.append(named_with_fault(photo.name, photo.path, problem))
+            unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
         if picture.pixels.std() < FLAT and picture.empty is None:
             flat.append(f"{photo.name}: {picture.pixels.mean():.0f} of 255")
-    return _photo_findings(unreadable, flat, len(collection.photos))
+    return _photo_findings(unusable, flat, len(photos))
 
 
-def _photo_findings(unreadable: list[str], flat: list[str], total: int) -> list[Finding]:
+def _photo_findings(unusable: dict[str, str], flat: list[str], total: int) -> list[Finding]:
+    """unusable: photos with their faults, and what to do about each."""
+    fix = next(iter(unusable.values()), "")
     return [
-        _named(
-            "unreadable photos", unreadable, total, "missing or damaged; training leaves them out", "Copy them again."
-        ),
+        _named("unusable photos", list(unusable), total, "cannot be used; training leaves them out", fix),
         _named("photos of one colour", flat, total, "black, white or covered: nothing to learn from", "Remove them."),
     ]
 
@@ -149,13 +152,13 @@ def _photo_findings(unreadable: list[str], flat: list[str], total: int) -> list[
 def _plain_photos(root: Path, report: Report) -> list[Finding]:
     """Photos without any poses: whether they can be read."""
     folder = find_photos(root)
-    paths, unreadable, flat, sizes = list_photos(folder), [], [], []
+    paths, unusable, flat, sizes = list_photos(folder), {}, [], []
     for number, path in enumerate(paths):
         report.progress("Photos", number + 1, len(paths), path.name)
         try:
             pixels = files.read(path)
         except BadInput as problem:
-            unreadable.append(named_with_fault(path.name, path, problem))
+            unusable[named_with_fault(path.name, path, problem)] = problem.fix
             continue
         sizes.append(pixels.shape[0] * pixels.shape[1] / 1e6)
         if pixels.std() < FLAT:
@@ -170,6 +173,6 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
     others = [path.name for path in list_unreadable(folder)]
     return [
         Finding("scene", figure, meaning, fix),
-        *_photo_findings(unreadable, flat, len(paths)),
+        *_photo_findings(unusable, flat, len(paths)),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]  # fmt: skip

@@ -19,6 +19,7 @@ from core.words import counted
 VISIBLE_PX = 0.1  # a shift that begins to show in sharp detail
 PICTURE_PX = 500.0  # of a scene radius, where no camera says more
 UNSEEN = 0.1  # share of Gaussians that no photo shows
+WIDEST_PX = 640  # what Gaussians show in is asked at this size
 SAMPLE = 2000  # centres that are looked at for the depth of a view
 
 
@@ -42,15 +43,21 @@ def _depth(camera: Camera, means: np.ndarray) -> float | None:
 
 def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) -> Finding:
     """Which Gaussians reach 1/255 of no pixel of any camera; the last `sky` rows do not count. Scene frame."""
-    rasterizer = core.rasterizer.create("auto")
-    largest = largest_contributions(
-        splats, cameras, rasterizer, lambda done, total: report.progress("Views", done, total)
-    )
+    rasterizer, small = core.rasterizer.create("auto"), [_small(camera) for camera in cameras]
+    try:
+        largest = largest_contributions(splats, small, rasterizer, lambda done, total: report.progress("Views", done, total))
+    except BadInput as problem:  # so large that their tile lists are refused
+        return Finding("never seen", "not measured", problem.what.rstrip("."), "Remove the giants first.")
     solid = len(splats) - sky
     unseen = int((largest[:solid] < ALPHA_MIN).sum())
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
     meaning = f"below 1/255 of every pixel of {counted(len(cameras), 'camera')}: no photo holds them in place"
     return Finding("never seen", part(unseen, solid), meaning, advice)
+
+
+def _small(camera: Camera) -> Camera:
+    scale = min(1.0, WIDEST_PX / camera.width)
+    return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
 
 
 def cameras_beside(path: Path) -> list[Camera]:

@@ -5,16 +5,15 @@ from the right half. full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come f
 Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from core.appearance.refinement import Render, refined
+from core.appearance.refinement import Refined, refinement
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
@@ -40,12 +39,12 @@ class View:
 class Fit:
     """What a look of a view is read from, and where it is scored. start: the encoder's embedding of `region`.
 
-    photo: quantised, whole. region: its columns that give the look, as `render` draws them. valid: of the region. scored: columns.
+    photo: quantised, whole. region: its columns that give the look, as `camera` sees them. valid: of the region. scored: columns.
     """
 
     photo: Float[Tensor, "h w 3"]
     region: Float[Tensor, "h w_fitted 3"]
-    render: Render
+    camera: Camera
     valid: Bool[Tensor, "h w_fitted"] | None
     scored: slice
     start: Float[Tensor, " e"]
@@ -58,7 +57,12 @@ def fit_of(subject: Subject, view: View, protocol: str) -> Fit:
     region = photo[:, fitted]
     camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
     valid = None if view.valid is None else view.valid[:, fitted]
-    return Fit(photo, region, partial(subject.render, camera=camera), valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
+    return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
+
+
+def refining(subject: Subject, fit: Fit) -> Iterator[Refined]:
+    """The steps of core.appearance.refinement on the region that gives the look."""
+    return refinement(lambda embedding, tone: subject.render(embedding, fit.camera, tone), subject.bound, fit.start, fit.region, fit.valid)
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ class ViewResult:
 
     scores: by what the render is compared with, then by whose embedding it was rendered with.
       photo: the test photo, in the protocol's region. clean: all of the clean truth. clean_right: its right half.
-      zero_shot: the encoder's embedding. refined: that embedding after the refinement, where there was one.
+      zero_shot: the encoder's embedding. refined: that look after the refinement, where there was one.
     mask_iou: overlap of predicted and true passers-by, where both are known.
     """
 
@@ -109,11 +113,10 @@ def measure(
     fit = fit_of(subject, view, protocol)
     photo, scored = fit.photo, fit.scored
     height, width = photo.shape[:2]
-    embeddings = {"zero_shot": fit.start}
+    looks = {"zero_shot": (fit.start, None)}
     if refine:
-        better = refined(fit.render, fit.start, fit.region, fit.valid)
-        if better is not None:
-            embeddings["refined"] = better
+        for look in refining(subject, fit):
+            looks["refined"] = look
 
     everything = slice(0, width)
     against = {"photo": (photo, view.valid, scored)}
@@ -122,9 +125,9 @@ def measure(
         if protocol == "half":
             against["clean_right"] = (against["clean"][0], None, scored)
     scores: dict[str, dict[str, Scores]] = {name: {} for name in against}
-    for whose, embedding in embeddings.items():
+    for whose, (embedding, tone) in looks.items():
         with torch.no_grad():
-            image = metrics.quantised(subject.render(embedding, view.camera))
+            image = metrics.quantised(subject.render(embedding, view.camera, tone))
         for name, (truth, valid, columns) in against.items():
             part = None if valid is None else valid[:, columns]
             scores[name][whose] = compare(image[:, columns], truth[:, columns], part, lpips)

@@ -85,7 +85,7 @@ class Results:
         return {
             "protocol": self.protocol,
             "protocol_means": PROTOCOLS[self.protocol],
-            "refinement": f"Adam, {refinement.STEPS} steps, rate {refinement.RATE}, L1" if refined else None,
+            "refinement": f"embedding and tone, Adam, {refinement.STEPS} steps, rate {refinement.RATE} to 0, L1 of means over cells" if refined else None,
             "photos": {"train": self.train_photos, "test": self.test_photos, "measured": len(self.views)},
             "scale": self.scale,
             "quantisation": "8 bit",

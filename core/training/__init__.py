@@ -1,0 +1,11 @@
+"""Training: a Collection and Settings become Gaussians and an AppearanceModel, in a checkpoint.
+
+the loop         trainer, schedule, guards, held_out
+what is decided  needs, evidence, sightings
+photos           pictures, backdrop, jitter
+losses           objective, photometric (_kernel, _cuda), strangers, losses, gauge
+Gaussians        gaussians, densify, adam (_cuda)
+networks         networks
+on disk          run, checkpoint, claim, masks
+for the user     tell, interrupt, full_memory
+"""

@@ -15,6 +15,7 @@ from torch import Tensor
 from core.errors import BadInput, command
 
 PATTERN = "checkpoint_[0-9]*.safetensors"
+TEMPORARY = "checkpoint_[0-9]*.tmp"  # what a killed run may leave
 VERSION = 2
 
 

@@ -60,7 +60,7 @@ class StepFacts(NamedTuple):
 
 
 def fault(facts: StepFacts, usual: float) -> str | None:
-    """Why a step was of no use, in words that follow "its"; None if it was not. facts: as numbers."""
+    """What was wrong with a step, in words that follow "its"; None if nothing was. facts: as numbers."""
     if not facts.sound and not math.isfinite(facts.loss):
         return "loss was not finite"
     if not facts.sound:
@@ -81,6 +81,5 @@ def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor
 
 
 def refused(sound: Bool[Tensor, ""]) -> bool:
-    """Whether a step is known to be of no use. A GPU is not waited for to know: what follows is started there, and itself
-    changes nothing unless the step is sound."""
+    """Whether the step can be dropped here. On a GPU always False, without waiting for it: there the kernels themselves skip an invalid step."""
     return sound.device.type == "cpu" and not sound

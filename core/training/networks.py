@@ -30,7 +30,7 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
 
 @contextmanager
 def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[Callable[[], None]]:
-    """Lets the way back through the encoder, `work`, begin while the one through the SH transfer, run inside, goes on.
+    """Runs the encoder's backward pass, `work`, in parallel with what remains of the SH transfer's, which is run inside the block.
 
     Yields a function that returns once `work` is done. embedding: the leaf whose gradient `work` begins with. On a CPU `work` starts on
     another thread as soon as that gradient is there: others are then still on their way through the SH transfer's hidden layers.

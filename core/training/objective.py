@@ -1,16 +1,46 @@
 """What a step minimises of the view that it has drawn: each loss with its weight, from the moment on from which it counts."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Generator, Tensor
 
+from core.appearance.model import AppearanceModel, Look
 from core.config import Settings
-from core.rasterizer import Rasterizer
+from core.rasterizer import Rasterizer, Visible
+from core.scene.camera import Camera
+from core.scene.splats import Splats
 from core.training import losses, strangers
-from core.training.drawn import Drawn
-from core.training.photometric import photometric, photometric_of_mask, photometric_paper
+from core.training.gauge import gauge
+from core.training.gaussians import Gaussians
+from core.training.photometric import Target, photometric, photometric_of_mask, photometric_paper
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One step's view, in the look of its photo: what the losses are computed of, and what they lead back to.
+
+    target: the photo as it is compared. embedding, leaves, probe: leaves of the graph, those of the look, of the visible Gaussians and
+    of their places in the picture (px). seen: those Gaussians in the look. residual: what the look adds to their harmonics.
+    regularising: waits for L_regSH of it, see losses.residual_loss.
+    """
+
+    camera: Camera
+    target: Target
+    look: Look
+    embedding: Tensor
+    visible: Visible
+    leaves: dict[str, Tensor]
+    seen: Splats
+    probe: Tensor
+    image: Tensor
+    residual: Tensor | None
+    regularising: Callable[[], tuple[Tensor, Tensor | None, Tensor]]
+    gauge_loss: Tensor
 
 
 class Objective:
@@ -46,6 +76,14 @@ class Objective:
         if residual is None:
             return self.zero, None, self.zero
         return losses.residual_loss(residual, self.settings.sh_regularisation)
+
+    def gauge(self, model: AppearanceModel, gaussians: Gaussians, generator: Generator) -> Float[Tensor, ""]:
+        """The gauge. Its backward pass is here, too: it only touches the networks, and the encoder is still busy."""
+        if not self.settings.gauge:
+            return self.zero
+        loss = self.settings.gauge * gauge(model, gaussians, generator)
+        losses.backward((loss, None))
+        return loss.detach()
 
     def transient(self, drawn: Drawn, progress: float, step: int) -> Float[Tensor, ""]:
         """L_regTS, at every TRANSIENT_EVERYth step."""

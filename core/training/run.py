@@ -35,8 +35,8 @@ RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
 # All that a run may have written, and so all that --force may delete.
 OURS = (
-    *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, "checkpoint_*", "appearance"),
-    *(HISTORY, "masks", "results*.json", "per_view*.json", "sheet.png", "sheet_full.png", "pictures", "curves"),
+    *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves"),
+    *(HISTORY, "masks", "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png"),
 )
 
 

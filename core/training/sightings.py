@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from core.data.collection import spread_over
 from core.training.pictures import Picture
 
 MOST_PHOTOS, MOST_POINTS = 200, 5000  # spread evenly over the collection; beyond, figures hardly change and seconds do
@@ -49,7 +50,7 @@ def find_sightings(points: np.ndarray, pictures: Sequence[Picture]) -> Sightings
     Expected are points that a photo did not match though one from nearly the same place did: a passer-by may stand before
     them. Those with other points close by in front are left out, as something that stays may.
     """
-    pictures = [pictures[number] for number in _evenly(np.arange(len(pictures)), MOST_PHOTOS)]
+    pictures = spread_over(pictures, MOST_PHOTOS)
     chosen, matched = _matches(len(points), pictures)
     positions = points[chosen]
     centres = np.array([picture.camera.centre for picture in pictures]).reshape(-1, 3)
@@ -90,7 +91,7 @@ def _matches(count: int, pictures: Sequence[Picture]) -> tuple[np.ndarray, np.nd
     photos = np.zeros(count, dtype=np.int64)
     for picture in pictures:
         photos[picture.photo.points] += 1
-    chosen = _evenly(np.flatnonzero(photos >= FEWEST_PHOTOS), MOST_POINTS)
+    chosen = np.array(spread_over(np.flatnonzero(photos >= FEWEST_PHOTOS), MOST_POINTS), dtype=np.int64)
     row_of = np.full(count, -1)
     row_of[chosen] = np.arange(len(chosen))
     matched = np.zeros((len(chosen), len(pictures)), dtype=bool)
@@ -98,11 +99,6 @@ def _matches(count: int, pictures: Sequence[Picture]) -> tuple[np.ndarray, np.nd
         rows = row_of[picture.photo.points]
         matched[rows[rows >= 0], column] = True
     return chosen, matched
-
-
-def _evenly(numbers: np.ndarray, most: int) -> np.ndarray:
-    """At most `most` of the numbers, evenly spread."""
-    return numbers if len(numbers) <= most else numbers[np.linspace(0, len(numbers) - 1, most).astype(np.int64)]
 
 
 def _nearest(rays: np.ndarray, distances: np.ndarray, matched: np.ndarray) -> np.ndarray:

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from core import device
+from core.config import Settings
 from core.data.collection import Collection
 from core.errors import command
 from core.report import Report
 from core.training import run
-from core.training.trained import Run
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless
 
@@ -49,11 +49,11 @@ def tell_step(step: StepReport, steps: int, report: Report) -> None:
     report.progress("Training", step.step, steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
 
 
-def next_step(trained: Run, neutral: Path) -> str:
+def next_step(folder: Path, settings: Settings, neutral: Path) -> str:
     """What to type, or to do, once a run is trained. neutral: its neutral look."""
-    if trained.settings.appearance == "off":
+    if settings.appearance == "off":
         return f"open {neutral} in a 3DGS viewer   (all looks of this run are one)"
-    which = [] if run.is_default(trained.folder) else ["--run", trained.folder]
+    which = [] if run.is_default(folder) else ["--run", folder]
     advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
-    photos = "the name of a training photo" if trained.settings.embedding == "glo" else "any photo"
+    photos = "the name of a training photo" if settings.embedding == "glo" else "any photo"
     return f"{advice}   ({photos}; then open look.ply in a 3DGS viewer)"

@@ -25,12 +25,10 @@ from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
 from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule
 from core.training.backdrop import is_cut_out, looks_for_empty
-from core.training.drawn import Drawn
-from core.training.gauge import gauge
 from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
-from core.training.objective import Objective
+from core.training.objective import Drawn, Objective
 from core.training.photometric import Target
 from core.training.pictures import Pictures, Sizes
 from core.training.run import HISTORY
@@ -157,7 +155,7 @@ class Trainer:
         )
 
     def _draw(self, index: int, progress: float) -> Drawn:
-        """The way there. The encoder is at work beside the projection, and L_regSH beside the rasterizer."""
+        """Forward pass: the photo's view in its look. The encoder runs in parallel with the projection, L_regSH with the rasterizer."""
         settings = self.settings
         self.model.zero_grad()
         camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
@@ -165,7 +163,7 @@ class Trainer:
         looking = beside(lambda: self._look(index, photo, gain, behind))
         visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
         leaves = self.gaussians.leaves(visible.rows)
-        gauge_loss = self._gauge() if settings.gauge else self.objective.zero
+        gauge_loss = self.objective.gauge(self.model, self.gaussians, self.generator)
         look, target = looking()
         embedding = look.embedding.detach().requires_grad_()
         sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
@@ -176,7 +174,8 @@ class Trainer:
         return Drawn(camera, target, look, embedding, visible, leaves, seen, probe, image, residual, regularising, gauge_loss)
 
     def _learn(self, drawn: Drawn, usual: float, progress: float) -> OnTheWay:
-        """The way back, and the update of what is sound; the StepFacts come of it. The networks learn beside the Gaussians."""
+        """Backward pass and updates, which an invalid step does not get; the StepFacts, on their way from the device. Networks and Gaussians are
+        updated in parallel."""
         judging = beside(lambda: self.objective.mask(drawn, progress))
         picture_loss = self.objective.picture(drawn, progress, self.mask_mean)
         rendered_loss = picture_loss + self.objective.transient(drawn, progress, self.done)
@@ -211,12 +210,6 @@ class Trainer:
     def _look(self, index: int, target: Target, gain: Tensor | None, behind: Colour) -> tuple[Look, Target]:
         shown, target = jittered(self.pictures[index].encoder_input, target, gain)
         return self.model.look(shown, index), target.over(behind)
-
-    def _gauge(self) -> Tensor:
-        """The weighted gauge. Its backward pass is here too: it only touches the networks, and the encoder is still busy."""
-        loss = self.settings.gauge * gauge(self.model, self.gaussians, self.generator)
-        losses.backward((loss, None))
-        return loss.detach()
 
     def _teach_encoder(self, drawn: Drawn, mask_loss: Tensor) -> None:
         losses.backward((drawn.look.embedding, drawn.embedding.grad), (mask_loss, None))

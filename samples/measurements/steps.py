@@ -70,7 +70,7 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
 
     watch(trainer.rasterizer, "visible", "visible, gather")
     watch(trainer.gaussians, "leaves", "visible, gather")
-    watch(trainer, "_gauge", "mask, regularisers")
+    watch(trainer.objective, "gauge", "mask, regularisers")
     watch(trainer.model, "look", "encoder forward")
     watch(trainer.model, "transfer", "SH transfer forward", lambda result: result[0], "rasterizer backward")
     watch(trainer.rasterizer, "render", "rasterizer forward", lambda result: result.image, "picture loss")

@@ -2,8 +2,8 @@
 
 import pytest
 
+from core.looks.trained import load_run
 from core.training import run
-from core.training.trained import load_run
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
 

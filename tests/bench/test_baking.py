@@ -6,11 +6,11 @@ import core.rasterizer
 from core.bench import baking
 from core.bench.baking import baking_figure
 from core.bench.errors import errors
+from core.looks.find_look import find_appearance
+from core.looks.trained import bake
+from core.looks.trim import trim_of
 from core.rasterizer.views import largest_contributions
 from core.report import Report
-from core.training.find_look import find_appearance
-from core.training.trained import bake
-from core.training.trim import trim_of
 from tests.rasterizer.scenes import camera, cloud
 
 

@@ -59,9 +59,3 @@ def test_no_held_out_photo_is_said(trained):
         refinement_figure(
             {"run": replace(trained, collection=replace(trained.collection, photos=train))}, ("full",), 3, Report()
         )
-
-
-def test_photos_are_spread_evenly():
-    assert spread_over(tuple(range(10)), 4) == (0, 3, 6, 9)
-    assert spread_over(tuple(range(3)), 10) == (0, 1, 2)
-    assert spread_over((), 4) == ()

@@ -13,9 +13,9 @@ from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
 from core.config import PRESETS
 from core.errors import BadInput
+from core.looks.find_look import find_appearance
+from core.looks.trained import bake, load_run
 from core.report import Report
-from core.training.find_look import find_appearance
-from core.training.trained import bake, load_run
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 

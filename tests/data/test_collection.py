@@ -1,9 +1,11 @@
-"""Which photos of a collection are not what they were."""
+"""Which photos of a collection are not what they were, and which stand far off."""
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from core.data.collection import astray
 from tests.small import small_collection
 
 
@@ -24,3 +26,14 @@ def test_photos_that_came_went_or_are_held_out_now_have_changed(tmp_path):
     first, second, *rest = before.photos
     after = replace(before, photos=(replace(first, split="test"), replace(second, name="new.png"), *rest))
     assert after.changed_since(before) == ["new.png", "photo_0.png", "photo_1.png"]
+
+
+def test_who_is_astray_is_judged_by_the_median_camera(tmp_path):
+    """The mean of these distances is over 200: beside it nobody would be."""
+    photos = small_collection(tmp_path).photos[:5]
+    photos = [
+        replace(photo, camera=replace(photo.camera, centre=np.array([0, 0, distance])))
+        for photo, distance in zip(photos, (1.0, -1.0, 1.0, 99.0, 1000.0), strict=True)
+    ]
+    assert astray(photos).tolist() == [False, False, False, False, True]
+    assert astray(photos, 50.0).tolist() == [False, False, False, True, True]

@@ -106,6 +106,7 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
         check_masks(folder)
     check_masks(save_mask(tmp_path / "deep" / "left" / "0.png").parents[1])
     save_mask(folder / "0.png")
+    save_mask(folder / "0.jpg")  # of no photo, so that nothing has to be chosen
     save_mask(folder / "photo_2.png")
     with pytest.raises(BadInput, match="no mask of a training photo.*such as photo_0.png"):
         with_masks(collection, folder)
@@ -125,6 +126,25 @@ def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
         check_fits(tmp_path / "masks" / "photo_1.png", (99, 8), (48, 36))
 
 
+def test_damaged_masks_of_training_photos_are_named_and_the_others_used(collection, tmp_path):
+    folder = tmp_path / "masks"
+    for number in (0, 2):  # 2 is held out
+        save_mask(folder / f"photo_{number}.png").write_bytes(b"no picture")
+    with pytest.raises(BadInput, match="No mask in .* can be used: 1 photo with a damaged mask.*: photo_0.png .is not.*; 3 photos without"):
+        with_masks(collection, folder)
+    wanted = save_mask(folder / "photo_1.png")
+    found = with_masks(collection, folder)
+    assert [photo.mask for photo in found.photos] == [None, wanted, None, None, None, None]
+    assert [note for note in found.notes if "damaged mask" in note] == [
+        "1 photo with a damaged mask, used whole: photo_0.png (is not a photo that can be read)"
+    ]
+
+
+def test_a_mask_whose_name_is_too_long_for_the_disk_is_missing(collection, tmp_path):
+    found = masked(collection, {"photo_0.png": tmp_path / ("m" * 300)}, tmp_path)
+    assert found.photos[0].mask is None and "0 photos with a mask" in found.notes[-2]
+
+
 def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
     """COLMAP's copy of such a photo is of another shape than the photo."""
     lens = {"model": "SIMPLE_RADIAL", "width": 160, "height": 106, "params": [112.0, 80.0, 53.0, -0.25]}
@@ -133,6 +153,16 @@ def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
     found = with_mask(photo, save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50]), (160, 106), lens)
     check_fits(found.mask, (160, 106), masked_size(found))
     assert 0.2 < load(found, 199, 114).valid.mean() < 0.8
+
+
+def test_beyond_the_edges_of_a_mask_all_is_used(tmp_path):
+    lens = {"model": "SIMPLE_RADIAL", "width": 160, "height": 106, "params": [112.0, 80.0, 53.0, -0.25]}
+    photo = photo_at(save(tmp_path / "copy.png", np.zeros((114, 199, 3), np.uint8)), 199, 114)
+    photo = replace(photo, camera=replace(photo.camera, fx=80.0, fy=80.0))
+    mask = save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50])  # black up to its edges
+    _, seen = lenses.undistort(np.zeros((106, 160, 1), np.uint8), lens, photo.camera)
+    valid = load(with_mask(photo, mask, (160, 106), lens), 199, 114).valid
+    assert (~seen[:50]).sum() > 100 and valid[~seen].all() and not valid[:50][seen[:50]].any()
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -195,6 +225,17 @@ def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
         load(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
     with pytest.raises(BadInput, match="White"):
         read_light(path, mask)
+
+
+@pytest.mark.parametrize(("rows", "is_mistake"), [(1, True), (3, False)])
+def test_a_mask_that_leaves_less_than_a_hundredth_is_a_mistake(tmp_path, rows, is_mistake):
+    path, mask = save(tmp_path / "a.png", noise(200, 20)), save_mask(tmp_path / "m.png", 200, 20, np.s_[rows:])
+    photo = replace(photo_at(path, 20, 200), mask=mask)
+    if is_mistake:
+        with pytest.raises(BadInput, match=r"a.png is left with 0.5% of its pixels by its mask .*m.png"):
+            load(photo, 20, 200)
+    else:
+        assert load(photo, 20, 200).valid.sum() == rows * 20
 
 
 def test_the_mask_of_a_photo_as_it_was_taken_lies_on_its_undistorted_copy(tmp_path):

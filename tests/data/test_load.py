@@ -199,3 +199,10 @@ def test_held_out_copies_of_training_photos_are_told(tmp_path):
     test.path.write_bytes(train.path.read_bytes())
     expected = f"1 photo held out though a copy of a training photo, so figures are too good: {test.name} ({train.name})"
     assert expected in load_collection(scene).notes
+
+
+def test_copies_among_held_out_photos_are_none_of_training_photos(tmp_path):
+    scene = SmallScene().write(tmp_path / "scene")
+    (scene / "test.txt").write_text("photo_0.png\nphoto_1.png\n")
+    (scene / "images" / "photo_1.png").write_bytes((scene / "images" / "photo_0.png").read_bytes())
+    assert not [note for note in load_collection(scene).notes if "a copy of" in note]

@@ -4,7 +4,16 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data.photo_file import list_photos, orientation_of, probe, read_header, without_orientation
+from core.data.photo_file import (
+    START_BYTES,
+    copies_among,
+    list_photos,
+    list_unreadable,
+    orientation_of,
+    probe,
+    read_header,
+    without_orientation,
+)
 from core.errors import BadInput
 from tests.data.small_scene import add_exif, exif_block
 
@@ -104,3 +113,17 @@ def test_list_is_sorted_flat_and_without_hidden_files(tmp_path):
         (tmp_path / name).write_bytes(b"x")
     (tmp_path / "folder.jpg").mkdir()
     assert [path.name for path in list_photos(tmp_path)] == ["a.png", "b.JPG", "c.jfif", "d.jpe"]
+
+
+def test_photos_of_cameras_and_phones_are_told_from_other_files(tmp_path):
+    for name in ("a.HIF", "b.jxl", "c.pef", "d.SRW", "e.heic", "notes.txt", "f.jpg"):
+        (tmp_path / name).write_bytes(b"x")
+    assert [path.name for path in list_unreadable(tmp_path)] == ["a.HIF", "b.jxl", "c.pef", "d.SRW", "e.heic"]
+
+
+def test_files_that_only_begin_alike_are_no_copies(tmp_path):
+    start = bytes(START_BYTES)
+    for name, end in (("a", b"1"), ("b", b"2"), ("c", b"1")):
+        (tmp_path / name).write_bytes(start + end)
+    a, b, c = (tmp_path / name for name in "abc")
+    assert copies_among([a, b, tmp_path / "gone", c]) == {c: a}

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from core.data import lens as lenses
+from core.data import photo_file
 from core.data.collection import Photo
 from core.data.photos import load, read, read_light, upright
 from core.errors import BadInput
@@ -165,6 +167,15 @@ def test_16_bits_become_8(tmp_path, suffix, channels):
     assert np.abs(read(save(tmp_path / f"a{suffix}", pixels)) - wanted).max() <= 1
 
 
+@pytest.mark.parametrize(("suffix", "times"), [(".jpg", 1), (".png", 1), (".webp", 1), (".tif", 2), (".bmp", 2)])
+def test_no_photo_is_decoded_for_its_size(tmp_path, monkeypatch, suffix, times):
+    """Of some formats OpenCV tells whether there is an alpha in one way, and how the picture is turned in another."""
+    path, decoded = save(tmp_path / f"a{suffix}", noise()), []
+    decode = cv2.imdecode
+    monkeypatch.setattr(photo_file.cv2, "imdecode", lambda *given: (decoded.append(given), decode(*given))[1])
+    assert read(path).shape == (30, 44, 3) and len(decoded) == times
+
+
 def test_cmyk_is_converted(tmp_path):
     path = tmp_path / "a.jpg"
     path.write_bytes(CMYK_JPEG)
@@ -245,3 +256,18 @@ def test_a_shrunk_pixel_is_valid_where_all_it_averages_is(tmp_path):
     pixels[0, 5, 3] = 254
     picture = load(photo_at(save(tmp_path / "a.png", pixels), 8, 8), 2, 2)
     assert picture.valid.tolist() == [[True, False], [True, True]]
+
+
+def test_a_turned_photo_is_undistorted_at_the_size_it_has_when_turned(tmp_path, monkeypatch):
+    path = save(tmp_path / "a.png", noise(100, 400))
+    add_exif(path, exif_block(6))
+    lens = {"model": "SIMPLE_RADIAL", "width": 400, "height": 100, "params": [300.0, 200.0, 50.0, 0.01], "orientation": 6}
+    sizes, undistort = [], lenses.undistort
+
+    def watched(pixels, lens, camera):
+        sizes.append((pixels.shape[:2], (camera.width, camera.height)))
+        return undistort(pixels, lens, camera)
+
+    monkeypatch.setattr(lenses, "undistort", watched)
+    assert load(photo_at(path, 100, 400, lens), 10, 40).pixels.shape == (40, 10, 3)
+    assert sizes == [((20, 80), (20, 80))]  # twice as many pixels as are wanted: stored lying, seen standing

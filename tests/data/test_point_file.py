@@ -1,6 +1,7 @@
 """Points files in every form that programs write, and a line for each that cannot be read."""
 
 import numpy as np
+import plyfile
 import pytest
 
 from core.data.point_file import read_points_file
@@ -39,6 +40,30 @@ def test_every_form(tmp_path, form, place):
     assert (positions == PLACES).all() and np.allclose(colours, COLOURS / 255, atol=1e-7)
     positions, colours = read_points_file(write(tmp_path / "b.ply", form, colours=False, place=place))
     assert (positions == PLACES).all() and (colours == 0.5).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "white"),
+    [("u1", 255), ("u2", 65535), ("i2", 255), ("i4", 255), ("u4", 255), ("f4", 1), ("f8", 1), ("f4", 255), ("f8", 255)],
+)
+def test_colours_of_every_type(tmp_path, kind, white):
+    """No program says how much of a type its colours take."""
+    shades = np.array([[0, 0.2, 1], [0.6, 1, 0.4]])
+    rows = np.zeros(2, [(name, "f4") for name in "xyz"] + [(name, kind) for name in ("red", "green", "blue")])
+    for column, name in enumerate(("red", "green", "blue")):
+        rows[name] = shades[:, column] * white
+    plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex")]).write(str(tmp_path / "a.ply"))
+    assert np.allclose(read_points_file(tmp_path / "a.ply")[1], shades, rtol=0, atol=1e-6)  # float32
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [([1.4, -0.3, 0.5], [1, 0, 0.5]), ([300.0, -5.0, 51.0], [1, 0, 0.2]), ([np.nan, 0.5, np.inf], [0, 0.5, 0])],
+)
+def test_colours_stay_within_what_can_be_shown(tmp_path, given, expected):
+    rows = np.array([(0, 0, 0, *given)], [(name, "f4") for name in ("x", "y", "z", "red", "green", "blue")])
+    plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex")]).write(str(tmp_path / "a.ply"))
+    assert np.allclose(read_points_file(tmp_path / "a.ply")[1], [expected], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])

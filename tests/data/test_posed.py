@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from core.data.posed import from_camera_to_world, usable
+from core.data.posed import Fault, from_camera_to_world, usable
 
 TURN = np.array([[0.0, -1, 0, 2], [1, 0, 0, 3], [0, 0, 1, 4], [0, 0, 0, 1]])
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-3, 50.0])
 def test_rotation_and_centre(scale):
-    rotation, centre = from_camera_to_world(TURN * [scale, scale, scale, 1])
+    rotation, centre = from_camera_to_world(TURN * [scale, scale, scale, 1], "a pose")
     assert np.allclose(rotation, TURN[:3, :3].T, rtol=0, atol=1e-15) and (centre == [2, 3, 4]).all()
 
 
@@ -26,8 +26,8 @@ def test_rotation_and_centre(scale):
     ],
 )
 def test_what_is_no_pose(matrix, words):
-    with pytest.raises(ValueError, match=words):
-        from_camera_to_world(matrix)
+    with pytest.raises(Fault, match=f"^with a pose .*{words}"):
+        from_camera_to_world(matrix, "a pose")
 
 
 def test_points_at_absurd_places_are_counted():

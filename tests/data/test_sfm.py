@@ -1,6 +1,7 @@
 """Structure from motion: from photos of a room corner, made here, back to the cameras that took them."""
 
 import errno
+import os
 from pathlib import Path
 
 import cv2
@@ -134,6 +135,17 @@ def test_an_empty_folder_is_filled_from_within(tmp_path):
             (work / "scene" / part).mkdir(parents=True)
         (work / "scene" / "photos.json").touch()
     assert {path.name for path in tmp_path.iterdir()} == {"images", "sparse", "photos.json"}
+
+
+def test_the_model_comes_last_into_a_folder_that_is_there(tmp_path, monkeypatch):
+    """Until then the folder is no scene, however the disk lists its parts."""
+    listed, put, replaced = Path.iterdir, os.replace, []
+    monkeypatch.setattr(Path, "iterdir", lambda folder: iter(sorted(listed(folder), reverse=True)))
+    monkeypatch.setattr(os, "replace", lambda part, place: (replaced.append(Path(place).name), put(part, place)))
+    with replacing_folder(tmp_path) as work:
+        for name in ("sparse", "images", sfm.MARK, sfm.NAMES, sfm.LENSES):
+            (work / "scene" / name).mkdir(parents=True)
+    assert len(replaced) == 5 and replaced[-1] == "sparse"
 
 
 def test_photos_in_formats_of_phones_are_named(tmp_path):

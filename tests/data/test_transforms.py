@@ -169,7 +169,7 @@ def turned(by):
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (lambda frame: frame.pop("file_path"), "1 photo without a file_path: frame 1 of transforms.json"),
+        (lambda frame: frame.pop("file_path"), "1 photo without a file_path, not used: frame 1 of transforms.json"),
         (spoil("file_path", "images/gone.png"), "1 photo of transforms.json missing in .*images: gone.png"),
         (spoil("file_path", "images/" + "a" * 300), "missing in .*: aaaaaaaaaa"),
         (spoil("file_path", ""), "1 photo without a file_path"),
@@ -177,6 +177,7 @@ def turned(by):
         (lambda frame: frame.pop("transform_matrix"), "without a transform_matrix of 4 x 4 numbers, not used: photo_1.png"),
         (spoil("transform_matrix", [[1, 2], [3]]), "without a transform_matrix of 4 x 4 numbers"),
         (spoil("transform_matrix", [["a"] * 4] * 4), "without a transform_matrix of 4 x 4 numbers"),
+        (spoil("transform_matrix", [[10**400] * 4] * 4), "without a transform_matrix of 4 x 4 numbers"),
         (turned(np.diag([1, 1, 1, np.nan])), "with numbers that are not finite, not used: photo_1.png"),
         (turned(np.diag([1, -1, 1, 1])), "that is mirrored, not used: photo_1.png"),
         (turned(np.diag([1, 1, 1.1, 1])), "that is no rotation.*: photo_1.png"),
@@ -184,6 +185,7 @@ def turned(by):
         (spoil("camera_model", "FISHEYE624"), "camera_model that is not read .FISHEYE624; OPENCV and OPENCV_FISHEYE are."),
         (spoil("camera_model", ["OPENCV"]), "camera_model that is not read"),
         (spoil("fl_x", "wide"), "intrinsics that are no numbers, not used: photo_1.png"),
+        (spoil("fl_x", 10**400), "intrinsics that are no numbers, not used: photo_1.png"),
         (spoil("fl_x", float("nan")), "camera or pose that is broken, not used: photo_1.png"),
         (spoil("fl_x", 0), "camera or pose that is broken"),
         (spoil("w", 0), "a w or h that no photo has"),
@@ -233,7 +235,7 @@ def test_a_scaled_camera_sees_the_same_and_rounded_digits_are_made_whole(scene):
         ("[]", "has no list of frames"),
         ('{"frames": {}}', "has no list of frames"),
         ('{"frames": []}', "has no frames"),
-        ('{"frames": [3]}', "without a file_path: frame 0 of transforms.json"),
+        ('{"frames": [3]}', "without a file_path, not used: frame 0 of transforms.json"),
     ],
 )
 def test_files_that_are_broken(scene, text, words):

@@ -196,11 +196,13 @@ def test_scales_that_are_no_logarithms(tmp_path):
     assert findings["scales"].figure.startswith("400 (100 %) in the scene")
 
 
-def test_gaussians_too_large_to_draw_end_no_examination(tmp_path, monkeypatch):
-    def refuse(*_):
-        raise BadInput("400 Gaussians cover 1e9 tiles.", "Lower the resolution (-r).")
+def refuse(*_):
+    """In place of what draws Gaussians."""
+    raise BadInput("400 Gaussians cover 1e9 tiles.", "Lower the resolution (-r).")
 
-    monkeypatch.setattr("core.doctor.views.never_seen", refuse)
+
+def test_gaussians_too_large_to_draw_end_no_examination(tmp_path, monkeypatch):
+    monkeypatch.setattr("core.doctor.views.largest_contributions", refuse)
     (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
     findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
     assert asked_for(findings) == {"never seen"} and "-r" not in findings["never seen"].advice
@@ -212,6 +214,35 @@ def test_a_camera_beside_its_middle(tmp_path):
     cameras = json.loads(cameras_json((0.0, 0.0, -4.0)))
     (tmp_path / "cameras.json").write_text(json.dumps([cameras[0] | {"cx": 5000.0}]))
     assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "400 (100 %)"
+
+
+def test_a_camera_that_looks_along_x(tmp_path):
+    rows = sound_rows()
+    rows["opacity"] = -3.0
+    camera = json.loads(cameras_json((-4.0, 0.0, 0.0)))[0] | {"rotation": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}  # camera to world
+    (tmp_path / "cameras.json").write_text(json.dumps([camera]))
+    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "0"
+
+
+def test_what_only_the_second_camera_shows_is_seen(tmp_path):
+    rows = sound_rows()
+    rows["opacity"], rows["z"][:100] = -3.0, -9.0
+    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0), (0.0, 0.0, -14.0)))
+    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "0"
+
+
+def test_the_units_of_a_file_change_nothing(tmp_path):
+    rows = sound_rows()
+    for axis in range(3):
+        rows[f"scale_{axis}"][40:45] = 1.0
+    plain, _ = examined(write(tmp_path / "a.ply", rows))
+    for axis, name in enumerate("xyz"):
+        rows[name] *= 1000
+        rows[f"scale_{axis}"] += np.log(1000)
+    scaled, _ = examined(write(tmp_path / "b.ply", rows))
+    assert plain["giants"].figure == scaled["giants"].figure == "5 (1.2 %) in the scene, 0 beyond 3 radii"
+    pixels = [findings["float32 positions"].figure.partition(" units, ")[2] for findings in (plain, scaled)]
+    assert pixels[0] == pixels[1] and pixels[0].endswith("px")
 
 
 BROKEN = ({"width": 0}, {"width": -5}, {"width": float("inf")}, {"fx": 0}, {"fx": float("nan")}, {"position": [0, 0, float("nan")]})

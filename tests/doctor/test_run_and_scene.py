@@ -5,14 +5,16 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+import torch
 from click.testing import CliRunner
 
 from core import pipeline
 from core.doctor import examine
 from core.errors import BadInput
 from core.training import checkpoint
-from tests.data.converted import write_blender
+from tests.data.converted import changed, write_blender, write_nerfstudio
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
+from tests.doctor.test_ply import refuse
 from tests.heard import Heard
 from tests.small import small_settings
 from wegs_cli.main import wegs
@@ -83,7 +85,26 @@ def test_a_run_without_its_photos_tells_the_rest(trained, tmp_path):
     finally:
         hidden.with_name("hidden").rename(hidden)
     assert findings["photos"].figure.startswith("7 of 7, such as photo_1.png (")
+    assert findings["photos"].advice.startswith("Copy it again")
     assert "masks" not in findings and "never seen" in findings
+
+
+def test_a_run_whose_gaussians_are_too_large_to_draw_tells_the_rest(trained, monkeypatch):
+    monkeypatch.setattr("core.doctor.views.largest_contributions", refuse)
+    findings, _ = examined(trained)
+    assert findings["never seen"].figure == "not measured" and "-r" not in findings["never seen"].advice
+    assert "residuals" in findings
+
+
+def test_what_is_never_seen_is_asked_at_a_small_size(trained, monkeypatch):
+    sizes = []
+    monkeypatch.setattr("core.doctor.views.WIDEST_PX", WIDTH // 4)
+    monkeypatch.setattr(
+        "core.doctor.views.largest_contributions",
+        lambda splats, cameras, *_: (sizes.extend((camera.width, camera.height) for camera in cameras), torch.ones(len(splats)))[1],
+    )
+    assert examined(trained)[0]["never seen"].figure == "0"
+    assert set(sizes) == {(WIDTH // 4, HEIGHT // 4)}
 
 
 # --- scenes
@@ -97,6 +118,25 @@ def test_a_sound_scene(tmp_path):
     assert findings["points"].figure.startswith("600, 600 a photo")
     assert "float32 without recentring would cost" in findings["world"].meaning
     assert heard.lines[-1].endswith("nothing to do.")
+
+
+def test_of_points_that_nobody_says_who_sees_no_share_is_told(tmp_path):
+    scene = write_nerfstudio(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
+    points = examined(scene)[0]["points"]
+    assert points.figure.startswith("20, the farthest ") and "a photo" not in points.figure
+    assert points.advice == "Give more of them, or run SfM with more features."
+    assert examined(tmp_path / "colmap")[0]["points"].advice == "Run SfM with more features."
+
+
+def test_a_mistake_in_a_mask_is_none_of_the_photo_and_none_at_all_if_held_out(tmp_path):
+    scene = write_nerfstudio(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
+    for number in range(2):  # 0 is held out
+        cv2.imwrite(str(scene / f"{number}.png"), np.ones((HEIGHT, WIDTH), np.uint8))  # white as 1, not 255
+        changed(scene, lambda facts, number=number: facts["frames"][number].update(mask_path=f"{number}.png"))
+    found = examined(scene)[0]["unusable photos"]
+    assert found.figure.startswith("1 of 4 (photo_1.png (is left with 0.0% of its pixels by its mask ")
+    assert found.meaning == "cannot be used; training leaves them out"
+    assert found.advice == "White (255) marks what is to be used, black what is not."
 
 
 def test_files_that_are_meant_to_be_left_out_ask_for_nothing(tmp_path):
@@ -144,13 +184,13 @@ def stray_scene(root):
 def test_a_scene_with_faults_names_them(tmp_path):
     findings, heard = examined(stray_scene(tmp_path / "scene"))
     assert findings["photos of one colour"].figure == "2 of 8 (photo_1.png: 0 of 255, photo_2.png: 255 of 255)"
-    assert findings["unreadable photos"].figure.startswith("1 of 8 (photo_3.png (")
+    assert findings["unusable photos"].figure.startswith("1 of 8 (photo_3.png (")
     assert findings["cameras astray"].figure == "1 of 8 (photo_5.png)"
     assert findings["cameras that look away"].figure == "1 of 8 (photo_5.png)"
     assert "files are written around the scene" in findings["world"].meaning
     assert any("missing" in line and line.startswith("! !! reading") for line in heard.lines)  # photo_4
     assert findings["points"].advice  # twenty
-    assert {"photos of one colour", "unreadable photos", "cameras astray", "points"} <= asked_for(findings)
+    assert {"photos of one colour", "unusable photos", "cameras astray", "points"} <= asked_for(findings)
 
 
 @pytest.mark.parametrize(
@@ -174,7 +214,7 @@ def test_photos_without_points_or_cameras(tmp_path):
     findings, _ = examined(tmp_path / "scene" / "images")
     assert findings["scene"].meaning == f"photos of the colmap scene {tmp_path / 'scene'}"
     assert findings["scene"].advice == "Give that folder to use its cameras."
-    assert findings["unreadable photos"].figure.startswith("1 of 4 (photo_1.png (is not")
+    assert findings["unusable photos"].figure.startswith("1 of 4 (photo_1.png (is not")
     assert findings["photos in other formats"].advice == ""
     (tmp_path / "scene" / "images" / "IMG_1.HEIC").write_bytes(b"x")
     other = examined(tmp_path / "scene" / "images")[0]["photos in other formats"]

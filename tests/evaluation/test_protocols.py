@@ -35,10 +35,13 @@ class Flat:
         mask[:, :10] = 0
         return mask
 
-    def render(self, embedding, camera):
+    def bound(self, embedding):
+        return embedding
+
+    def render(self, embedding, camera, tone=None):
         self.cameras.append(camera)
         colour = embedding if self.follows else embedding.detach()
-        return colour.expand(camera.height, camera.width, 3)
+        return (colour if tone is None else colour * tone[0]).expand(camera.height, camera.width, 3)
 
 
 def halves(left, right):
@@ -75,7 +78,7 @@ def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
     result, pictures = measure(subject, view(picture=halves(0.4, 0.4)), "half")
     assert pictures.embedding == "refined"
     refined = [camera.width for camera in subject.cameras]
-    assert refined == [13] * (STEPS + 1) + [WIDTH] * 2
+    assert refined == [13] * (STEPS + 2) + [WIDTH] * 2  # once to see whether it follows at all
     photo = result.scores["photo"]
     assert photo["zero_shot"].psnr < 12
     # L1 on a flat colour leaves Adam swinging around it by less than its rate; the best step of 128 is within 0.02.

@@ -97,6 +97,15 @@ def test_project_at_the_camera_is_finite():
     assert np.isfinite(pixels).all() and depths[0] == 0
 
 
+def test_shows_what_lies_before_the_camera_and_inside_its_picture():
+    local = np.array([[0, 0, 2], [0, 1.2, 2], [1.3, 0, 2], [0, 0, -2], [0, -1.1, 2], [-1.4, 0, 2]])
+    shown, depths = CAMERA.shows(local @ CAMERA.world_to_camera + CAMERA.centre)
+    assert shown.tolist() == [True, False, False, False, False, False]
+    np.testing.assert_allclose(depths, local[:, 2], rtol=0, atol=1e-12)
+    within = np.array([[0, 1.0, 2], [1.2, 0, 2], [0, -0.95, 2], [-1.3, 0, 2]])  # by at most 10 px
+    assert CAMERA.shows(within @ CAMERA.world_to_camera + CAMERA.centre)[0].all()
+
+
 def test_resized_moves_every_point_with_the_picture():
     """Pixel centres are at halves: the corners of the picture, not of its pixels, are scaled."""
     before, _ = CAMERA.project(points())

@@ -13,9 +13,9 @@ from core.config import Settings
 from core.data import load_collection
 from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
+from core.looks.trim import trim_of
 from core.training import backdrop, checkpoint, run
 from core.training.trainer import Trainer
-from core.training.trim import trim_of
 from tests.heard import Heard
 from tests.small import small_collection, small_settings
 from tests.training.cut_out_scene import write_cut_out

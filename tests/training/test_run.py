@@ -12,9 +12,10 @@ import pytest
 import torch
 
 from core.errors import BadInput, BadSetting
+from core.looks import saved_look
+from core.looks.trained import Appearance
 from core.scene.frame import SceneFrame
-from core.training import run, saved_look
-from core.training.trained import Appearance
+from core.training import run
 from tests.small import small_collection, small_settings
 
 

@@ -15,12 +15,12 @@ from core import pipeline
 from core.data import load_collection
 from core.errors import TrainingStopped
 from core.export.ply import read_ply
+from core.looks.find_look import find_appearance
+from core.looks.trained import bake, load_run
 from core.rasterizer import create
 from core.training import checkpoint, losses
-from core.training.find_look import find_appearance
 from core.training.guards import ALL_GONE
 from core.training.masks import write_masks
-from core.training.trained import bake, load_run
 from core.training.trainer import SKIPS_ALLOWED, Trainer
 from tests.data.small_scene import SmallScene
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings

@@ -7,7 +7,7 @@ from torch import Tensor
 from core.appearance.encoder import shrink
 from core.appearance.tone import band_means, taken_off, tone_between, toned
 from core.data.collection import spread_over
-from core.training.trained import Run
+from core.looks.trained import Run
 
 VIEWS = 16  # training cameras that tell where in a photo the sky is
 SHRUNK = 4  # times smaller than they were trained at

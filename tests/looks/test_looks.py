@@ -15,10 +15,11 @@ from core.data import sfm
 from core.data.made import write_mark
 from core.errors import BadInput
 from core.export.pictures import to_8_bit, write_png
-from core.training import run, saved_look
-from core.training.find_look import find_appearance
-from core.training.outside import _shares
-from core.training.trained import Run, bake, blend, load_run
+from core.looks import saved_look
+from core.looks.find_look import find_appearance
+from core.looks.outside import _shares
+from core.looks.trained import Run, bake, blend, load_run
+from core.training import run
 from core.training.trainer import Trainer
 from tests.small import whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain

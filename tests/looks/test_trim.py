@@ -4,11 +4,11 @@ import pytest
 import torch
 
 import core.rasterizer
+from core.looks.trim import HALF_STEP, Trim
 from core.rasterizer import BLACK
 from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 from core.training.trainer import Trainer
-from core.training.trim import HALF_STEP, Trim
 from tests.small import ring_camera, small_collection, small_settings
 
 CAMERAS = [ring_camera(angle) for angle in (0.0, 0.4, 0.8)]

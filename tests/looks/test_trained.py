@@ -10,10 +10,10 @@ import torch
 
 from core import pipeline
 from core.doctor.views import cameras_beside
+from core.looks.find_look import find_appearance
+from core.looks.trained import Appearance, Run, blend, load_run
 from core.scene.frame import SceneFrame
 from core.training import run
-from core.training.find_look import find_appearance
-from core.training.trained import Appearance, Run, blend, load_run
 from core.training.trainer import Trainer
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 

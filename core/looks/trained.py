@@ -1,6 +1,7 @@
 """A trained run, ready to be looked at: its Gaussians, its appearance model, and its Gaussians in a look."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import torch
@@ -9,6 +10,7 @@ from torch import Tensor
 
 import core.rasterizer
 from core import device
+from core.appearance import refinement
 from core.appearance.model import AppearanceModel
 from core.appearance.tone import toned
 from core.config import Settings
@@ -66,8 +68,12 @@ class Run:
         mask = self.model.look(picture).mask
         return None if mask is None else mask[0]
 
+    def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
+        """The embedding, or the nearest to it that a refinement may take."""
+        return self.model.within_reach(embedding, refinement.FARTHEST)
+
     def render(self, embedding: Float[Tensor, " e"], camera: Camera, tone: Float[Tensor, "2 3"] | None = None) -> Float[Tensor, "H W 3"]:
-        """The view in a look, as of its bake; differentiable in the embedding if the look follows it at all."""
+        """The view in a look, as of its bake; differentiable in the tone, and in the embedding if looks follow it at all."""
         visible = self.rasterizer.visible(self.splats, camera)
         seen = self.splats[visible.rows].detached()
         latents = None if self.latents is None else self.latents[visible.rows].detach()
@@ -77,7 +83,7 @@ class Run:
             seen = toned(seen, tone, int((visible.rows >= len(self.splats) - self.sky).sum()))
         return self.rasterizer.render(seen, camera, self.backdrop, pairs=visible.pairs).image
 
-    @property
+    @cached_property
     def sizes(self) -> Sizes:
         """What sizes its photos were trained at."""
         return Sizes.of(self.settings, self.collection.photos)
@@ -97,7 +103,7 @@ class Run:
         """Where the run is used."""
         return self.splats.means.device
 
-    @property
+    @cached_property
     def rasterizer(self) -> Rasterizer:
         """The backend that the run was trained with; with `auto`, or where its GPU is missing, the one for where it is used."""
         moved = self.settings.device == "cuda" and self.device.type == "cpu"

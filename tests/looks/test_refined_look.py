@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from core.data.prepare import prepared
+from core.looks import refined_look
+from core.looks.find_look import find_appearance
+from core.looks.trained import Run, bake, load_run
 from core.report import Report
-from core.training import refined_look, run
-from core.training.find_look import find_appearance
-from core.training.trained import Run, bake, load_run
+from core.training import run
 from core.training.trainer import Trainer
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
@@ -81,7 +82,7 @@ def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_pat
     pixels = cv2.resize(cv2.imread(str(trained.collection.view("0.png").path)), (4 * WIDTH, 4 * HEIGHT), interpolation=cv2.INTER_CUBIC)
     cv2.imwrite(str(tmp_path / "large.png"), pixels)
     drawn = []
-    monkeypatch.setattr(refined_look, "_refined", lambda trained, look, camera, *rest: drawn.append(camera))
+    monkeypatch.setattr(refined_look, "refined", lambda trained, look, camera, *rest: drawn.append(camera))
     find_appearance(trained, str(tmp_path / "large.png"), refine=True)
     assert (drawn[0].width, drawn[0].height) == (WIDTH, HEIGHT)
 

@@ -9,8 +9,8 @@ import torch
 
 from core.atomic import write_json
 from core.errors import BadInput, BadSetting
+from core.looks.trained import Appearance
 from core.training.run import check_writable
-from core.training.trained import Appearance
 
 FOLDER = "appearance"
 NEUTRAL = "neutral"  # the look that every run has, and so the name of no other

@@ -12,12 +12,12 @@ from core.data.collection import Photo
 from core.data.given_masks import check_fits, masked_size, with_mask
 from core.data.photo_file import probe
 from core.errors import BadInput
+from core.looks import saved_look
+from core.looks.outside import read_from_outside
+from core.looks.refined_look import refined_held_out, refined_outside
+from core.looks.saved_look import NEUTRAL
+from core.looks.trained import Appearance, Run
 from core.report import QUIET, Report
-from core.training import saved_look
-from core.training.outside import read_from_outside
-from core.training.refined_look import refined_held_out, refined_outside
-from core.training.saved_look import NEUTRAL
-from core.training.trained import Appearance, Run
 
 SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that could be told from noise
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import core.export
 from core.export.ply import maker_of
+from core.looks.trained import Appearance, Run, bake
+from core.looks.trim import Trim, Trimmed
 from core.report import Report
-from core.training.trained import Appearance, Run, bake
-from core.training.trim import Trim, Trimmed
 from core.words import counted
 
 
@@ -20,7 +20,7 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
     if dropped:
         report.warn(
-            f"{path}: {dropped} Gaussians could not be drawn (NaN, Inf or a zero quaternion) and were left out."
+            f"{path.name}: {dropped} Gaussians could not be drawn (NaN, Inf or a zero quaternion) and were left out."
         )
     written = len(splats) - dropped
     gone = []
@@ -29,8 +29,7 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
     if trimmed.bands:
         # A row of a vanilla .ply is 248 bytes whatever the degree: some viewers count on it.
         gone.append(f"the SH bands above degree {splats.degree} (zeros in a .ply)")
-    if gone and gone != trim.told:
-        trim.told = gone
+    if gone:
         bound = f"a pixel changes by at most {trimmed.largest:.2f} of 255; `wegs bake --prune off` keeps all"
         report.say(f"No training view shows {' and '.join(gone)}: left out ({bound})")
     return written

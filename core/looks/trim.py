@@ -7,13 +7,13 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
+from core.looks.trained import Run
 from core.rasterizer import BLACK, Colour, Rasterizer
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
-from core.training.trained import Run
 
 HALF_STEP = 0.5 / 255  # no 8-bit picture need show a smaller change
 
@@ -39,7 +39,6 @@ class Trim:
     kept: (N,) Gaussians that stay in every look, unless one is so bright that it must keep all of `drawn`.
     drawn: (N,) Gaussians that reach any pixel of any view at all, the dome, and those that are not finite, which the writer
     of the file counts.
-    told: what was last said to be left out, so that a fade does not repeat it at every step.
     """
 
     def __init__(
@@ -52,7 +51,6 @@ class Trim:
         progress: Callable[[int, int], None] = lambda done, total: None,
     ):
         self.cameras, self.rasterizer, self.background = cameras, rasterizer, background
-        self.told: list[str] = []
         strongest = largest_contributions(splats, cameras, rasterizer, progress)
         strongest[~splats.finite_rows()] = torch.inf
         strongest[len(splats) - sky :] = torch.inf

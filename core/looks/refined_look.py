@@ -1,0 +1,80 @@
+"""A look refined against the photo that it was read from: one that was not trained on, whose camera is known or can be found."""
+
+from dataclasses import replace
+from math import sqrt
+from pathlib import Path
+
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from core.appearance.refinement import STEPS, refinement
+from core.data import load_collection
+from core.data import photos as files
+from core.data.collection import Photo
+from core.data.locate import NO_POINTS, locate
+from core.data.photo_file import probe
+from core.errors import BadInput
+from core.looks.trained import Appearance, Run
+from core.report import QUIET, Report
+from core.scene.camera import Camera
+from core.training.pictures import Picture, shown_on
+
+
+def refined_held_out(trained: Run, look: Appearance, picture: Picture, report: Report) -> Appearance:
+    """The look of a held-out photo. That of a training photo would be no better for it: the encoder has learnt it by heart."""
+    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
+    better = refined(trained, look, picture.camera, pixels, valid, report)
+    return look if better is None else replace(better, source=f"{look.source}, refined")
+
+
+def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | None, report: Report) -> Appearance:
+    """The look of a photo file from outside the collection; as it was read, and said why, where the photo cannot be located.
+
+    It is drawn at its own size, or that of a training photo if that is smaller. mask: white where the photo is to be used.
+    """
+    if trained.settings.appearance == "off":
+        return look
+
+    def as_read(why: str) -> Appearance:
+        return replace(look, source=f"{look.source}, not refined: {why}")
+
+    try:
+        collection = load_collection(trained.collection.root)
+    except BadInput:  # moved or removed since
+        return as_read("the scene cannot be read")
+    try:
+        found = locate(path, collection, report, mask)
+        if found is None:
+            return as_read("where it was taken was not found")
+        camera = found.camera.in_world(collection.frame).in_scene(trained.collection.frame)
+        sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
+        camera = _no_larger(camera, sum(sizes) / len(sizes))
+        photo = Photo(path.name, path, camera.resized(*probe(path).displayed), "test", NO_POINTS, mask=mask)
+        picture = files.load(photo, camera.width, camera.height, trained.is_cut_out)
+    except BadInput:  # a mask of which nothing is left in a smaller picture
+        return as_read("too little of it is left at the size at which it is drawn")
+    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
+    better = refined(trained, look, camera, pixels, valid, report)
+    how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
+    return look if better is None else replace(better, source=f"{look.source}, {how}")
+
+
+def _no_larger(camera: Camera, most_pixels: float) -> Camera:
+    shrink = min(1.0, sqrt(most_pixels / (camera.width * camera.height)))
+    return camera.resized(max(1, round(shrink * camera.width)), max(1, round(shrink * camera.height)))
+
+
+def refined(
+    trained: Run,
+    look: Appearance,
+    camera: Camera,
+    pixels: Float[Tensor, "h w 3"],
+    valid: Bool[Tensor, "h w"] | None,
+    report: Report = QUIET,
+) -> Appearance | None:
+    """The look refined against what `camera` sees in it, [0, 1]; None where looks follow no embedding."""
+    best = None
+    steps = refinement(lambda embedding, tone: trained.render(embedding, camera, tone), trained.bound, look.embedding, pixels, valid, look.tone)
+    for step, best in enumerate(steps):
+        report.progress("Refinement", step, STEPS)
+    return None if best is None else replace(look, embedding=best.embedding, tone=best.tone)

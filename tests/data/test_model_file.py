@@ -1,0 +1,32 @@
+"""Models that are truncated or damaged are refused in one line."""
+
+import pytest
+
+from core.data import load_collection
+from core.errors import BadInput
+from tests.data.small_scene import SmallScene
+
+
+@pytest.mark.parametrize("part", ["cameras", "images", "points3D", "rigs", "frames"])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_truncated_binary_models_are_refused(tmp_path, part, share):
+    """pycolmap itself hangs on some of these and reads zeros from others."""
+    root = SmallScene().write(tmp_path / "scene")
+    path = root / "sparse" / "0" / f"{part}.bin"
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+    with pytest.raises(BadInput, match=f"{part}.bin is truncated or damaged"):
+        load_collection(root)
+
+
+@pytest.mark.parametrize("part", ["cameras", "images", "points3D"])
+def test_damaged_text_models_are_refused(tmp_path, part):
+    scene = SmallScene()
+    root = scene.write(tmp_path / "scene")
+    model = root / "sparse" / "0"
+    scene.reconstruction().write_text(str(model))
+    for path in model.glob("*.bin"):
+        path.unlink()
+    text = (model / f"{part}.txt").read_text()
+    (model / f"{part}.txt").write_text(text[: len(text) * 6 // 10])
+    with pytest.raises(BadInput, match="not a COLMAP model that can be read"):
+        load_collection(root)

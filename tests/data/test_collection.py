@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.data.collection import astray
+from core.data.collection import astray, spread_over
 from tests.small import small_collection
 
 
@@ -37,3 +37,10 @@ def test_who_is_astray_is_judged_by_the_median_camera(tmp_path):
     ]
     assert astray(photos).tolist() == [False, False, False, False, True]
     assert astray(photos, 50.0).tolist() == [False, False, False, True, True]
+
+
+def test_as_many_as_are_wanted_are_taken_from_the_first_to_the_last():
+    assert list(spread_over(range(10), 4)) == [0, 3, 6, 9]
+    assert len(spread_over(range(41), 40)) == 40
+    assert list(spread_over(range(3), 10)) == [0, 1, 2] and list(spread_over((), 4)) == []
+    assert list(spread_over("abc", 1)) == ["a"]

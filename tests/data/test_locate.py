@@ -10,6 +10,7 @@ import torch
 from core.data import load_collection
 from core.data.locate import locate
 from core.data.prepare import prepared
+from core.errors import BadInput
 from core.report import Report
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
 from tests.heard import Heard
@@ -76,6 +77,13 @@ def test_what_a_mask_hides_is_not_looked_for(corner, between, tmp_path):
     assert cv2.imwrite(str(tmp_path / "mask.png"), np.pad(np.full((HEIGHT, 40), 255, np.uint8), ((0, 0), (0, WIDTH - 40))))
     whole, masked = locate(between[0], corner, Report()), locate(between[0], corner, Report(), tmp_path / "mask.png")
     assert masked is None or masked.matched < whole.matched / 2
+
+
+def test_a_photo_of_which_its_mask_leaves_nothing_is_refused(corner, between, tmp_path):
+    """And no other photo is located in its place."""
+    assert cv2.imwrite(str(tmp_path / "mask.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(BadInput, match="0.0% of its pixels by its mask"):
+        locate(between[0], corner, Report(), tmp_path / "mask.png")
 
 
 def test_without_points_that_photos_see_nothing_is_found(between, tmp_path):

@@ -49,6 +49,7 @@ def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.94 and 0.95 were seen, after seconds of training
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
     assert heard.steps[-1] == (128, 128)
+    assert trained.model.reach(encoded.embedding) <= 1 + 1e-5 and trained.model.reach(refined.embedding) <= 2 + 1e-5
     twice = [find_appearance(trained, "1.png", refine=refine) for refine in (False, True)]
     assert torch.equal(twice[0].embedding, twice[1].embedding) and twice[0].source == twice[1].source
 
@@ -85,6 +86,19 @@ def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_pat
     monkeypatch.setattr(refined_look, "refined", lambda trained, look, camera, *rest: drawn.append(camera))
     find_appearance(trained, str(tmp_path / "large.png"), refine=True)
     assert (drawn[0].width, drawn[0].height) == (WIDTH, HEIGHT)
+
+
+def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_read(trained, tmp_path):
+    """Three rows of four of a photo that is shrunk to a sixth: no pixel is averaged of used ones alone."""
+    pixels = cv2.resize(cv2.imread(str(trained.collection.view("0.png").path)), (6 * WIDTH, 6 * HEIGHT), interpolation=cv2.INTER_CUBIC)
+    mask = np.full(pixels.shape[:2], 255, np.uint8)
+    mask[::4] = 0
+    for name, picture in (("photo.png", pixels), ("mask.png", mask)):
+        cv2.imwrite(str(tmp_path / name), picture)
+    words = str(tmp_path / "photo.png"), tmp_path / "mask.png"
+    encoded, kept = (find_appearance(trained, *words, refine=refine) for refine in (False, True))
+    assert torch.equal(kept.embedding, encoded.embedding)
+    assert kept.source == f"{encoded.source}, not refined: too little of it is left at the size at which it is drawn"
 
 
 def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path):

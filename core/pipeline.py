@@ -240,7 +240,8 @@ def interpolate(
 ) -> Path:
     """Fade from one look to another in `steps` frames (2 or more) seen by the camera of photo `view`; returns their folder.
 
-    The first and the last step are the two looks themselves, bit for bit: their embeddings are not computed but taken.
+    The first and the last step are the two looks themselves, bit for bit: their embeddings are not computed but taken. refine: as of
+    `export`.
     """
     if steps < 2:
         raise BadSetting(f"A fade has two ends, and {steps} is fewer.", "Take 2 steps or more.")

@@ -11,7 +11,7 @@ from core.bench.baking import baking_figure
 from core.bench.figure import Figure
 from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
-from core.bench.training import Course, training_figure
+from core.bench.training import Course, checks, training_figure
 from core.config import LEAST, PRESETS, Settings, preset
 from core.data.collection import Collection, spread_over
 from core.data.prepare import prepared
@@ -80,6 +80,8 @@ def bench(
     if scene is not None:
         collection = prepared(scene, output.parent / f"{scene.resolve().name or 'scene'}-scene", report)
     names = _measurable(names, trained.collection if trained else collection, report)
+    if trained is not None and "training" in names:
+        checks(trained.folder)  # as above
     figures = []
 
     def finish(figure: Figure) -> None:

@@ -58,6 +58,11 @@ def test_what_cannot_be_measured_is_refused_before_the_minutes(tmp_path, small_r
         suite.bench(tmp_path, None, ("rendering",), False, tmp_path / "out", Report())
     with pytest.raises(BadInput, match="not a folder"):
         suite.bench(None, None, FIGURES, False, small_run / "config.json", Report())
+    unchecked = shutil.copytree(small_run, tmp_path / "unchecked")
+    (unchecked / "history.csv").unlink()
+    monkeypatch.setattr(suite, "baking_figure", lambda *_: pytest.fail("it was measured first"))
+    with pytest.raises(BadInput, match="holds no held-out quality"):
+        suite.bench(None, unchecked, ("baking", "training"), False, tmp_path / "out", Report())
     with pytest.raises(BadInput, match="Give one"):
         suite.bench(tmp_path, small_run, FIGURES, False, tmp_path / "out", Report())
 

@@ -9,8 +9,11 @@ from pytest import MonkeyPatch
 
 from core.config import LEAST, Settings
 from core.data.collection import Collection, Photo
+from core.looks.trained import Run, load_run
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+from core.training import run
+from core.training.trainer import Trainer
 
 WIDTH, HEIGHT = 48, 36
 
@@ -46,6 +49,15 @@ def small_collection(folder: Path, photos: int = 6) -> Collection:
         split = "test" if index % 3 == 2 else "train"
         made.append(Photo(path.name, path, camera, split, np.arange(len(points))))
     return Collection("small", folder, "test", tuple(made), points, colours, SceneFrame(np.zeros(3), 1.0))
+
+
+def finished(collection: Collection, settings: Settings, folder: Path) -> Run:
+    """A run trained to its last step in `folder`."""
+    trainer = Trainer(collection, settings, folder)
+    run.create(folder, collection, trainer.settings)
+    for _ in trainer.train():
+        pass
+    return load_run(folder)
 
 
 def give_to_pipeline(collection: Collection, patch: MonkeyPatch) -> None:

@@ -7,10 +7,8 @@ from click.testing import CliRunner
 
 from core.looks.find_look import find_appearance
 from core.looks.trained import load_run
-from core.training import run
-from core.training.trainer import Trainer
 from samples import lights
-from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+from tests.small import HEIGHT, WIDTH, finished, small_collection, small_settings
 
 
 @pytest.fixture(scope="module")
@@ -18,11 +16,7 @@ def folder(tmp_path_factory):
     """A run of seconds."""
     scene, folder = tmp_path_factory.mktemp("scene"), tmp_path_factory.mktemp("runs") / "small"
     collection = small_collection(scene)
-    trainer = Trainer(collection, small_settings(steps=4), folder)
-    run.create(folder, collection, trainer.settings)
-    for _ in trainer.train():
-        pass
-    return folder
+    return finished(collection, small_settings(steps=4), folder).folder
 
 
 def test_a_sheet_of_styles(folder, tmp_path):

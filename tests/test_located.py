@@ -6,11 +6,9 @@ from click.testing import CliRunner
 
 from core.data.prepare import prepared
 from core.report import QUIET
-from core.training import run
-from core.training.trainer import Trainer
 from samples import located
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
-from tests.small import whole_settings
+from tests.small import finished, whole_settings
 
 
 def test_photos_are_found_and_scored_or_named(tmp_path):
@@ -18,10 +16,7 @@ def test_photos_are_found_and_scored_or_named(tmp_path):
     cv2.imwrite(str(scene / "8.png"), np.full((HEIGHT, WIDTH, 3), 128, np.uint8))
     collection = prepared(scene, tmp_path / "points", QUIET)
     small = {"steps": 20, "max_gaussians": 800, "sky_gaussians": 100, "encoder_side_px": 48, "checkpoints": 1, "held_out_checks": 0}
-    trainer = Trainer(collection, whole_settings(**small), tmp_path / "run")
-    run.create(tmp_path / "run", collection, trainer.settings)
-    for _ in trainer.train():
-        pass
+    finished(collection, whole_settings(**small), tmp_path / "run")
     told = CliRunner().invoke(located.main, [str(tmp_path / "run")], catch_exceptions=False).output.splitlines()
     first, second, total, means = told
     assert first.startswith("0.png: ") and "features agree" in first and second == "8.png: not found" and total == "1 of 2 found"

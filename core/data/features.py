@@ -41,8 +41,7 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
 
 def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
     """Write a photo undistorted, shrunk to LONG_SIDE_PX, and its mask; its camera at that size. BadInput where it cannot be decoded."""
-    shrink = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
-    camera = camera.resized(max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink)))
+    camera = camera.shrunk(LONG_SIDE_PX / max(camera.width, camera.height))
     picture = files.load(photo, camera.width, camera.height, cut_out=True)
     shown = np.ones(picture.pixels.shape[:2], bool) if picture.valid is None else picture.valid
     if picture.empty is not None:

@@ -43,7 +43,7 @@ def _depth(camera: Camera, means: np.ndarray) -> float | None:
 
 def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) -> Finding:
     """Which Gaussians reach 1/255 of no pixel of any camera; the last `sky` rows do not count. Scene frame."""
-    rasterizer, small = core.rasterizer.create("auto"), [_small(camera) for camera in cameras]
+    rasterizer, small = core.rasterizer.create("auto"), [camera.shrunk(WIDEST_PX / camera.width) for camera in cameras]
     try:
         largest = largest_contributions(splats, small, rasterizer, lambda done, total: report.progress("Views", done, total))
     except BadInput as problem:  # so large that their tile lists are refused
@@ -53,11 +53,6 @@ def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) 
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
     meaning = f"below 1/255 of every pixel of {counted(len(cameras), 'camera')}: no photo holds them in place"
     return Finding("never seen", part(unseen, solid), meaning, advice)
-
-
-def _small(camera: Camera) -> Camera:
-    scale = min(1.0, WIDEST_PX / camera.width)
-    return camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
 
 
 def cameras_beside(path: Path) -> list[Camera]:

@@ -12,7 +12,6 @@ from core.data import load_collection
 from core.data import photos as files
 from core.data.collection import Photo
 from core.data.locate import NO_POINTS, locate
-from core.data.photo_file import probe
 from core.errors import BadInput
 from core.looks.trained import Appearance, Run
 from core.report import QUIET, Report
@@ -48,8 +47,8 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
             return as_read("where it was taken was not found")
         camera = found.camera.in_world(collection.frame).in_scene(trained.collection.frame)
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
-        camera = _no_larger(camera, sum(sizes) / len(sizes))
-        photo = Photo(path.name, path, camera.resized(*probe(path).displayed), "test", NO_POINTS, mask=mask)
+        photo = Photo(path.name, path, camera, "test", NO_POINTS, mask=mask)
+        camera = camera.shrunk(sqrt(sum(sizes) / len(sizes) / (camera.width * camera.height)))
         picture = files.load(photo, camera.width, camera.height, trained.is_cut_out)
     except BadInput:  # a mask of which nothing is left in a smaller picture
         return as_read("too little of it is left at the size at which it is drawn")
@@ -57,11 +56,6 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
     return look if better is None else replace(better, source=f"{look.source}, {how}")
-
-
-def _no_larger(camera: Camera, most_pixels: float) -> Camera:
-    shrink = min(1.0, sqrt(most_pixels / (camera.width * camera.height)))
-    return camera.resized(max(1, round(shrink * camera.width)), max(1, round(shrink * camera.height)))
 
 
 def refined(

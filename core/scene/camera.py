@@ -39,6 +39,11 @@ class Camera:
             self, fx=self.fx * x, fy=self.fy * y, cx=self.cx * x, cy=self.cy * y, width=width, height=height
         )
 
+    def shrunk(self, share: float) -> "Camera":
+        """The same view at `share` of its size, but no larger than it is, and of a pixel at least."""
+        share = min(1.0, share)
+        return self.resized(max(1, round(self.width * share)), max(1, round(self.height * share)))
+
     def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
         """The window of the picture that starts at (left, top); all in pixels."""
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)

@@ -11,14 +11,12 @@ import torch
 from core.export.ply import read_ply
 from core.looks.find_look import find_appearance
 from core.looks.look_file import write_look
-from core.looks.trained import Run, load_run
+from core.looks.trained import Run
 from core.looks.trim import trim_of
-from core.training import run
 from core.training.tell import next_step
-from core.training.trainer import Trainer
 from core.words import counted
 from tests.heard import Heard
-from tests.small import small_collection, small_settings
+from tests.small import finished, small_collection, small_settings
 
 ROW_BYTES = 248  # of a Gaussian in a vanilla .ply
 
@@ -29,12 +27,9 @@ def trained(tmp_path) -> Run:
     scene, folder = tmp_path / "scene", tmp_path / "run"
     scene.mkdir()
     collection = small_collection(scene)
-    trainer = Trainer(collection, small_settings(steps=4), folder)
-    run.create(folder, collection, trainer.settings)
-    for _ in trainer.train():
-        pass
+    trained = finished(collection, small_settings(steps=4), folder)
     shutil.rmtree(scene)
-    return load_run(folder)
+    return trained
 
 
 def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photos(trained, tmp_path):

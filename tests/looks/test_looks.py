@@ -18,10 +18,8 @@ from core.export.pictures import to_8_bit, write_png
 from core.looks import saved_look
 from core.looks.find_look import find_appearance
 from core.looks.outside import _shares
-from core.looks.trained import Run, bake, blend, load_run
-from core.training import run
-from core.training.trainer import Trainer
-from tests.small import whole_settings
+from core.looks.trained import Run, bake, blend
+from tests.small import finished, whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
 
 ORANGE, BLUE = (20, 120, 240), (230, 60, 20)  # as OpenCV writes them
@@ -42,11 +40,7 @@ def train(folder, **changes) -> Run:
     (folder / "photos").mkdir()
     collection = known_collection(folder / "photos", coloured)
     small = {"steps": 150, "max_gaussians": 1500, "sky_gaussians": 200, "encoder_side_px": 64, "checkpoints": 1}
-    trainer = Trainer(collection, whole_settings(**small, held_out_checks=0, **changes), folder / "run")
-    run.create(folder / "run", collection, trainer.settings)
-    for _ in trainer.train():
-        pass
-    return load_run(folder / "run")
+    return finished(collection, whole_settings(**small, held_out_checks=0, **changes), folder / "run")
 
 
 @pytest.fixture(scope="module")

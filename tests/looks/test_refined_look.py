@@ -10,13 +10,11 @@ import torch
 from core.data.prepare import prepared
 from core.looks import refined_look
 from core.looks.find_look import find_appearance
-from core.looks.trained import Run, bake, load_run
+from core.looks.trained import Run, bake
 from core.report import Report
-from core.training import run
-from core.training.trainer import Trainer
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
-from tests.small import whole_settings
+from tests.small import finished, whole_settings
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +27,7 @@ def trained(tmp_path_factory) -> Run:
         cv2.imwrite(path, np.clip(0.7 * tint * cv2.imread(path), 0, 255).astype(np.uint8))
     collection = prepared(scene, runs / "points", Report())
     small = {"steps": 150, "max_gaussians": 1500, "sky_gaussians": 100, "encoder_side_px": 48, "checkpoints": 1, "held_out_checks": 0}
-    trainer = Trainer(collection, whole_settings(**small), runs / "run")
-    run.create(runs / "run", collection, trainer.settings)
-    for _ in trainer.train():
-        pass
-    return load_run(runs / "run")
+    return finished(collection, whole_settings(**small), runs / "run")
 
 
 def off(trained: Run, look) -> float:

@@ -11,11 +11,9 @@ import torch
 from core import pipeline
 from core.doctor.views import cameras_beside
 from core.looks.find_look import find_appearance
-from core.looks.trained import Appearance, Run, blend, load_run
+from core.looks.trained import Appearance, Run, blend
 from core.scene.frame import SceneFrame
-from core.training import run
-from core.training.trainer import Trainer
-from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+from tests.small import HEIGHT, WIDTH, finished, small_collection, small_settings
 
 
 @pytest.fixture(scope="module")
@@ -23,11 +21,7 @@ def trained(tmp_path_factory) -> Run:
     """A run of seconds at half the photos' size."""
     folder = tmp_path_factory.mktemp("runs") / "small"
     collection = replace(small_collection(tmp_path_factory.mktemp("scene")), frame=SceneFrame(np.array([3.0, -2.0, 1.0]), 7.0))
-    trainer = Trainer(collection, small_settings(steps=4, resolution=2), folder)
-    run.create(folder, collection, trainer.settings)
-    for _ in trainer.train():
-        pass
-    return load_run(folder)
+    return finished(collection, small_settings(steps=4, resolution=2), folder)
 
 
 def test_a_training_photo_is_known_by_a_link_to_it(trained, tmp_path):

@@ -20,6 +20,7 @@ import torch
 
 from core.data import load_collection
 from core.data.collection import Collection, Photo
+from core.data.landmarks import landmarks_of
 from core.data.locate import locate
 from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refining
@@ -39,9 +40,10 @@ def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""
     trained = load_run(run.find_run(run_folder))
     collection = load_collection(trained.collection.root)
+    landmarks = landmarks_of(collection, QUIET)
     rows = []
     for photo in collection.split("test"):
-        found = locate(photo.path, collection, QUIET)
+        found = locate(photo.path, landmarks, QUIET)
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue

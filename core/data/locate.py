@@ -1,4 +1,4 @@
-"""Where a photo from outside a collection was taken: by its features among those of the collection's photos, with pycolmap, on a CPU."""
+"""Where a photo from outside a collection was taken: by its features among the collection's landmarks, with pycolmap, on a CPU."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,8 +7,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pycolmap
 
-from core.data.collection import Collection, Photo, spread_over
-from core.data.features import DATABASE, MASKS, SEED, extract, match, write_picture, write_pictures
+from core.data.collection import Photo
+from core.data.features import DATABASE, MASKS, SEED, extract, match, write_picture
+from core.data.landmarks import NEAR_PX, NO_POINT, Landmarks
 from core.data.model_file import quiet
 from core.data.photo_file import probe
 from core.report import Report
@@ -16,8 +17,6 @@ from core.scene.camera import Camera
 
 QUERY = "query.jpg"
 NO_POINTS = np.zeros(0, dtype=np.int64)  # that a photo from outside sees
-COMPARED = 40  # photos of the collection, at most
-NEAR_PX = 2.0  # from a feature to where its photo sees the point that it is taken for; none is placed much better than that
 OFF = 0.006  # of the long side: how far from a point's projection a feature agrees with it, 10 of 1600 px; COLMAP takes 12
 USUAL_FOCAL_LENGTH = 1.2  # long sides, to start from; COLMAP's guess
 # Training photos, each located by the others: 17 of 19 of the Statue of Liberty to within 1 px of 400, with 13 to 296 features that agree,
@@ -34,46 +33,51 @@ class Located:
     matched: int
 
 
-def locate(path: Path, collection: Collection, report: Report, mask: Path | None = None) -> Located | None:
+def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None = None) -> Located | None:
     """The camera of a photo file; None where too few of its features are found again, or do not agree.
 
-    Features are matched with those of up to COMPARED training photos that lie where these see an SfM point; what matches is a pixel
-    and a point, and many of them are a camera (P3P, or P4P with an unknown focal length, in LO-RANSAC). mask: a picture that is
-    white where the photo is to be used. The same for any number of threads. Raises BadInput for a photo that cannot be read, or of which
-    its mask leaves nothing.
+    Its features are matched with the landmarks, photo by photo; what matches is a pixel and a point, and many of them are a camera
+    (P3P, or P4P with an unknown focal length, in LO-RANSAC). mask: a picture that is white where the photo is to be used.
+    The same for any number of threads. Raises BadInput for a photo that cannot be read, or of which its mask leaves nothing.
     """
     width, height = probe(path).displayed
     long_side = max(width, height)
     anywhere = Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
     photo = Photo(path.name, path, anywhere, "test", NO_POINTS, mask=mask)
-    known = spread_over([known for known in collection.split("train") if len(known.points)], COMPARED)
     with TemporaryDirectory() as folder, quiet():
         work = Path(folder)
         camera = write_picture(photo, anywhere, work, QUERY)
-        others = write_pictures([(each, each.camera) for each in known], work, report)
-        extract(work, [QUERY, *others], report, work / MASKS)
-        match(work, [(QUERY, other) for other in others], report, verify=False)
-        pixels, points = _pixels_of_points(work, others, collection.points)
+        extract(work, [QUERY], report, work / MASKS)
+        pixels, points = _matched(work, landmarks, report)
     return _camera_of(pixels, points, _lens(path, camera.width, camera.height), (width, height))
 
 
-def _pixels_of_points(
-    work: Path, others: dict[str, tuple[Photo, Camera]], points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _matched(work: Path, landmarks: Landmarks, report: Report) -> tuple[np.ndarray, np.ndarray]:
     """(n, 2) px of the picture QUERY and (n, 3) points that are matched with each other, each pair once."""
+    starts = np.cumsum(landmarks.counts) - landmarks.counts
+    rows = {f"{number}.jpg": slice(start, start + count) for number, (start, count) in enumerate(zip(starts, landmarks.counts, strict=True))}
+    with pycolmap.Database.open(work / DATABASE) as database:
+        numbers = {name: _add(database, name, landmarks.descriptors[row]) for name, row in rows.items()}
+    match(work, [(QUERY, name) for name in rows], report, verify=False)
     pairs = [np.zeros((0, 2), dtype=np.int64)]  # feature of the query, point
     with pycolmap.Database.open(work / DATABASE) as database:
-        numbers = {name: database.read_image_with_name(name).image_id for name in (QUERY, *others)}
-        for name, (photo, camera) in others.items():
-            matches = database.read_matches(numbers[QUERY], numbers[name])
-            if len(matches):
-                features = database.read_keypoints(numbers[name])[:, :2]
-                seen, _ = camera.project(points[photo.points])
-                off = np.linalg.norm(features[matches[:, 1], None] - seen[None], axis=2)
-                nearest, near = off.argmin(axis=1), off.min(axis=1) <= NEAR_PX
-                pairs.append(np.column_stack([matches[near, 0], photo.points[nearest[near]]]))
+        query = database.read_image_with_name(QUERY).image_id
+        for name, row in rows.items():
+            feature, landmark = database.read_matches(query, numbers[name]).T
+            pairs.append(np.column_stack([feature, landmarks.shows[row][landmark]]))
         feature, point = np.unique(np.concatenate(pairs), axis=0).T
-        return database.read_keypoints(numbers[QUERY])[feature, :2].astype(np.float64), points[point]
+        pixels = database.read_keypoints(query)[feature, :2].astype(np.float64)
+    is_point = point != NO_POINT
+    return pixels[is_point], landmarks.points[point[is_point]]
+
+
+def _add(database: pycolmap.Database, name: str, descriptors: np.ndarray) -> int:
+    """Add a picture of these features, (n, 128) uint8, wherever they lie in it; its number."""
+    lens = database.write_camera(pycolmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=[1, 0, 0]))
+    number = database.write_image(pycolmap.Image(name=name, camera_id=lens))
+    database.write_keypoints(number, np.zeros((len(descriptors), 2), np.float32))
+    database.write_descriptors(number, pycolmap.FeatureDescriptors(pycolmap.FeatureExtractorType.SIFT, descriptors))
+    return number
 
 
 def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:

@@ -1,5 +1,6 @@
 """A look refined against the photo that it was read from: one that was not trained on, whose camera is known or can be found."""
 
+from contextlib import suppress
 from dataclasses import replace
 from math import sqrt
 from pathlib import Path
@@ -8,11 +9,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.appearance.refinement import STEPS, refinement
-from core.data import load_collection
+from core.data import landmarks, load_collection
 from core.data import photos as files
 from core.data.collection import Photo
+from core.data.landmarks import Landmarks, landmarks_of
 from core.data.locate import NO_POINTS, locate
-from core.errors import BadInput
+from core.errors import BadInput, WegsError
 from core.looks.trained import Appearance, Run
 from core.report import QUIET, Report
 from core.scene.camera import Camera
@@ -38,17 +40,16 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
         return replace(look, source=f"{look.source}, not refined: {why}")
 
     try:
-        collection = load_collection(trained.collection.root)
+        known = landmarks_of_run(trained, report)
     except BadInput:  # moved or removed since
         return as_read("the scene cannot be read")
     try:
-        found = locate(path, collection, report, mask)
+        found = locate(path, known, report, mask)
         if found is None:
             return as_read("where it was taken was not found")
-        camera = found.camera.in_world(collection.frame).in_scene(trained.collection.frame)
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
-        photo = Photo(path.name, path, camera, "test", NO_POINTS, mask=mask)
-        camera = camera.shrunk(sqrt(sum(sizes) / len(sizes) / (camera.width * camera.height)))
+        photo = Photo(path.name, path, found.camera, "test", NO_POINTS, mask=mask)
+        camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
         picture = files.load(photo, camera.width, camera.height, trained.is_cut_out)
     except BadInput:  # a mask of which nothing is left in a smaller picture
         return as_read("too little of it is left at the size at which it is drawn")
@@ -56,6 +57,22 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
     return look if better is None else replace(better, source=f"{look.source}, {how}")
+
+
+def landmarks_of_run(trained: Run, report: Report) -> Landmarks:
+    """What photos from outside are located by, in the run's scene frame: searched for once, then kept in the run folder.
+
+    Raises BadInput where there are none yet and the scene cannot be read.
+    """
+    path = trained.folder / landmarks.FILE
+    if (kept := Landmarks.load(path)) is not None:
+        return kept
+    collection = load_collection(trained.collection.root)
+    report.say("Photos are located by the features of the training photos, which are searched for once")
+    found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
+    with suppress(WegsError):  # the folder may not be written in: searched for again the next time
+        found.save(path)
+    return found
 
 
 def refined(

@@ -1,7 +1,7 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
+history.csv, landmarks.npz, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
 """
 
 import hashlib
@@ -18,6 +18,7 @@ import numpy as np
 import core
 from core.atomic import check_folder, write_json, write_text
 from core.config import Settings
+from core.data import landmarks
 from core.data.collection import Collection, Photo
 from core.data.kept_points import home_of
 from core.data.made import CONFIG, followed, is_of_run, path_within, read_mark, way_to
@@ -36,7 +37,7 @@ CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a train
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves"),
-    *(HISTORY, "masks", "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png"),
+    *(HISTORY, landmarks.FILE, "masks", "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png"),
 )
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import torch
 
+from core.data.landmarks import Landmarks
 from core.data.prepare import prepared
+from core.errors import BadInput
 from core.looks import refined_look
 from core.looks.find_look import find_appearance
 from core.looks.trained import Run, bake
@@ -66,11 +68,26 @@ def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path
     assert kept.source == f"{encoded.source}, not refined: where it was taken was not found"
 
 
-def test_without_its_scene_a_photo_is_read_all_the_same(trained, tmp_path):
+def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without_the_scene(trained, tmp_path):
     outside = tmp_path / "outside.png"
     outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
-    gone = replace(trained, collection=replace(trained.collection, root=tmp_path / "gone"))
-    assert find_appearance(gone, str(outside), refine=True).source.endswith("not refined: the scene cannot be read")
+    (tmp_path / "run").mkdir()
+    new = replace(trained, folder=tmp_path / "run")
+    gone = replace(new, collection=replace(trained.collection, root=tmp_path / "gone"))
+    assert find_appearance(gone, str(outside)).source.endswith("not refined: the scene cannot be read")
+    heard = [Heard(), Heard()]
+    looks = [find_appearance(run, str(outside), report=report) for run, report in zip((new, gone), heard, strict=True)]
+    assert torch.equal(looks[0].embedding, looks[1].embedding) and "refined from where it was taken" in looks[1].source
+    assert any("searched for once" in line for line in heard[0].lines) and not heard[1].lines
+
+
+def test_in_a_run_that_may_not_be_written_in_they_are_searched_for_again(trained, tmp_path, monkeypatch):
+    def refused(*given):
+        raise BadInput("The folder may not be written in.")
+
+    monkeypatch.setattr(Landmarks, "save", refused)
+    known = refined_look.landmarks_of_run(replace(trained, folder=tmp_path), Report())
+    assert len(known.counts) == 5 and not list(tmp_path.iterdir())
 
 
 def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_path, monkeypatch):

@@ -184,8 +184,8 @@ def test_more_rows_than_fit_into_memory_are_the_files_fault(tmp_path, monkeypatc
 def test_a_missing_file_and_an_unknown_suffix_are_refused(tmp_path):
     with pytest.raises(BadInput, match="no file"):
         read_ply(tmp_path / "a.ply")
-    with pytest.raises(BadInput, match=".ply"):
-        check_format(tmp_path / "a.obj")
+    with pytest.raises(BadInput, match=r"a\.spz .* does not end in \.ply\. End it in \.ply; SuperSplat converts"):
+        check_format(tmp_path / "a.spz")
 
 
 def test_a_full_disk_leaves_the_old_file_and_no_scraps(tmp_path, monkeypatch):

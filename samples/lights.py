@@ -32,8 +32,10 @@ from core.export.pictures import to_8_bit
 from core.looks.find_look import find_appearance
 from core.looks.refined_look import refined
 from core.looks.trained import Run, bake, blend, load_run
+from core.report import QUIET, Report
 from core.training import run
 from wegs_cli.main import Told
+from wegs_cli.terminal import Terminal
 
 PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
 PLAZA_VIEWS = "0006.jpg", "0040.jpg"  # held out; of lights.jpg and of styles.jpg
@@ -57,27 +59,29 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
     if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):
         raise BadInput("The styles drawn by default are of samples/plaza, beside their photos.", "Add --style PHOTO.")
-    if not styles:
-        styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
-        if output is None:
-            from_left = trained.collection.view(PLAZA_VIEWS[0])
-            shots = [tile(rendered(trained, find_appearance(trained, look), from_left), 240) for look in PLAZA_LOOKS]
-            write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]])
-    seen_from = [trained.collection.view(view) for view in views or (None,)]
-    if renders:
-        looks = [find_appearance(trained, word) for word in ("neutral", *styles)]
-        rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
-    else:
-        rows = sheet(trained, styles, seen_from[0])
-    write_jpeg(output or HERE / "styles.jpg", rows)
-    for style in styles:
-        if line := nearness(trained, style):
-            click.echo(line)
+    with Terminal() as terminal:
+        if not styles:
+            styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
+            if output is None:
+                from_left = trained.collection.view(PLAZA_VIEWS[0])
+                looks = [find_appearance(trained, word, report=terminal) for word in PLAZA_LOOKS]
+                shots = [tile(rendered(trained, look, from_left), 240) for look in looks]
+                write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]], terminal)
+        seen_from = [trained.collection.view(view) for view in views or (None,)]
+        if renders:
+            looks = [find_appearance(trained, word, report=terminal) for word in ("neutral", *styles)]
+            rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
+        else:
+            rows = sheet(trained, styles, seen_from[0], terminal)
+        write_jpeg(output or HERE / "styles.jpg", rows, terminal)
+        for style in styles:
+            if line := nearness(trained, style, terminal):
+                terminal.say(line)
 
 
-def sheet(trained: Run, styles: tuple[str, ...], photo: Photo) -> list[list[np.ndarray]]:
+def sheet(trained: Run, styles: tuple[str, ...], photo: Photo, report: Report = QUIET) -> list[list[np.ndarray]]:
     """Rows of pictures: one a style, then the strip of what lies between the first look and the last."""
-    neutral, *looks = (find_appearance(trained, word) for word in ("neutral", *styles))
+    neutral, *looks = (find_appearance(trained, word, report=report) for word in ("neutral", *styles))
     rows = []
     for style, look in zip(styles, looks, strict=True):
         if not Path(style).is_file():
@@ -105,13 +109,14 @@ def tile(picture: np.ndarray, height: int) -> np.ndarray:
     return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
 
 
-def write_jpeg(path: Path, rows: list[list[np.ndarray]]) -> None:
+def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None:
     """The rows below each other, white where one is shorter."""
     width = max(sum(picture.shape[1] for picture in row) for row in rows)
     lines = [np.concatenate(row, axis=1) for row in rows]
     canvas = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0)), constant_values=255) for line in lines]
-    data = cv2.imencode(".jpg", np.concatenate(canvas)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-    write_bytes(path, data.tobytes())
+    pixels = np.concatenate(canvas)
+    write_bytes(path, cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
+    report.say(f"{path}: {pixels.shape[1]}x{pixels.shape[0]} px")
 
 
 def truths(trained: Run, style: str) -> dict[str, Path]:
@@ -121,12 +126,12 @@ def truths(trained: Run, style: str) -> dict[str, Path]:
     return {known[path.stem]: path for path in sorted(folder.glob("*.png")) if path.stem in known}
 
 
-def nearness(trained: Run, style: str) -> str | None:
+def nearness(trained: Run, style: str, report: Report = QUIET) -> str | None:
     """How near the look of a style photo comes to the truth in its light; None where that is not known."""
     known = truths(trained, style)
     if not known:
         return None
-    own = find_appearance(trained, style)
+    own = find_appearance(trained, style, report=report)
     seen = {photo.name: find_appearance(trained, photo.name) for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}
     for name, path in known.items():

@@ -7,6 +7,7 @@ from click.testing import CliRunner
 
 from core.looks.find_look import find_appearance
 from core.looks.trained import load_run
+from core.report import QUIET
 from samples import lights
 from tests.small import HEIGHT, WIDTH, finished, small_collection, small_settings
 
@@ -19,7 +20,14 @@ def folder(tmp_path_factory):
     return finished(collection, small_settings(steps=4), folder).folder
 
 
-def test_a_sheet_of_styles(folder, tmp_path):
+def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
+    reports = []
+
+    def heard(*given, report, **options):
+        reports.append(report)
+        return find_appearance(*given, report=report, **options)
+
+    monkeypatch.setattr(lights, "find_appearance", heard)
     styles = []
     for name, colour in (("red", (0, 0, 200)), ("blue", (200, 0, 0))):
         styles.append(str(tmp_path / f"{name}.png"))
@@ -27,8 +35,9 @@ def test_a_sheet_of_styles(folder, tmp_path):
     sheet = tmp_path / "sheet.jpg"
     line = [str(folder), "--style", styles[0], "--style", styles[1], "--view", "photo_5.png", "-o", str(sheet)]
     told = CliRunner().invoke(lights.main, line, catch_exceptions=False)
-    assert told.output == ""  # nobody knows the truth
     pixels = cv2.imread(str(sheet))
+    assert told.output.endswith(f"{sheet}: {pixels.shape[1]}x{pixels.shape[0]} px\n")  # nobody knows the truth
+    assert len(reports) == 3 and QUIET not in reports  # what takes seconds is heard of
     wide = round(lights.TILE_PX * WIDTH / HEIGHT)
     strip = 3 * wide // lights.FRAMES * HEIGHT // WIDTH
     assert pixels.shape == (2 * lights.TILE_PX + strip, 3 * wide, 3)  # photo, neutral, look; and what lies between

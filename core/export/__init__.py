@@ -13,7 +13,8 @@ FORMATS = {".ply": "core.export.ply:write_ply"}
 def check_format(path: Path) -> None:
     """Raise BadInput unless the suffix of `path` is a key of FORMATS: asked before the work, not after it."""
     if path.suffix.lower() not in FORMATS:
-        raise BadInput(f"{path} has no suffix that can be written.", f"End its name in one of: {', '.join(FORMATS)}.")
+        suffixes = " or ".join(FORMATS)
+        raise BadInput(f"{path} was not written: its name does not end in {suffixes}.", f"End it in {suffixes}; SuperSplat converts that to other formats.")
 
 
 def write(path: Path, splats_in_world: Splats, comment: str) -> int:

@@ -12,9 +12,10 @@ from torch import Tensor
 from core.atomic import replacing, write_bytes
 from core.errors import WegsError
 
-SHEET_COLUMNS = 5
+SHEET_COLUMNS = 5  # at most
 SHEET_TILE_PX = 320  # widest tile of a contact sheet
 VIDEO_SECONDS = 3.0
+VIDEO_CODECS = "vp09", "mp4v"  # VP9, because browsers and editors play it; MPEG-4 part 2, which they do not, where OpenCV lacks that
 
 
 def to_8_bit(image: Float[Tensor, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
@@ -29,12 +30,13 @@ def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
 
 
 def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """All frames (of one size), shrunk, row by row in reading order; unused tiles stay black."""
+    """All frames (of one size), shrunk, in reading order, in as few and as even rows as can be; unused tiles are white."""
     height, width = frames[0].shape[:2]
     share = min(1.0, SHEET_TILE_PX / width)
     size = max(1, round(width * share)), max(1, round(height * share))
-    columns = min(SHEET_COLUMNS, len(frames))
-    sheet = np.zeros((math.ceil(len(frames) / columns) * size[1], columns * size[0], 3), dtype=np.uint8)
+    rows = math.ceil(len(frames) / SHEET_COLUMNS)
+    columns = math.ceil(len(frames) / rows)
+    sheet = np.full((rows * size[1], columns * size[0], 3), 255, dtype=np.uint8)
     for number, frame in enumerate(frames):
         top, left = number // columns * size[1], number % columns * size[0]
         tile = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
@@ -43,14 +45,16 @@ def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndar
 
 
 def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> None:
-    """Write an .mp4 (MPEG-4 part 2) of VIDEO_SECONDS; frames of one size lose an odd last row or column."""
+    """Write an .mp4 of VIDEO_SECONDS; frames of one size lose an odd last row or column."""
     height, width = (side - side % 2 for side in frames[0].shape[:2])  # the codec stores colour at half the size
     with replacing(path) as temporary:
-        code = cv2.VideoWriter_fourcc(*"mp4v")
         file = str(temporary.absolute())  # FFmpeg takes what stands before a colon for a protocol
-        writer = cv2.VideoWriter(file, code, len(frames) / VIDEO_SECONDS, (width, height))
-        if not writer.isOpened():
-            what = f"{path} could not be written: OpenCV begins no MPEG-4 video of {width} x {height} px"
+        for codec in VIDEO_CODECS:
+            writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*codec), len(frames) / VIDEO_SECONDS, (width, height))
+            if writer.isOpened():
+                break
+        else:
+            what = f"{path} could not be written: OpenCV begins no video of {width} x {height} px"
             raise WegsError(f"{what}.", "Use the frames instead.")
         for frame in frames:
             writer.write(cv2.cvtColor(frame[:height, :width], cv2.COLOR_RGB2BGR))

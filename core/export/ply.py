@@ -35,6 +35,8 @@ def _properties(rest: int) -> list[str]:
 
 
 PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
+# What converters from formats of 8 bits write as a logit or logarithm of 1 or 0 is Inf. Far beyond what a renderer can tell from it:
+ENDLESS = 30.0
 BYTES_A_GAUSSIAN = 4 * len(PROPERTIES)
 
 
@@ -82,6 +84,8 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
 
 def read_ply(path: Path) -> Splats:
     """The Gaussians (world units, float32) of a 3DGS .ply, binary or ASCII, of SH degree 0 to 3.
+
+    Opacities of 0 and 1 and scales of 0, which other programs write as logits and logarithms of +-Inf, are read as +-ENDLESS.
 
     Raises BadInput naming what is wrong: no such file, not a .ply, cut short, a column missing, a number of f_rest
     columns that fits no degree, a row that cannot be drawn.
@@ -143,6 +147,10 @@ def _table(path: Path) -> tuple[Float32[np.ndarray, "n p"], int]:
     with np.errstate(over="ignore"):  # a double beyond float32 becomes Inf, and is told as that
         for column, name in enumerate(wanted):
             table[:, column] = vertices[name]
+            if name == "opacity":
+                np.nan_to_num(table[:, column], copy=False, nan=np.nan, posinf=ENDLESS, neginf=-ENDLESS)
+            elif name.startswith("scale_"):
+                np.nan_to_num(table[:, column], copy=False, nan=np.nan, posinf=np.inf, neginf=-ENDLESS)
     return table, degree
 
 

@@ -115,4 +115,4 @@ def trim_of(trained: Run, report: Report) -> Trim:
     """The Trim of a run, over its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
     given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.backdrop
-    return Trim(*given, lambda done, total: report.progress("Training views", done, total))
+    return Trim(*given, lambda done, total: report.progress("Pruning", done, total))

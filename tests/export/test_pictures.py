@@ -12,7 +12,7 @@ import torch
 from core import lock
 from core.atomic import check_file, check_folder, filling, replacing, write_json
 from core.errors import BadInput, WegsError
-from core.export.pictures import SHEET_COLUMNS, SHEET_TILE_PX, contact_sheet, to_8_bit, write_png, write_video
+from core.export.pictures import SHEET_TILE_PX, contact_sheet, to_8_bit, write_png, write_video
 
 
 def test_rendering_to_pixels_clamps_and_rounds():
@@ -27,12 +27,20 @@ def test_a_png_holds_the_pixels_in_rgb(tmp_path):
     np.testing.assert_array_equal(back, pixels)
 
 
-def test_a_sheet_reads_row_by_row():
-    frames = [np.full((20, 30, 3), 10 * (number + 1), np.uint8) for number in range(SHEET_COLUMNS + 2)]
-    sheet = contact_sheet(frames)
-    assert sheet.shape == (40, 30 * SHEET_COLUMNS, 3)
-    assert sheet[10, 15::30, 0].tolist() == [10, 20, 30, 40, 50]
-    assert sheet[30, 15::30, 0].tolist() == [60, 70, 0, 0, 0]
+@pytest.mark.parametrize(
+    "frames, rows",
+    [
+        (1, [[10]]),
+        (5, [[10, 20, 30, 40, 50]]),
+        (6, [[10, 20, 30], [40, 50, 60]]),
+        (7, [[10, 20, 30, 40], [50, 60, 70, 255]]),
+        (11, [[10, 20, 30, 40], [50, 60, 70, 80], [90, 100, 110, 255]]),
+    ],
+)
+def test_a_sheet_reads_row_by_row_in_even_rows(frames, rows):
+    sheet = contact_sheet([np.full((20, 30, 3), 10 * (number + 1), np.uint8) for number in range(frames)])
+    assert sheet[10::20, 15::30, 0].tolist() == rows
+    assert sheet.shape == (20 * len(rows), 30 * len(rows[0]), 3)
 
 
 def test_large_frames_are_shrunk_on_the_sheet():
@@ -48,7 +56,25 @@ def test_a_video_has_every_frame_even_at_an_odd_size(tmp_path):
     while (frame := video.read())[0]:
         assert frame[1].shape == (48, 64, 3)
         means.append(float(frame[1].mean()))
-    np.testing.assert_allclose(means, [25 * number for number in range(10)], atol=4)  # MPEG-4 is lossy
+    np.testing.assert_allclose(means, [25 * number for number in range(10)], atol=4)  # video is lossy
+
+
+@pytest.mark.parametrize("lacking, codec", [((), "vp09"), (("vp09",), "mp4v")])
+def test_a_video_plays_in_browsers_where_opencv_can_write_such(tmp_path, monkeypatch, lacking, codec):
+    class Writer:
+        """OpenCV's writer, built without some codecs."""
+
+        def __init__(self, path, code, *rest):
+            has = code not in [cv2.VideoWriter_fourcc(*name) for name in lacking]
+            self.writer = made(path, code, *rest) if has else made()
+
+        def __getattr__(self, name):
+            return getattr(self.writer, name)
+
+    made = cv2.VideoWriter
+    monkeypatch.setattr(cv2, "VideoWriter", Writer)
+    write_video(tmp_path / "a.mp4", [np.zeros((32, 32, 3), np.uint8)] * 3)
+    assert codec.encode() in (tmp_path / "a.mp4").read_bytes()  # the name of its sample entry
 
 
 def test_a_video_may_have_a_colon_in_its_path(tmp_path, monkeypatch):

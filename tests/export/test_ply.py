@@ -136,6 +136,25 @@ def test_other_writers_degrees_and_ascii_are_read(tmp_path, rest, degree, text):
         assert splats.sh[0, -1].tolist() == [0, 0, 7]
 
 
+def test_opaque_invisible_and_flat_gaussians_of_converters_are_read(tmp_path):
+    """Eight bits of 255 and 0 become logits and logarithms of Inf, which viewers draw as 1 and 0."""
+
+    def converted(name, value):
+        write_ply(tmp_path / "a.ply", some_splats(2))
+        data = bytearray((tmp_path / "a.ply").read_bytes())
+        start = len(header_of(bytes(data))) + 4 * PROPERTIES.index(name)
+        data[start : start + 4] = np.float32(value).tobytes()
+        (tmp_path / "a.ply").write_bytes(data)
+        return read_ply(tmp_path / "a.ply")
+
+    assert torch.sigmoid(converted("opacity", np.inf).logit_opacities)[0] == 1
+    assert torch.sigmoid(converted("opacity", -np.inf).logit_opacities)[0] < 1e-12
+    assert converted("scale_1", -np.inf).log_scales[0, 1].exp() < 1e-12
+    for name, value in (("opacity", np.nan), ("scale_1", np.nan), ("scale_1", np.inf), ("x", -np.inf)):
+        with pytest.raises(BadInput, match="row 0"):
+            converted(name, value)
+
+
 def _without(name: str):
     return lambda data: data.replace(f"property float {name}\n".encode(), b"property float other\n")
 
@@ -184,8 +203,8 @@ def test_more_rows_than_fit_into_memory_are_the_files_fault(tmp_path, monkeypatc
 def test_a_missing_file_and_an_unknown_suffix_are_refused(tmp_path):
     with pytest.raises(BadInput, match="no file"):
         read_ply(tmp_path / "a.ply")
-    with pytest.raises(BadInput, match=".ply"):
-        check_format(tmp_path / "a.obj")
+    with pytest.raises(BadInput, match=r"a\.spz .* does not end in \.ply\. End it in \.ply; SuperSplat converts"):
+        check_format(tmp_path / "a.spz")
 
 
 def test_a_full_disk_leaves_the_old_file_and_no_scraps(tmp_path, monkeypatch):

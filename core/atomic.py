@@ -94,7 +94,7 @@ class MadeMeanwhile(BadInput):
 
 
 @contextmanager
-def _temporary(folder: Path) -> Iterator[Path]:
+def temporary_folder(folder: Path) -> Iterator[Path]:
     """A folder beside `folder`, or inside where that is there: it may be a disk of its own (a container's volume), where nothing can
     be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made, where the disk knows locks."""
     parent = folder if folder.is_dir() else folder.parent
@@ -127,7 +127,7 @@ def replacing_folder(output: Path) -> Iterator[Path]:
     is_there = output.is_dir()
     with ExitStack() as stack:
         try:
-            work = stack.enter_context(_temporary(output))
+            work = stack.enter_context(temporary_folder(output))
         except OSError as problem:
             raise not_made(output, problem) from None
         try:
@@ -167,7 +167,7 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
-    with _named(folder), _temporary(folder) as work:
+    with _named(folder), temporary_folder(folder) as work:
         try:
             yield work
         except WegsError as problem:  # whoever reads it knows nothing of the temporary folder

@@ -155,16 +155,16 @@ def replacing_folder(output: Path) -> Iterator[Path]:
 
 @contextmanager
 def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
-    """A temporary folder to fill, whose files become those of `folder` when the block ends well, and else vanish.
+    """A temporary folder to fill, whose files and folders become those of `folder` when the block ends well, and else vanish.
 
-    patterns: globs of the files that such a block writes. Raises BadInput, before anything is made, if `folder` has
+    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has
     files; with `force`, those that match are replaced and others still refused.
     """
     check_folder(folder)
     old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
     if foreign:
-        raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")
+        raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder, or move them out.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
     with _named(folder), temporary_folder(folder) as work:
@@ -173,7 +173,7 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
             raise type(problem)(problem.what.replace(str(work), str(folder)), problem.fix) from None
         for path in old:
-            path.unlink()
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         folder.mkdir(exist_ok=True)
         for path in work.iterdir():
             os.replace(path, folder / path.name)

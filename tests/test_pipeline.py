@@ -83,7 +83,7 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
     resumed = pipeline.load_run(folder)
     for name, tensor in whole.splats.tensors().items():
         assert torch.equal(getattr(resumed.splats, name), tensor), name
-    with pytest.raises(BadInput, match="is finished"):
+    with pytest.raises(BadInput, match="is finished: 12 steps.* train a new run with --steps"):
         pipeline.resume(folder)
     shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
     pipeline.resume(folder)

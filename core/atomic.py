@@ -25,7 +25,7 @@ _REFUSED = (
 
 def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
     """Raise BadInput unless `folder` can be written in, or be made. fix: what to do where it is read-only."""
-    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
     if not there.is_dir():
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     if not os.access(there, os.W_OK):
@@ -153,13 +153,8 @@ def replacing_folder(output: Path) -> Iterator[Path]:
             raise
 
 
-@contextmanager
-def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
-    """A temporary folder to fill, whose files and folders become those of `folder` when the block ends well, and else vanish.
-
-    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has
-    files; with `force`, those that match are replaced and others still refused.
-    """
+def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> None:
+    """Raise BadInput where `filling` would: asked before the work, not after it."""
     check_folder(folder)
     old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
@@ -167,6 +162,17 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder, or move them out.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
+
+
+@contextmanager
+def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
+    """A temporary folder to fill, whose files and folders become those of `folder` when the block ends well, and else vanish.
+
+    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has
+    files; with `force`, those that match are replaced and others still refused.
+    """
+    check_fillable(folder, patterns, force)
+    old = files_in(folder) if folder.exists() else []
     with _named(folder), temporary_folder(folder) as work:
         try:
             yield work

@@ -9,7 +9,7 @@ import core
 import core.export
 import core.rasterizer
 from core import device
-from core.atomic import check_apart, check_file, filling
+from core.atomic import check_apart, check_file, check_fillable, filling
 from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm
@@ -17,6 +17,7 @@ from core.data.collection import picture_places
 from core.data.given_masks import check_masks, with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
 from core.data.made import FADE
+from core.data.photo_file import SUFFIXES
 from core.data.prepare import prepared
 from core.errors import BadInput, BadSetting, WegsError, command
 from core.evaluation import lpips
@@ -250,10 +251,11 @@ def interpolate(
     if steps < 2:
         raise BadSetting(f"A fade has two ends, and {steps} is fewer.", "Take 2 steps or more.")
     trained = load_run(run.find_run(folder))
-    ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
     photo = trained.collection.view(view)
-    output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
+    output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
+    check_fillable(output, FADE, force)
+    ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
     camera = trained.camera(photo)
     rasterizer = trained.rasterizer
     report.say(f"{trained.folder}{trained.where}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
@@ -276,6 +278,12 @@ def interpolate(
             report.warn(str(problem).replace(str(work), str(output)))
     report.say(f"{output}: {steps} frames, sheet.png{', video.mp4' * (output / 'video.mp4').is_file()}")
     return output
+
+
+def _short(word: str) -> str:
+    """What names a look, without folders and without the ending of a file."""
+    path = Path(word)
+    return path.stem if path.suffix.lower() in (*SUFFIXES, ".json") else path.name
 
 
 # --- trained run -> figures

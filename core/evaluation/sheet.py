@@ -54,12 +54,12 @@ def row_of(view: ViewPictures, note: str) -> Row:
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All rows below a line of titles, each above a line with its name and its note; RGB."""
-    step = max(row.tiles[0].shape[1] for row in rows) + GAP_PX
+    width = max(row.tiles[0].shape[1] for row in rows) + GAP_PX
     columns = titles(protocol, step, " or ".join(dict.fromkeys(row.embedding for row in rows)))
-    parts = [_line(step, columns)]
+    parts = [_line(width, columns)]
     for row in rows:
-        parts.append(_side_by_side(row.tiles, step))
-        parts.append(_line(step * len(columns), (row.line,)))
+        parts.append(_side_by_side(row.tiles, width))
+        parts.append(_line(width * len(columns), (row.line,)))
     return np.concatenate(parts)
 
 

@@ -65,6 +65,11 @@ def test_titles_say_whose_embedding_is_shown_by_which_protocol_and_after_which_s
     assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, False, True]
 
 
+def test_a_sheet_names_the_step_it_is_given():
+    earlier, later = (picture_sheet([row_of(row(8, 300), "")], "half", step) for step in (111, 888))
+    assert (earlier[:LABEL_PX, :300] != later[:LABEL_PX, :300]).any()
+
+
 def test_errors_brighten_from_black_and_saturate():
     black = np.zeros((1, 5, 3), np.uint8)
     render = np.broadcast_to(np.array([0, 30, 90, 128, 255], np.uint8)[None, :, None], (1, 5, 3))

@@ -25,7 +25,7 @@ _REFUSED = (
 
 def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
     """Raise BadInput unless `folder` can be written in, or be made. fix: what to do where it is read-only."""
-    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
     if not there.is_dir():
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     if not os.access(there, os.W_OK):
@@ -94,7 +94,7 @@ class MadeMeanwhile(BadInput):
 
 
 @contextmanager
-def _temporary(folder: Path) -> Iterator[Path]:
+def temporary_folder(folder: Path) -> Iterator[Path]:
     """A folder beside `folder`, or inside where that is there: it may be a disk of its own (a container's volume), where nothing can
     be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made, where the disk knows locks."""
     parent = folder if folder.is_dir() else folder.parent
@@ -127,7 +127,7 @@ def replacing_folder(output: Path) -> Iterator[Path]:
     is_there = output.is_dir()
     with ExitStack() as stack:
         try:
-            work = stack.enter_context(_temporary(output))
+            work = stack.enter_context(temporary_folder(output))
         except OSError as problem:
             raise not_made(output, problem) from None
         try:
@@ -153,27 +153,33 @@ def replacing_folder(output: Path) -> Iterator[Path]:
             raise
 
 
-@contextmanager
-def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
-    """A temporary folder to fill, whose files become those of `folder` when the block ends well, and else vanish.
-
-    patterns: globs of the files that such a block writes. Raises BadInput, before anything is made, if `folder` has
-    files; with `force`, those that match are replaced and others still refused.
-    """
+def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> None:
+    """Raise BadInput where `filling` would: asked before the work, not after it."""
     check_folder(folder)
     old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
     if foreign:
-        raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder.")
+        raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder, or move them out.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
-    with _named(folder), _temporary(folder) as work:
+
+
+@contextmanager
+def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
+    """A temporary folder to fill, whose files and folders become those of `folder` when the block ends well, and else vanish.
+
+    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has
+    files; with `force`, those that match are replaced and others still refused.
+    """
+    check_fillable(folder, patterns, force)
+    old = files_in(folder) if folder.exists() else []
+    with _named(folder), temporary_folder(folder) as work:
         try:
             yield work
         except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
             raise type(problem)(problem.what.replace(str(work), str(folder)), problem.fix) from None
         for path in old:
-            path.unlink()
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         folder.mkdir(exist_ok=True)
         for path in work.iterdir():
             os.replace(path, folder / path.name)

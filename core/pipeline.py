@@ -1,6 +1,7 @@
 """Photos -> scene -> trained run -> .ply: the whole story on one page. The command line is a thin skin over it."""
 
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import core
 import core.export
 import core.rasterizer
 from core import device
-from core.atomic import check_apart, check_file, filling
+from core.atomic import check_apart, check_file, check_fillable, filling
 from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm
@@ -16,12 +17,13 @@ from core.data.collection import picture_places
 from core.data.given_masks import check_masks, with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
 from core.data.made import FADE
+from core.data.photo_file import SUFFIXES
 from core.data.prepare import prepared
 from core.errors import BadInput, BadSetting, WegsError, command
 from core.evaluation import lpips
 from core.evaluation.protocols import measure
-from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
-from core.evaluation.sheet import picture_sheet, row_of, write_view
+from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of, measured_earlier
+from core.evaluation.sheet import PARTS, picture_sheet, row_of, write_view
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks import saved_look
 from core.looks.find_look import find_appearance
@@ -116,8 +118,9 @@ def _go_on(folder: Path, report: Report) -> Path:
     done = saved.facts["step"] if saved else 0
     if done >= settings.steps and any(folder.glob(run.CLOUDS)):  # else it was stopped just before its last file
         raise BadInput(
-            f"{folder} is finished: {settings.steps} steps.",
-            f"Type: {command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
+            f"{folder} is finished: {settings.steps} steps, over which its schedules are spread.",
+            "For more, train a new run with --steps. To use this one, type: "
+            f"{command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
         )
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
@@ -178,6 +181,8 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     if masks:
         rows.append(("masks", str(folder / "masks")))
     report.table("Done", rows)
+    if earlier := measured_earlier(folder, trained.step):
+        report.say(f"Of an earlier step: {', '.join(earlier)}. To measure again, type: {command('wegs', 'eval', '--run', folder)}")
     report.say(f"Next: {next_step(folder, trainer.settings, neutral)}")
 
 
@@ -246,10 +251,11 @@ def interpolate(
     if steps < 2:
         raise BadSetting(f"A fade has two ends, and {steps} is fewer.", "Take 2 steps or more.")
     trained = load_run(run.find_run(folder))
-    ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
     photo = trained.collection.view(view)
-    output = output or Path(f"{ends[0].name}-to-{ends[1].name}")
+    output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
+    check_fillable(output, FADE, force)
+    ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
     camera = trained.camera(photo)
     rasterizer = trained.rasterizer
     report.say(f"{trained.folder}{trained.where}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
@@ -274,6 +280,12 @@ def interpolate(
     return output
 
 
+def _short(word: str) -> str:
+    """What names a look, without folders and without the ending of a file."""
+    path = Path(word)
+    return path.stem if path.suffix.lower() in (*SUFFIXES, ".json") else path.name
+
+
 # --- trained run -> figures
 
 
@@ -296,18 +308,19 @@ def evaluate(
         report.warn(f"LPIPS: {lpips.ABSENT}")
     else:
         distance = distance.to(trained.device)
-    kept = f"{PICTURES}/{protocol}/"
+    kept = trained.folder / PICTURES / protocol
     start = time.perf_counter()
     views, rows, scales = [], [], []
     places = picture_places(photo.name for photo in photos)
     through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
-    for photo, (measured, pictures) in through:
-        views.append(measured)
-        scales.append(measured.width / photo.camera.width)
-        figures = (f"{whose} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
-        rows.append(row_of(pictures, ", ".join(figures)))
-        if keep_pictures:
-            write_view(trained.folder / kept, places[photo.name], pictures)
+    with filling(kept, PARTS, force=True) if keep_pictures else nullcontext() as work:
+        for photo, (measured, pictures) in through:
+            views.append(measured)
+            scales.append(measured.width / photo.camera.width)
+            figures = (f"{whose} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
+            rows.append(row_of(pictures, ", ".join(figures)))
+            if work is not None:
+                write_view(work, places[photo.name], pictures)
     results = Results(
         protocol=protocol,
         views=tuple(views),
@@ -322,8 +335,8 @@ def evaluate(
         over_white=trained.is_cut_out,
     )
     results.save(trained.folder)
-    write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol))
+    write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
-    names = [*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[kept] * keep_pictures]
+    names = [*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[f"{PICTURES}/{protocol}/"] * keep_pictures]
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results

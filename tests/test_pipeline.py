@@ -75,15 +75,12 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
     heard = Heard()
     pipeline.resume(folder, heard)
     assert heard.steps[0] == (6, STEPS)
-    steps = [
-        [line.split(",")[0] for line in (where / "history.csv").read_text().splitlines()]
-        for where in (trained[0], folder)
-    ]
+    steps = [[line.split(",")[0] for line in (where / "history.csv").read_text().splitlines()] for where in (trained[0], folder)]
     assert steps[0] == steps[1]
     resumed = pipeline.load_run(folder)
     for name, tensor in whole.splats.tensors().items():
         assert torch.equal(getattr(resumed.splats, name), tensor), name
-    with pytest.raises(BadInput, match="is finished"):
+    with pytest.raises(BadInput, match="is finished: 12 steps.* train a new run with --steps"):
         pipeline.resume(folder)
     shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
     pipeline.resume(folder)
@@ -233,10 +230,14 @@ def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatc
     assert heard.lines[-2:] == [warning, f"{output}: 2 frames, sheet.png"]
 
 
-def test_a_view_that_is_none_is_refused(trained, tmp_path):
+def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
-    assert list(tmp_path.iterdir()) == []
+    monkeypatch.chdir(tmp_path)
+    Path("photo_0-to-dusk.2").symlink_to("gone")
+    with pytest.raises(BadInput, match="photo_0-to-dusk.2 is not a folder"):
+        pipeline.interpolate(trained[0], "photo_0.png", "looks/dusk.2.json", 2)
 
 
 # --- measuring

@@ -74,6 +74,41 @@ def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypa
     assert (tmp_path / "run" / CLOUD).is_file()
 
 
+def test_an_interrupted_evaluation_leaves_the_pictures_that_were_there(scene, tmp_path, monkeypatch):
+    folder = pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
+    pictures = folder / "pictures" / "half"
+
+    def interrupted(*arguments):
+        write_view(*arguments)
+        raise KeyboardInterrupt
+
+    write_view = pipeline.write_view
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "write_view", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            pipeline.evaluate(folder, refine=False, keep_pictures=True)
+    assert not list(folder.glob("pictures/*"))
+    (pictures / "color" / "sub").mkdir(parents=True)
+    (pictures / "color" / "sub" / "gone.png").touch()  # a photo of an earlier evaluation
+    pipeline.evaluate(folder, refine=False, keep_pictures=True)
+    assert sorted(str(path.relative_to(pictures)) for path in pictures.rglob("*.*")) == [
+        f"{part}/photo_{number}.png" for part in ("color", "gt-color") for number in (2, 5)
+    ]
+
+
+def test_what_was_measured_before_a_run_went_on_is_named(scene, tmp_path):
+    with pytest.raises(OSError, match="No space left"):
+        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Full())
+    pipeline.evaluate(tmp_path / "run", "full", refine=False)
+    heard = Heard()
+    pipeline.resume(tmp_path / "run", heard)
+    assert f"Of an earlier step: results_full.json. To measure again, type: wegs eval --run {tmp_path / 'run'}" in heard.lines
+    pipeline.evaluate(tmp_path / "run", "full", refine=False)
+    shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been stopped just before its last file
+    pipeline.resume(tmp_path / "run", heard := Heard())
+    assert not any("Of an earlier step" in line for line in heard.lines)
+
+
 def test_a_run_without_a_checkpoint_begins_anew_as_it_was_set(scene, tmp_path):
     (tmp_path / "masks").mkdir()
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)

@@ -40,7 +40,7 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
             fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
             raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
         if given:
-            raise BadSetting(f"A resumed run keeps its scene and settings; {given[0]} changes them.", "Leave it out.")
+            raise BadSetting(f"A resumed run keeps its scene and settings; {given[0]} changes them.", "Leave it out, or train a new run.")
     else:
         settings = settings_from(preset_name, config, assignments, typed)
 

@@ -5,9 +5,7 @@ training view (RadSplat, section 4.2), the least first; the sky stays. Errors ar
 the bake with everything.
 """
 
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -15,6 +13,7 @@ from torch import Tensor
 import core.export
 from core.bench.errors import LIMIT, errors
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
+from core.bench.files import scratch
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
 from core.data.collection import spread_over
@@ -60,8 +59,8 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
     truth = [rasterizer.render(whole, camera, trained.backdrop).image.clamp(0, 1) for camera in cameras]
     points = []
     total = len(SHARES) * (whole.degree + 1) + 1
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "look.ply"
+    with scratch() as folder:
+        path = folder / "look.ply"
 
         def written(look: Splats) -> Splats:
             core.export.write(path, look.in_world(trained.collection.frame), "bench")

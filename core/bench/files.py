@@ -2,11 +2,13 @@
 
 import csv
 import io
+import tempfile
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from core.atomic import check_folder, write_bytes, write_json, write_text
+from core.atomic import check_folder, temporary_folder, write_bytes, write_json, write_text
 from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
@@ -15,15 +17,20 @@ from core.report import Report
 SUFFIXES = (".csv", ".json", ".png")
 
 
+def scratch() -> AbstractContextManager[Path]:
+    """A temporary folder for what is made only to be measured; what a kill leaves is removed when the next one is made."""
+    return temporary_folder(Path(tempfile.gettempdir()) / "wegs-bench")
+
+
 def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
     """Raise BadInput if `folder` cannot be written in, or if a figure of one of these names is in it and not to be replaced.
 
     Asked before the minutes of measuring.
     """
     check_folder(folder)
-    there = [path for name in names for suffix in SUFFIXES if (path := folder / (name + suffix)).exists()]
-    if there and not force:
-        raise BadInput(f"{there[0]} exists.", "Add --force to replace it, or choose another -o.")
+    old = there(folder, names)
+    if old and not force:
+        raise BadInput(f"{old[0]} exists.", "Add --force to replace it, or choose another -o.")
 
 
 def show(figure: Figure, report: Report) -> None:
@@ -49,6 +56,11 @@ def save(figure: Figure, folder: Path) -> list[Path]:
     write_json(paths[1], json_of(figure))
     write_bytes(paths[2], draw_png(figure))
     return paths
+
+
+def there(folder: Path, names: tuple[str, ...]) -> list[Path]:
+    """The files in `folder` of figures of these names."""
+    return [path for name in names for suffix in SUFFIXES if (path := folder / (name + suffix)).exists()]
 
 
 def fronts_of(figure: Figure, point: Point) -> list[int]:

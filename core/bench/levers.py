@@ -4,11 +4,12 @@ The contract fixes the thresholds, so no backend takes them as arguments. Here t
 with others; and the kernels, which compile them in, are compiled anew with others in a process of their own.
 """
 
+import os
 import signal
-import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from threading import Thread
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.bench.figure import Spread
+from core.bench.files import scratch
 from core.bench.stopwatch import timed
 from core.rasterizer import contract, create, reference
 from core.scene.camera import Camera
@@ -80,8 +82,8 @@ def recompiled(
     A process of its own, with a cache of its own: compiled kernels hold the constants, and their cache does not know it.
     """
     arrays = {name: tensor.numpy() for name, tensor in splats.tensors().items()}
-    with tempfile.TemporaryDirectory() as cache, ProcessPoolExecutor(1, get_context("spawn")) as process:
-        start = process.submit(_set_constants, cache, alpha_min, stop_transmittance, torch.get_num_threads())
+    with scratch() as cache, ProcessPoolExecutor(1, get_context("spawn")) as process:
+        start = process.submit(_set_constants, str(cache), alpha_min, stop_transmittance, torch.get_num_threads())
         start.result()
         return process.submit(_measure_recompiled, backend, arrays, cameras, budget).result()
 
@@ -90,9 +92,16 @@ def _set_constants(cache: str, alpha_min: float, stop_transmittance: float, thre
     from numba import config
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to speak about
+    Thread(target=_end_with_parent, daemon=True).start()
     config.CACHE_DIR = cache
     contract.ALPHA_MIN, contract.STOP_TRANSMITTANCE = alpha_min, stop_transmittance
     torch.set_num_threads(threads)
+
+
+def _end_with_parent() -> None:
+    """Of a parent that was killed the executor hears nothing: it would wait for work without end."""
+    parent_process().join()
+    os._exit(1)
 
 
 def _measure_recompiled(

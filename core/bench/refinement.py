@@ -48,7 +48,7 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
                 courses = []
             curve = protocol if len(trained) == 1 else f"{name}, {protocol}"
             points += _points(curve, protocol, courses)
-    title = f"Embedding refinement: {', '.join(trained)}"
+    title = f"Embedding refinement: {', '.join(f'{name} at step {run.step}' for name, run in trained.items())}"
     quantities = [Quantity("steps", "Adam steps", "steps"), Quantity("seconds", "s a photo", "log")]
     panels = []
     for protocol in protocols:  # figures of one protocol are never compared with those of the other: own axes

@@ -1,12 +1,11 @@
 """Which figures are drawn, of what, and where they go: what `wegs bench` and `wegs eval --curve` do."""
 
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 from torch import Tensor
 
-from core.bench import files, small_scene
+from core.bench import FIGURES, files, small_scene
 from core.bench.baking import baking_figure
 from core.bench.figure import Figure
 from core.bench.refinement import refinement_figure
@@ -92,12 +91,12 @@ def bench(
         finish(_fixed_rendering(size, full, report))
         if trained is not None:
             finish(_rendering_of(trained, size, full, report))
-    with tempfile.TemporaryDirectory() as temporary:
+    with files.scratch() as scratch:
         if trained is not None:
             courses = _courses_of([trained.folder])
             title, notes = f"Training {courses[0].name}", ELSEWHERE
         else:
-            courses, title, notes = _train_presets(collection, names, size, Path(temporary), report)
+            courses, title, notes = _train_presets(collection, names, size, scratch, report)
             trained = load_run(courses[0].folders[0]) if courses else None
         if "baking" in names:
             finish(baking_figure(trained, size.views, report, size.budget))
@@ -113,9 +112,11 @@ def bench(
 def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:
     """Draw the training of runs, and the refinement on their held-out photos, into the folder of the first.
 
-    run_folders: none for the newest run. refine: without it only the training is drawn.
+    Figures that an earlier call left there are replaced, or removed where they are not drawn now: they may be of other runs.
+    run_folders: none for the newest run; one given twice is drawn once. refine: without it only the training is drawn.
     """
-    folders = [run.find_run(path) for path in run_folders or (None,)]
+    found = [run.find_run(path) for path in run_folders or (None,)]
+    folders = list({folder.resolve(): folder for folder in found}.values())
     run.check_writable(folders[0] / CURVES)
     courses = _courses_of(folders)
     title = f"Training: {', '.join(course.name for course in courses)}"
@@ -123,7 +124,15 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
     live = ((course.name, load_run(course.folders[0])) for course in (courses if refine else ()))
     trained = {name: one for name, one in live if _follows_a_look(one, report)}
     if trained:
-        figures.append(refinement_figure(trained, protocols, FULL.photos, report))
+        try:
+            figures.append(refinement_figure(trained, protocols, FULL.photos, report))
+        except BadInput as problem:  # photos that are gone, say: the histories need none
+            report.warn(f"Nothing is drawn of the refinement: {problem}")
+    drawn = {figure.name for figure in figures}
+    if old := files.there(folders[0] / CURVES, tuple(name for name in FIGURES if name not in drawn)):
+        for path in old:
+            path.unlink()
+        report.say(f"{folders[0] / CURVES}: removed {', '.join(path.name for path in old)}, of an earlier call")
     for figure in figures:
         _keep(figure, folders[0] / CURVES, report)
     return figures

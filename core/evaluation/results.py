@@ -9,6 +9,7 @@ from typing import Any
 
 from core.appearance import refinement
 from core.atomic import write_json
+from core.data.made import read_mark
 from core.evaluation import PROTOCOLS, lpips
 from core.evaluation.metrics import SSIM_KIND
 from core.evaluation.protocols import ViewResult
@@ -104,6 +105,12 @@ class Results:
         """Write RESULTS and PER_VIEW of this protocol into `folder`, each whole or not at all."""
         write_json(folder / file_of(RESULTS, self.protocol), _plain(self.to_json()))
         write_json(folder / file_of(PER_VIEW, self.protocol), _plain([asdict(view) for view in self.views]))
+
+
+def measured_earlier(folder: Path, step: int) -> list[str]:
+    """The names of the results in a run folder that are of another step than `step`, the newest: it was trained on since."""
+    names = [file_of(RESULTS, protocol) for protocol in PROTOCOLS]
+    return [name for name in names if read_mark(folder / name).get("steps", step) != step]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

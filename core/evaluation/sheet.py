@@ -11,6 +11,7 @@ from jaxtyping import Float, UInt8
 from core.evaluation.protocols import ViewPictures
 from core.export.pictures import write_png
 
+PARTS = ("color", "gt-color")  # folders of renders and photos, as nerfbaselines names them
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 LABEL_PX = 22  # height of a line of text
 GAP_PX = 4
@@ -26,10 +27,10 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
     return cv2.cvtColor(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)
 
 
-def titles(protocol: str, embedding: str) -> tuple[str, str, str, str]:
-    """What stands above the columns."""
+def titles(protocol: str, step: int, embedding: str) -> tuple[str, str, str, str]:
+    """What stands above the columns. step: after which the run was measured."""
     error = f"error ({embedding}; brightest: {FULL_ERROR})"
-    return f"photo (protocol {protocol})", f"render ({embedding})", "mask (white: static)", error
+    return f"photo (protocol {protocol}, step {step})", f"render ({embedding})", "mask (white: static)", error
 
 
 @dataclass(frozen=True)
@@ -51,20 +52,20 @@ def row_of(view: ViewPictures, note: str) -> Row:
     return Row(f"{view.name}  {note}", view.embedding, tuple(tiles))
 
 
-def picture_sheet(rows: Sequence[Row], protocol: str) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All rows below a line of titles, each above a line with its name and its note; RGB."""
-    step = max(row.tiles[0].shape[1] for row in rows) + GAP_PX
-    columns = titles(protocol, " or ".join(dict.fromkeys(row.embedding for row in rows)))
-    parts = [_line(step, columns)]
+    width = max(row.tiles[0].shape[1] for row in rows) + GAP_PX
+    columns = titles(protocol, step, " or ".join(dict.fromkeys(row.embedding for row in rows)))
+    parts = [_line(width, columns)]
     for row in rows:
-        parts.append(_side_by_side(row.tiles, step))
-        parts.append(_line(step * len(columns), (row.line,)))
+        parts.append(_side_by_side(row.tiles, width))
+        parts.append(_line(width * len(columns), (row.line,)))
     return np.concatenate(parts)
 
 
 def write_view(folder: Path, place: Path, view: ViewPictures) -> None:
-    """The render as the PNG `place` in color/ of `folder`, the photo in gt-color/: as nerfbaselines lays them out."""
-    for part, pixels in (("color", view.render), ("gt-color", view.photo)):
+    """The render and the photo as the PNG `place` in PARTS of `folder`."""
+    for part, pixels in zip(PARTS, (view.render, view.photo), strict=True):
         path = folder / part / place
         path.parent.mkdir(parents=True, exist_ok=True)
         write_png(path, pixels)

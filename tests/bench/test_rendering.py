@@ -1,5 +1,8 @@
 """Levers: at the contract's values they change nothing, beyond them they trade as they should."""
 
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +63,21 @@ def test_a_backend_compiled_anew_draws_with_other_thresholds_and_leaves_this_pro
     assert np.quantile(differences, 0.99) < 1e-5 < float((before - wanted).abs().max())
     assert 0 < seconds.low <= seconds.median
     assert torch.equal(core.rasterizer.create("cpu").render(splats, view).image, before)
+
+
+def test_the_process_of_its_own_ends_where_wegs_is_killed():
+    script = """
+import os, signal
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from core.bench import levers
+process = ProcessPoolExecutor(1, get_context("spawn"))
+process.submit(levers._set_constants, "cache", 0.1, 0.1, 1).result()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    # Both hold standard output: what reads it to its end waits for the later of them.
+    killed = subprocess.run([sys.executable, "-c", script], check=False, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=60)
+    assert killed.returncode == -signal.SIGKILL
 
 
 def test_errors_are_of_all_pixels_of_all_pictures():

@@ -1,7 +1,9 @@
 """`wegs bench` and `wegs eval --curve` as a whole, at a size of seconds."""
 
 import json
+import os
 import shutil
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from core import lock
 from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
 from core.config import PRESETS
@@ -67,6 +70,18 @@ def test_what_cannot_be_measured_is_refused_before_the_minutes(tmp_path, small_r
         suite.bench(tmp_path, small_run, FIGURES, False, tmp_path / "out", Report())
 
 
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_what_a_killed_bench_left_is_removed_by_the_next(tmp_path, monkeypatch):
+    killed, used = tmp_path / ".wegs-bench.wegs-1", []
+    killed.mkdir()
+    os.utime(killed, (1e9, 1e9))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(suite, "_train", lambda *arguments: used.append(arguments[2]) or pytest.fail("stopped"))
+    with pytest.raises(pytest.fail.Exception, match="stopped"):
+        suite.bench(None, None, ("training",), False, tmp_path / "bench", Report())
+    assert not killed.exists() and used[0].parent.name.startswith(".wegs-bench.wegs-") and not used[0].parent.exists()
+
+
 def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypatch):
     asked = []
     monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments))
@@ -84,6 +99,26 @@ def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(s
     assert {"training.png", "refinement.csv"} <= {path.name for path in (small_run / "curves").iterdir()}
     assert len(suite.curves((small_run,), ("full",), False, Report())) == 1
     assert load_run(small_run).step == 40
+
+
+def test_a_run_given_twice_is_drawn_once_and_no_figure_of_other_runs_stays(small_run, tmp_path, monkeypatch):
+    folder, heard = shutil.copytree(small_run, tmp_path / "small"), Heard()
+    (folder / "curves").mkdir(exist_ok=True)
+    (folder / "curves" / "refinement.png").write_text("of another run")
+    monkeypatch.chdir(tmp_path)
+    (training,) = suite.curves((folder, Path("small")), ("full",), False, heard)
+    assert list(training.curves()) == ["small"]
+    assert {path.stem for path in (folder / "curves").iterdir()} == {"training"}
+    assert any("removed refinement.png" in line for line in heard.lines)
+
+
+def test_a_run_whose_photos_are_gone_is_drawn_by_its_history(small_run, tmp_path):
+    folder, heard = shutil.copytree(small_run, tmp_path / "small"), Heard()
+    facts = json.loads((folder / "config.json").read_text())
+    facts["scene"] |= {"path": str(tmp_path / "gone"), "from_run": "../gone"}
+    (folder / "config.json").write_text(json.dumps(facts))
+    assert [figure.name for figure in suite.curves((folder,), ("full",), True, heard)] == ["training"]
+    assert any("Nothing is drawn of the refinement" in line and "Move the photos back" in line for line in heard.lines)
 
 
 def test_runs_of_one_name_are_told_apart_by_their_folders(small_run, tmp_path, monkeypatch):

@@ -26,7 +26,7 @@ def row(height, width, mask=None, name="photo.jpg"):
 
 
 def sheet_of(*views):
-    return picture_sheet([row_of(view, "") for view in views], "half")
+    return picture_sheet([row_of(view, "") for view in views], "half", 9)
 
 
 def test_columns_are_photo_render_mask_error():
@@ -49,20 +49,25 @@ def test_photos_of_all_sizes_fit_and_keep_their_shape():
 
 
 def test_labels_are_written_and_a_missing_mask_is_grey():
-    with_name = picture_sheet([row_of(row(30, 90), "20.1 dB")], "half")
+    with_name = picture_sheet([row_of(row(30, 90), "20.1 dB")], "half", 9)
     without = sheet_of(row(30, 90, name=""))
     assert (with_name[-LABEL_PX:] != without[-LABEL_PX:]).any() and not without[-LABEL_PX:].any()
     assert with_name[:LABEL_PX].any()
     assert with_name[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == [BLANK] * 3
 
 
-def test_titles_say_whose_embedding_is_shown_and_by_which_protocol():
-    photo, render, _, error = titles("full", "refined")
-    assert (photo, render) == ("photo (protocol full)", "render (refined)") and error.startswith("error (refined;")
+def test_titles_say_whose_embedding_is_shown_by_which_protocol_and_after_which_step():
+    photo, render, _, error = titles("full", 600, "refined")
+    assert (photo, render) == ("photo (protocol full, step 600)", "render (refined)") and error.startswith("error (refined;")
     one, other = row(8, 300), replace(row(8, 300), embedding="zero_shot")
     refined, zero_shot = map(sheet_of, (one, other))
     places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(4)]
     assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, False, True]
+
+
+def test_a_sheet_names_the_step_it_is_given():
+    earlier, later = (picture_sheet([row_of(row(8, 300), "")], "half", step) for step in (111, 888))
+    assert (earlier[:LABEL_PX, :300] != later[:LABEL_PX, :300]).any()
 
 
 def test_errors_brighten_from_black_and_saturate():

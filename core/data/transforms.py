@@ -18,6 +18,7 @@ from core.data.photo_file import SUFFIXES
 from core.data.placing import View
 from core.data.point_file import read_points_file
 from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable
+from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
 
@@ -118,7 +119,8 @@ class _Reading:
         return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if os.path.isfile(path + suffix)), path))
 
     def split_as_listed(self, source: Path, facts: dict, views: list[View]) -> list[View]:
-        """The views with the split that the file's lists give them, or as they are where there are no lists."""
+        """The views with the split that the file's lists give them, or as they are where there are no lists; without a list of
+        training photos those that are not held out. Names may lack their folder and suffix where that leaves no doubt."""
         lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
         if not lists:
             return views
@@ -126,13 +128,15 @@ class _Reading:
             isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
         ):
             raise BadInput(f"{source} has a list of file names that is none.", "Correct or remove its ..._filenames.")
-        listed = {split: {self.find(name) for name in names} for split, names in lists.items()}
-        given, held_out = listed.get("train", set()), listed.get("test") or listed.get("val", set())
+        paths = {view.path for view in views}
+        meant = {row: Path(name) for name, row in rows_of((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
+        listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
+        held_out = listed.get("test") or listed.get("val", set())
+        given = listed.get("train", paths - held_out)
         training = given - held_out
         if not training:
             raise BadInput(f"{source} leaves no photo to train on.", f"Correct or remove its {' and '.join(f'{one}_filenames' for one in lists)}.")
         split = {path: "test" for path in held_out} | {path: "train" for path in training}
-        paths = {view.path for view in views}
         for words, odd in (
             ("listed for training and as held out, held out", given & held_out),
             (f"listed in {source.name} without a usable frame", split.keys() - paths),
@@ -250,7 +254,7 @@ def _read_json(path: Path, may_be_empty: bool = False) -> dict:
     """The file's facts, of which "frames" is a list with something in it."""
     fix = f"Write {path.name} again with the program that made it."
     try:
-        facts = json.loads(path.read_text(encoding="utf-8-sig"))
+        facts = json.loads(path.read_bytes())
     except OSError as problem:
         raise BadInput(f"{path} cannot be read: {problem.strerror}.", fix) from None
     except RecursionError:

@@ -289,7 +289,7 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     assert [photo.mask and photo.mask.name for photo in collection.split("train")] == ["1.png", "2.png", None]
     assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.name == "0.png"
     assert notes_with(collection, "2 photos with a mask from") and notes_with(
-        collection, "without a mask, used whole: photo_3.png"
+        collection, "whose mask is missing, used whole: photo_3.png ("
     )
     assert not load(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
 

@@ -4,19 +4,18 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from core.data.phototourism import COLUMNS, encoding_of, find_tables, read_split_table
-from core.errors import BadInput
 from core.words import Note, list_names, name_them
 
 EVERY = 8  # of the original 3DGS and of everything compared with it
 TEST_LIST = "test.txt"
 
 
-def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
-    """The split of each usable photo ("train" or "test"; photos that are in none are left out), and notes.
+def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str], Path]:
+    """The split of each usable photo ("train" or "test"; photos that are in none are left out), notes, and the file that says so, or `model`.
 
     A .tsv lies in `root`, a test.txt there or, as for the original 3DGS, in the folder `model` (cameras may be in a file).
     names: the usable photos, sorted. in_model: all photos that the model knows, usable or not, so that a list naming a
-    photo that is merely missing is not called wrong. Raises BadInput where nothing is left to train on.
+    photo that is merely missing is not called wrong. Raises BadInput for a table that cannot be read.
     """
     tables, others = find_tables(root)
     no_splits = [f"{path.name} holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}." for path in others]
@@ -30,17 +29,14 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         source = lists[0]
         splits, notes = _by_list(source, names, in_model)
     elif len(names) == 1:
-        return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits]
+        return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits], model
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
         every = f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."
-        return splits, [Note(every, harmless=True), *no_splits]
-    if "train" not in splits.values():
-        why = f": {'; '.join(notes)}" if notes else ""
-        raise BadInput(f"{source} leaves no photo of this model to train on{why}.", f"Correct or remove {source.name}.")
-    if "test" not in splits.values():
+        return splits, [Note(every, harmless=True), *no_splits], model
+    if "train" in splits.values() and "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
-    return splits, notes + no_splits
+    return splits, notes + no_splits, source
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:

@@ -37,7 +37,7 @@ POINTS_ASKED = 10_000  # for that, evenly spread
 def read_transforms(root: Path) -> Posed:
     """What transforms.json in `root` says; a split by train_filenames, test_filenames and val_filenames is kept.
 
-    Raises BadInput for a file that is broken or without frames, and for lists that leave nothing to train on.
+    Raises BadInput for a file that is broken or without frames, and for lists that are none.
     """
     reading = _Reading(root)
     source = root / FILE
@@ -66,12 +66,8 @@ def read_blender(root: Path) -> Posed:
     both = {view.path for view in training} & {view.path for view in held_out}
     if both:
         reading.notes += name_them("listed for training and as held out, held out", sorted(path.name for path in both))
-        training = [view for view in training if view.path not in both]
-        if not training:
-            fix = f"Remove {holding_out.name}: every 8th photo is then held out."
-            raise BadInput(f"{holding_out} holds out every photo of {source.name}.", fix)
     if held_out:
-        training = [replace(view, split="train") for view in training]
+        training = [replace(view, split="train") for view in training if view.path not in both]
     views = training + [replace(view, split="test") for view in held_out]
     return reading.posed("blender", source, views, reading.points(facts, views))
 
@@ -133,10 +129,7 @@ class _Reading:
         listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
         held_out = listed.get("test") or listed.get("val", set())
         given = listed.get("train", paths - held_out)
-        training = given - held_out
-        if not training:
-            raise BadInput(f"{source} leaves no photo to train on.", f"Correct or remove its {' and '.join(f'{one}_filenames' for one in lists)}.")
-        split = {path: "test" for path in held_out} | {path: "train" for path in training}
+        split = {path: "train" for path in given} | {path: "test" for path in held_out}
         for words, odd in (
             ("listed for training and as held out, held out", given & held_out),
             (f"listed in {source.name} without a usable frame", split.keys() - paths),

@@ -38,7 +38,7 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
         return replace(look, source=f"{look.source}, not refined: {why}")
 
     try:
-        collection = load_collection(trained.collection.root)
+        collection = load_collection(trained.collection.root, trained.settings.all_photos)
     except BadInput:  # moved or removed since
         return as_read("the scene cannot be read")
     try:

@@ -17,7 +17,7 @@ def table(*rows):
 
 
 def split(root, names=NAMES):
-    return split_photos(root, root / "sparse" / "0", names, set(names))
+    return split_photos(root, root / "sparse" / "0", names, set(names))[:2]
 
 
 def test_every_eighth_by_name_is_held_out_without_a_list(tmp_path):
@@ -77,15 +77,22 @@ def test_several_tsv_files(tmp_path):
     assert split(tmp_path, NAMES[:2])[1] == ["Several split tables: a.tsv is used, b.tsv not."]
 
 
-def test_no_test_photo_is_noted_and_no_training_photo_refused(tmp_path):
+def test_no_test_photo_is_noted(tmp_path):
     (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x")))
     assert "holds out none" in split(tmp_path, ["a.jpg"])[1][0]
-    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "test", "x")))
-    with pytest.raises(BadInput, match="x.tsv leaves no photo"):
-        split(tmp_path, ["a.jpg"])
-    (tmp_path / "x.tsv").write_text(table(("z", "1", "train", "x")))
-    with pytest.raises(BadInput, match="1 photo of x.tsv not in the model: z; 1 photo not in x.tsv, not used: a.jpg"):
-        split(tmp_path, ["a.jpg"])
+
+
+def test_no_photo_to_train_on_is_refused_unless_held_out_ones_are_asked_for(tmp_path):
+    names = [f"photo_{index}.png" for index in range(4)]
+    root = SmallScene().write(tmp_path / "scene")
+    (root / "x.tsv").write_text(table(*((name, "1", "test", "x") for name in names)))
+    with pytest.raises(BadInput, match="x.tsv leaves no photo to train on. Correct or remove x.tsv, or .* --all-photos"):
+        load_collection(root)
+    assert [photo.name for photo in load_collection(root, all_photos=True).split("train")] == names
+    (root / "x.tsv").write_text(table(("z", "1", "train", "x")))
+    for all_photos in (False, True):
+        with pytest.raises(BadInput, match=f"on: 1 photo of x.tsv not in the model: z; 4 photos not in x.tsv, not used: {names[0]}.*remove x.tsv.$"):
+            load_collection(root, all_photos)
 
 
 def test_a_split_in_capitals_and_a_folder_named_like_a_table(tmp_path):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from core.data.found_file import nearly_named, with_files_found
 from core.data.model_file import holds_model, lacking_files, read_model
 from core.data.photo_file import list_photos
 from core.data.phototourism import find_tables
@@ -16,6 +17,7 @@ from core.errors import BadInput
 from core.words import name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
+PHOTOS = ("images", "input", "photos")  # the second holds what the original project's convert.py is given
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project and its data sets keep
 
 
@@ -67,9 +69,10 @@ def read_colmap(root: Path) -> Posed:
     points, notes = read_points(reconstruction, model)
     notes += not_named + _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
-    views = [_view(image, images) for image in found]
+    views, found_notes = with_files_found([_view(image, images) for image in found], [images])
+    notes += found_notes
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
-    known = {os.path.abspath(images / name) for name in (*(image.name for image in found), *garbled)}
+    known = {os.path.abspath(path) for path in (*(view.path for view in views), *(images / name for name in garbled))}
     extra = [path.name for path in there if os.path.abspath(path) not in known]
     notes += name_them(f"in {images} without a pose, not used", extra)
     fix = f"Put the photos into {root / 'images'}, named as in the model."
@@ -125,8 +128,11 @@ def _other_models(model: Path) -> list[str]:
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
-    """The folder that holds most of the model's photos: images/, images_N/, the same below dense/, or root itself."""
+    """The folder that holds most of the model's photos: images/, input/, photos/, images_N/, the same below dense/, or root itself."""
     near = model.parent.parent if model.name.isdecimal() else model.parent
-    candidates = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
+    candidates = [base / name for base in (root, near) for name in (*PHOTOS, *SHRUNKEN)] + [root, near]
     # The first of equals. pathlib's is_file raises for names that are too long.
-    return max(candidates, key=lambda folder: sum(os.path.isfile(folder / name) for name in names))
+    counts = {folder: sum(os.path.isfile(folder / name) for name in names) for folder in candidates}
+    if not any(counts.values()):
+        counts = {folder: len(nearly_named([folder / name for name in names], [folder])) for folder in candidates}
+    return max(candidates, key=counts.get)

@@ -100,21 +100,28 @@ def _view(image: pycolmap.Image, images: Path) -> View:
 
 
 def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:
-    """The usable points of a model, if any, and which of its photos sees which; notes."""
+    """The usable points of a model, if any, and which of its photos sees which, if anything says so; notes."""
     # By id: pycolmap's own order is that of a hash table, and a run must begin the same each time.
-    points = [point for _, point in sorted(reconstruction.points3D.items(), key=lambda item: item[0])]
-    positions = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
+    points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
+    positions = np.array([point.xyz for _, point in points], np.float64).reshape(-1, 3)
     good, notes = usable(positions)
     if not points and any(image.num_points3D for image in reconstruction.images.values()):
         notes.append(f"{model} lacks the points that its photos see: copy it again if you have them.")
     if not good.any():
         return None, notes
-    kept = [point for point, is_good in zip(points, good, strict=True) if is_good]
-    colours = np.array([point.color for point in kept], np.float32) / 255
+    kept = [item for item, is_good in zip(points, good, strict=True) if is_good]
+    colours = np.array([point.color for _, point in kept], np.float32) / 255
     seen: dict[int, list[int]] = {number: [] for number in reconstruction.images}
-    for index, point in enumerate(kept):
+    for row, (_, point) in enumerate(kept):
         for element in point.track.elements:
-            seen[element.image_id].append(index)
+            seen[element.image_id].append(row)
+    if not any(seen.values()):  # some programs write no tracks, others none that fit
+        rows = {number: row for row, (number, _) in enumerate(kept)}
+        for number, image in reconstruction.images.items():
+            seen[number] = [rows[point.point3D_id] for point in image.points2D if point.point3D_id in rows]
+        if not any(seen.values()):
+            return Points(positions[good], colours, None), notes
+        notes.append(f"The points of {model} do not say which of its photos see them: its photos do.")
     # An image may see a point twice.
     by_name = {name: np.unique(seen[number]).astype(np.int64) for number, name in _names_in(reconstruction)[0].items()}
     return Points(positions[good], colours, by_name), notes

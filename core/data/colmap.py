@@ -1,6 +1,7 @@
 """COLMAP folders: a model and the photos it was made from, at whatever size they are found."""
 
 import os
+from collections import Counter
 from copy import copy
 from pathlib import Path
 
@@ -13,10 +14,12 @@ from core.data.photo_file import list_photos
 from core.data.phototourism import find_tables
 from core.data.placing import View
 from core.data.posed import Points, Posed, usable
+from core.data.transforms import FILE
 from core.errors import BadInput
 from core.words import name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
+NERFSTUDIO_FOLDER = "colmap/sparse/0"  # beside a transforms.json of the same, which says more
 PHOTOS = ("images", "input", "photos")  # the second holds what the original project's convert.py is given
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project and its data sets keep
 
@@ -25,6 +28,7 @@ def find_model(root: Path) -> Path | None:
     """The folder of the COLMAP model below `root`, or `root` itself with its photos, or None; BadInput where files of it are missing."""
     folders = [root / name for name in MODEL_FOLDERS]
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
+    folders += [root / NERFSTUDIO_FOLDER] * (not (root / FILE).exists())
     for folder in folders:
         if holds_model(folder):
             return folder
@@ -69,6 +73,8 @@ def read_colmap(root: Path) -> Posed:
     points, notes = read_points(reconstruction, model)
     notes += not_named + _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
+    names_used = Counter(image.name for image in found)
+    notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
     views, found_notes = with_files_found([_view(image, images) for image in found], [images])
     notes += found_notes
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths

@@ -183,7 +183,7 @@ class _Lens:
     @staticmethod
     def of(facts: dict) -> "_Lens":
         """The lens of a frame, whose own values come before those at the top of the file."""
-        model = facts.get("camera_model", FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])
+        model = str(facts.get("camera_model") or (FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])).upper()
         if model not in (*PERSPECTIVE, FISHEYE):
             raise Fault(f"with a camera_model that is not read ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
         terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)

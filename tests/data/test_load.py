@@ -191,6 +191,14 @@ def test_a_leftover_of_a_model_hides_no_transforms(tmp_path):
     assert load_collection(scene).kind == "nerfstudio"
 
 
+def test_nerfstudios_model_is_used_where_its_transforms_json_is_gone(tmp_path):
+    root = SmallScene().write(tmp_path / "scene", sparse="colmap/sparse/0")
+    assert (load_collection(root).kind, len(load_collection(root).photos)) == ("colmap", 4)
+    (root / "transforms.json").write_text("{}")
+    with pytest.raises(BadInput, match="transforms.json has no list of frames"):
+        load_collection(root)
+
+
 def test_held_out_copies_of_training_photos_are_told(tmp_path):
     scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
     collection = load_collection(scene)

@@ -131,6 +131,12 @@ def test_instant_ngps_fisheyes(scene):
     assert (lens["model"], lens["params"]) == ("OPENCV_FISHEYE", [150, 150, 80, 60, 0.05, 0, 0, 0])
 
 
+@pytest.mark.parametrize("model", [None, "", "opencv", "Pinhole"])
+def test_camera_models_in_any_letters_and_none(scene, model):
+    changed(scene, lambda facts: [frame.update(camera_model=model) for frame in facts["frames"]])
+    assert len(load_collection(scene).photos) == 4
+
+
 # --- where photos are
 
 

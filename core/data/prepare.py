@@ -6,6 +6,7 @@ from core.data.collection import Collection
 from core.data.found_cameras import scene_of_photos
 from core.data.kept_points import points_beside
 from core.data.load import count_photos, find_kind, find_photos, load_collection
+from core.data.split import copy_lists
 from core.report import Report
 from core.words import counted
 
@@ -21,7 +22,10 @@ def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False
         for folder, count in count_photos(scene).items():
             if count and folder != photos:
                 report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
-        return load_collection(scene_of_photos(photos, wanted, report), all_photos)
+        made = scene_of_photos(photos, wanted, report)
+        for folder in (photos, scene):
+            copy_lists(folder, made)
+        return load_collection(made, all_photos)
     collection = load_collection(scene, all_photos)
     if len(collection.points):
         return collection

@@ -1,8 +1,11 @@
 """Which photos are held out for testing: as a .tsv says, or test.txt, or else every eighth."""
 
+import filecmp
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
+from core.atomic import replacing
 from core.data.phototourism import COLUMNS, encoding_of, find_tables, read_split_table
 from core.words import Note, list_names, name_them
 
@@ -37,6 +40,15 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     if "train" in splits.values() and "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
     return splits, notes + no_splits, source
+
+
+def copy_lists(photos: Path, scene: Path) -> None:
+    """Put the tables and the list that lie with plain photos into the scene of their cameras, where they are looked for."""
+    for path in (*find_tables(photos)[0], photos / TEST_LIST):
+        copy = scene / path.name
+        if path.is_file() and not (copy.is_file() and filecmp.cmp(path, copy, shallow=False)):
+            with replacing(copy) as temporary:
+                shutil.copyfile(path, temporary)
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:

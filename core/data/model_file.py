@@ -58,19 +58,44 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
         file = folder / f"{part}.bin"
         if file.is_file() and not _whole(file.read_bytes(), walk):
             raise BadInput(f"{file} is truncated or damaged.", fix)
+    names = _names_with_spaces(folder / "images.txt") if suffix == ".txt" else {}
     try:
         with quiet():
-            if suffix and not whole:
-                return _read_parts(folder, suffix, WALKS, EMPTY_POINTS[suffix])
-            try:
-                return pycolmap.Reconstruction(str(folder))
-            except REFUSALS:
-                if not whole:
-                    raise
-                return _read_parts(folder, suffix, NEEDED, _without_tracks(folder / (POINTS + suffix)))
+            model = _read(folder, suffix, bool(whole))
+            for number, name in names.items():
+                model.image(number).name = name
+            return model
     except REFUSALS as problem:
         reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__
         raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None
+
+
+def _read(folder: Path, suffix: str | None, whole: bool) -> pycolmap.Reconstruction:
+    if suffix and not whole:
+        return _read_parts(folder, suffix, WALKS, EMPTY_POINTS[suffix])
+    try:
+        return pycolmap.Reconstruction(str(folder))
+    except REFUSALS:
+        if not whole:
+            raise
+        return _read_parts(folder, suffix, NEEDED, _without_tracks(folder / (POINTS + suffix)))
+
+
+def _names_with_spaces(path: Path) -> dict[int, str]:
+    """The names in an images.txt, by image, of which pycolmap would read the first word. BadInput where an image has not two lines,
+    of which it would skip every other."""
+    names = {}
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for line in file:
+            words = line.split(maxsplit=9)
+            if len(words) < 10 or not words[0].isdecimal():
+                continue
+            name, features = words[9].strip(), next(file, "").strip()
+            if features[-1:].isalpha():  # of the next name; features end in numbers
+                raise BadInput(f"{path} gives {name} one line in place of two.", "Add the line of its features after it, which may be empty.")
+            if " " in name:
+                names[int(words[0])] = name
+    return names
 
 
 def _read_parts(folder: Path, suffix: str, parts: Iterable[str], points: bytes) -> pycolmap.Reconstruction:

@@ -4,6 +4,7 @@ import pytest
 
 from core.data import load_collection
 from core.doctor import examine
+from core.errors import BadInput
 from tests.data.small_scene import SmallScene
 from tests.data.test_colmap import check_geometry, notes_with
 from tests.heard import Heard
@@ -48,15 +49,40 @@ def test_where_nothing_says_who_sees_a_point_that_is_said_and_the_points_are_use
     assert not any(finding.name == "photos with few points" for finding in examine(root, Heard()))
 
 
-def test_photos_that_were_taken_out_of_a_text_model_by_hand(tmp_path):
-    root = SmallScene().write(tmp_path / "scene")
+def in_text(root):
+    """The folder of the scene's model, which is in text from now on, and the lines of its images.txt."""
     model = root / "sparse" / "0"
     SmallScene().reconstruction().write_text(str(model))
     for path in model.glob("*.bin"):
         path.unlink()
-    lines = (model / "images.txt").read_text().splitlines()
+    return model, (model / "images.txt").read_text().splitlines()
+
+
+def test_photos_that_were_taken_out_of_a_text_model_by_hand(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
     first = next(number for number, line in enumerate(lines) if line.endswith("photo_0.png"))
     (model / "images.txt").write_text("\n".join(lines[:first] + lines[first + 2 :]) + "\n")
     collection = load_collection(root)
     assert {photo.name: len(photo.points) for photo in collection.photos} == {f"photo_{index}.png": 20 for index in (1, 2, 3)}
     assert notes_with(collection, "1 photo in") and notes_with(collection, "its photos do")
+
+
+def test_names_with_spaces_in_text(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
+    (model / "images.txt").write_text("\n".join(line.replace("photo_", "a photo ") for line in lines) + "\n")
+    for index in range(4):
+        (root / "images" / f"photo_{index}.png").rename(root / "images" / f"a photo {index}.png")
+    assert [photo.name for photo in load_collection(root).photos] == [f"a photo {index}.png" for index in range(4)]
+
+
+def test_images_of_one_line_in_text_are_refused_and_those_of_an_empty_second_line_read(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
+    images = [line for line in lines if line.endswith(".png")]
+    (model / "images.txt").write_text("\n\n".join(images) + "\n\n")
+    assert len(load_collection(root).photos) == 4
+    (model / "images.txt").write_text("\n".join(images) + "\n")
+    with pytest.raises(BadInput, match="images.txt gives photo_0.png one line in place of two. Add the line"):
+        load_collection(root)

@@ -93,7 +93,7 @@ def train(
     with new_run(output, name, force) as folder:
         if run.is_run(folder):
             check_apart(folder, [scene] if masks is None else [scene, masks])
-        collection = prepared(scene, folder.parent / f"{name}-scene", report)
+        collection = prepared(scene, folder.parent / f"{name}-scene", report, settings.all_photos)
         if settings.all_photos:
             collection = collection.undivided()
         if masks is not None:
@@ -126,7 +126,7 @@ def _go_on(folder: Path, report: Report) -> Path:
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
     if not before.root.is_dir():
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
-    collection = with_masks_of(load_collection(before.root), before)
+    collection = with_masks_of(load_collection(before.root, settings.all_photos), before)
     collection = collection.undivided() if settings.all_photos else collection
     trainer = Trainer(collection, settings, folder)
     names = {picture.photo.name for picture in trainer.pictures.pictures}

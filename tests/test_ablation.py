@@ -32,7 +32,7 @@ def small_scene(tmp_path_factory):
     collection = small_collection(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pipeline, "prepared", lambda path, *_: replace(collection, root=path))
-        patch.setattr(pipeline, "load_collection", lambda path: replace(collection, root=path))
+        patch.setattr(pipeline, "load_collection", lambda path, *_: replace(collection, root=path))
         patch.setattr(refinement, "STEPS", 2)
         patch.setattr(lpips, "load", lambda: None)
         yield folder

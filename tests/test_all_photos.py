@@ -7,6 +7,7 @@ import pytest
 from core import pipeline
 from core.errors import BadInput
 from core.training import run
+from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.small import give_to_pipeline, small_collection, small_settings
 
@@ -45,3 +46,14 @@ def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):
     assert len(trained.model.photo_names) == 6 and not run.read_config(folder)[2].split("test")
     with pytest.raises(BadInput, match="has no held-out photos. .*without --all-photos"):
         pipeline.evaluate(folder)
+
+
+def test_a_scene_whose_list_holds_out_every_photo_is_trained_on_and_gone_on_with(tmp_path):
+    scene = SmallScene().write(tmp_path / "scene")
+    (scene / "test.txt").write_text("".join(f"photo_{index}.png\n" for index in range(4)))
+    with pytest.raises(BadInput, match="test.txt leaves no photo to train on"):
+        pipeline.train(scene, small_settings(steps=1), tmp_path / "run")
+    folder = pipeline.train(scene, small_settings(steps=1, all_photos=True), tmp_path / "run")
+    shutil.rmtree(folder / "point_cloud")  # as if it had been stopped just before
+    pipeline.resume(folder)
+    assert len(pipeline.load_run(folder).model.photo_names) == 4

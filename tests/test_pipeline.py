@@ -92,7 +92,7 @@ def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypat
     collection = pipeline.load_collection(small_scene)
     run.create(folder, collection, small_settings())
     fewer = replace(collection, photos=collection.photos[1:])
-    monkeypatch.setattr(pipeline, "load_collection", lambda path: fewer)
+    monkeypatch.setattr(pipeline, "load_collection", lambda *_: fewer)
     monkeypatch.setattr(pipeline.checkpoint, "newest", lambda folder: folder / "checkpoint")
     monkeypatch.setattr(pipeline.checkpoint, "load", lambda path: pipeline.checkpoint.Checkpoint({}, {"step": 1}))
     with pytest.raises(BadInput, match="not those that .* began with: photo_0.png differ or are gone. Put them back"):

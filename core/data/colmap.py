@@ -1,21 +1,26 @@
 """COLMAP folders: a model and the photos it was made from, at whatever size they are found."""
 
 import os
+from collections import Counter
 from copy import copy
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
+from core.data.found_file import nearly_named, with_files_found
 from core.data.model_file import holds_model, lacking_files, read_model
 from core.data.photo_file import list_photos
 from core.data.phototourism import find_tables
 from core.data.placing import View
 from core.data.posed import Points, Posed, usable
+from core.data.transforms import FILE
 from core.errors import BadInput
 from core.words import name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
+NERFSTUDIO_FOLDER = "colmap/sparse/0"  # beside a transforms.json of the same, which says more
+PHOTOS = ("images", "input", "photos")  # the second holds what the original project's convert.py is given
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project and its data sets keep
 
 
@@ -23,6 +28,7 @@ def find_model(root: Path) -> Path | None:
     """The folder of the COLMAP model below `root`, or `root` itself with its photos, or None; BadInput where files of it are missing."""
     folders = [root / name for name in MODEL_FOLDERS]
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
+    folders += [root / NERFSTUDIO_FOLDER] * (not (root / FILE).exists())
     for folder in folders:
         if holds_model(folder):
             return folder
@@ -67,9 +73,12 @@ def read_colmap(root: Path) -> Posed:
     points, notes = read_points(reconstruction, model)
     notes += not_named + _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
-    views = [_view(image, images) for image in found]
+    names_used = Counter(image.name for image in found)
+    notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
+    views, found_notes = with_files_found([_view(image, images) for image in found], [images])
+    notes += found_notes
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
-    known = {os.path.abspath(images / name) for name in (*(image.name for image in found), *garbled)}
+    known = {os.path.abspath(path) for path in (*(view.path for view in views), *(images / name for name in garbled))}
     extra = [path.name for path in there if os.path.abspath(path) not in known]
     notes += name_them(f"in {images} without a pose, not used", extra)
     fix = f"Put the photos into {root / 'images'}, named as in the model."
@@ -97,21 +106,28 @@ def _view(image: pycolmap.Image, images: Path) -> View:
 
 
 def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:
-    """The usable points of a model, if any, and which of its photos sees which; notes."""
+    """The usable points of a model, if any, and which of its photos sees which, if anything says so; notes."""
     # By id: pycolmap's own order is that of a hash table, and a run must begin the same each time.
-    points = [point for _, point in sorted(reconstruction.points3D.items(), key=lambda item: item[0])]
-    positions = np.array([point.xyz for point in points], np.float64).reshape(-1, 3)
+    points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
+    positions = np.array([point.xyz for _, point in points], np.float64).reshape(-1, 3)
     good, notes = usable(positions)
     if not points and any(image.num_points3D for image in reconstruction.images.values()):
         notes.append(f"{model} lacks the points that its photos see: copy it again if you have them.")
     if not good.any():
         return None, notes
-    kept = [point for point, is_good in zip(points, good, strict=True) if is_good]
-    colours = np.array([point.color for point in kept], np.float32) / 255
+    kept = [item for item, is_good in zip(points, good, strict=True) if is_good]
+    colours = np.array([point.color for _, point in kept], np.float32) / 255
     seen: dict[int, list[int]] = {number: [] for number in reconstruction.images}
-    for index, point in enumerate(kept):
+    for row, (_, point) in enumerate(kept):
         for element in point.track.elements:
-            seen[element.image_id].append(index)
+            seen[element.image_id].append(row)
+    if not any(seen.values()):  # some programs write no tracks, others none that fit
+        rows = {number: row for row, (number, _) in enumerate(kept)}
+        for number, image in reconstruction.images.items():
+            seen[number] = [rows[point.point3D_id] for point in image.points2D if point.point3D_id in rows]
+        if not any(seen.values()):
+            return Points(positions[good], colours, None), notes
+        notes.append(f"The points of {model} do not say which of its photos see them: its photos do.")
     # An image may see a point twice.
     by_name = {name: np.unique(seen[number]).astype(np.int64) for number, name in _names_in(reconstruction)[0].items()}
     return Points(positions[good], colours, by_name), notes
@@ -125,8 +141,11 @@ def _other_models(model: Path) -> list[str]:
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
-    """The folder that holds most of the model's photos: images/, images_N/, the same below dense/, or root itself."""
+    """The folder that holds most of the model's photos: images/, input/, photos/, images_N/, the same below dense/, or root itself."""
     near = model.parent.parent if model.name.isdecimal() else model.parent
-    candidates = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
+    candidates = [base / name for base in (root, near) for name in (*PHOTOS, *SHRUNKEN)] + [root, near]
     # The first of equals. pathlib's is_file raises for names that are too long.
-    return max(candidates, key=lambda folder: sum(os.path.isfile(folder / name) for name in names))
+    counts = {folder: sum(os.path.isfile(folder / name) for name in names) for folder in candidates}
+    if not any(counts.values()):
+        counts = {folder: len(nearly_named([folder / name for name in names], [folder])) for folder in candidates}
+    return max(candidates, key=counts.get)

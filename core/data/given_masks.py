@@ -86,7 +86,7 @@ def check_fits(mask: Path, size: tuple[int, int], wanted: tuple[int, int]) -> No
 def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
     """The collection whose photos have those of the `masks` (by photo name) that are there, in place of any others.
 
-    Notes say how many training photos have one, which have none, and which masks are of another size than their photo, or are damaged or
+    Notes say how many training photos have one, which have none, and which masks are of another size than their photo, or are missing, damaged or
     of another shape, and then not used. `source` gave them.
     """
     lenses, photos, said = lenses_of(collection.root), [], Reasons()
@@ -101,8 +101,11 @@ def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Coll
 def _masked(photo: Photo, mask: Path | None, taken_through: dict | None, said: Reasons) -> Photo:
     """The photo with its mask, or without any where that cannot be used; what is odd is `said` of it."""
     whole = replace(photo, mask=None, mask_lens=None)
-    if mask is None or not os.path.isfile(mask):  # pathlib's raises for names that are too long
+    if mask is None:
         said.add("without a mask, used whole", photo.name)
+        return whole
+    if not os.path.isfile(mask):  # pathlib's raises for names that are too long
+        said.add("whose mask is missing, used whole", f"{photo.name} ({mask})")
         return whole
     try:
         size = probe(mask).displayed

@@ -18,9 +18,10 @@ FOUND_BY_SFM = {"colmap": read_colmap, "phototourism": read_colmap}  # cameras t
 POSED = {**FOUND_BY_SFM, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
 
 
-def load_collection(path: Path) -> Collection:
+def load_collection(path: Path, all_photos: bool = False) -> Collection:
     """The posed photos in the folder `path`, of any kind but plain photos.
 
+    all_photos: if all are held out, all are trained on.
     Where cameras come without points (most often in NeRF's formats), the collection has none; core.data.prepare makes them.
     Raises BadInput where there is no such folder, no photos, no cameras, or nothing usable in them; photos that cannot be
     used while others can are left out and named in the collection's notes.
@@ -37,7 +38,7 @@ def load_collection(path: Path) -> Collection:
     if home != path:
         points, notes = read_kept(path)
         posed = replace(posed, points=points, notes=posed.notes + notes)
-    return replace(collect(home, posed), root=path)
+    return replace(collect(home, posed, all_photos), root=path)
 
 
 def _read(path: Path, kind: str) -> Posed:

@@ -9,7 +9,7 @@ import signal
 import struct
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,6 +21,8 @@ NEEDED, POINTS = ("cameras", "images"), "points3D"
 SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
 EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file of no points
 POSE_BYTES = 7 * 8  # quaternion and translation
+TRACK_BYTE, TRACK_COLUMN = 8 + 24 + 3 + 8, 8  # of a point, after its id, place, colour and error
+REFUSALS = (ValueError, IndexError, RuntimeError)  # of pycolmap
 
 if threading.current_thread() is threading.main_thread():  # Python sets handlers in no other
     # Importing pycolmap makes SIGTERM print pages of C++ addresses and end the program; what Python had is put back.
@@ -46,7 +48,8 @@ def _has(folder: Path, suffix: str, *parts: str) -> bool:
 def read_model(folder: Path) -> pycolmap.Reconstruction:
     """The model in `folder`, binary (preferred) or text, with or without rigs, frames and points.
 
-    Raises BadInput for files that are truncated, damaged or no model.
+    Where its parts do not agree, as after photos were taken out by hand, it is read without rigs and frames, and points know no
+    photos. Raises BadInput for files that are truncated, damaged or no model.
     """
     fix = "Copy the model again, or run COLMAP again."
     whole = next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
@@ -55,19 +58,66 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
         file = folder / f"{part}.bin"
         if file.is_file() and not _whole(file.read_bytes(), walk):
             raise BadInput(f"{file} is truncated or damaged.", fix)
+    names = _names_with_spaces(folder / "images.txt") if suffix == ".txt" else {}
     try:
-        with quiet(), tempfile.TemporaryDirectory() as copy:
-            if whole or suffix is None:
-                return pycolmap.Reconstruction(str(folder))
-            # pycolmap wants all files.
-            for part in WALKS:
-                if _has(folder, suffix, part):
-                    shutil.copyfile(folder / (part + suffix), Path(copy, part + suffix))
-            Path(copy, POINTS + suffix).write_bytes(EMPTY_POINTS[suffix])
-            return pycolmap.Reconstruction(copy)
-    except (ValueError, IndexError, RuntimeError) as problem:
+        with quiet():
+            model = _read(folder, suffix, bool(whole))
+            for number, name in names.items():
+                model.image(number).name = name
+            return model
+    except REFUSALS as problem:
         reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__
         raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None
+
+
+def _read(folder: Path, suffix: str | None, whole: bool) -> pycolmap.Reconstruction:
+    if suffix and not whole:
+        return _read_parts(folder, suffix, WALKS, EMPTY_POINTS[suffix])
+    try:
+        return pycolmap.Reconstruction(str(folder))
+    except REFUSALS:
+        if not whole:
+            raise
+        return _read_parts(folder, suffix, NEEDED, _without_tracks(folder / (POINTS + suffix)))
+
+
+def _names_with_spaces(path: Path) -> dict[int, str]:
+    """The names in an images.txt, by image, of which pycolmap would read the first word. BadInput where an image has not two lines,
+    of which it would skip every other."""
+    names = {}
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for line in file:
+            words = line.split(maxsplit=9)
+            if len(words) < 10 or not words[0].isdecimal():
+                continue
+            name, features = words[9].strip(), next(file, "").strip()
+            if features[-1:].isalpha():  # of the next name; features end in numbers
+                raise BadInput(f"{path} gives {name} one line in place of two.", "Add the line of its features after it, which may be empty.")
+            if " " in name:
+                names[int(words[0])] = name
+    return names
+
+
+def _read_parts(folder: Path, suffix: str, parts: Iterable[str], points: bytes) -> pycolmap.Reconstruction:
+    """The model of these parts of it, where they are there, and of a file of these points: pycolmap wants one."""
+    with tempfile.TemporaryDirectory() as copy:
+        for part in parts:
+            if _has(folder, suffix, part):
+                shutil.copyfile(folder / (part + suffix), Path(copy, part + suffix))
+        Path(copy, POINTS + suffix).write_bytes(points)
+        return pycolmap.Reconstruction(copy)
+
+
+def _without_tracks(path: Path) -> bytes:
+    """A file of points that is whole, without what says which photos see them."""
+    data = path.read_bytes()
+    if path.suffix == ".txt":
+        return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.splitlines())
+    rows, start = [data[:8]], 8
+    while start < len(data):
+        rows += data[start : start + TRACK_BYTE], bytes(8)
+        start = _point(data, start)
+    return b"".join(rows)
 
 
 @contextmanager
@@ -108,7 +158,7 @@ def _image(data: bytes, start: int) -> int:
 
 
 def _point(data: bytes, start: int) -> int:
-    track = start + 8 + 24 + 3 + 8
+    track = start + TRACK_BYTE
     return track + 8 + 8 * _integer(data, track, "Q")
 
 

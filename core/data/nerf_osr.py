@@ -5,6 +5,7 @@ text files of 16 numbers; pose leads from camera to world, with OpenCV axes; int
 where nothing moves.
 """
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def find_nerf_osr(root: Path) -> Path | None:
 def read_nerf_osr(root: Path) -> Posed:
     """What the folders of `root` say: train/ is trained on, test/ held out, or validation/ where there is no test/.
 
-    Photos belong to the text files and masks of their stem. Raises BadInput where train/ has no photos.
+    Photos belong to the text files and masks of their stem, in folders below as well. Raises BadInput where train/ has no photos.
     """
     source = find_nerf_osr(root)
     if source is None:
@@ -46,30 +47,32 @@ def read_nerf_osr(root: Path) -> Posed:
         for split in HELD_OUT
         if photos[split] and split != held_out
     ]
-    used = [(split, path) for split in (TRAINING, held_out) if split for path in photos[split]]
-    names = [path.name for _, path in used]
+    used = [(split, place) for split in (TRAINING, held_out) if split for place in photos[split]]
+    several = len({place for _, place in used}) < len(used)
     views, faults = [], Reasons()
-    masks = {split: {path.stem: path for path in _pictures(source / split / "mask")} for split in (TRAINING, *HELD_OUT)}
-    for split, path in used:
-        name = path.name if len(set(names)) == len(names) else f"{split}/{path.name}"
+    masks = {split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")} for split in photos}
+    for split, place in used:
+        name = f"{split}/{place.as_posix()}" if several else place.as_posix()
         role = None if held_out is None else "train" if split == TRAINING else "test"
         try:
-            lens = _lens(_matrix(source / split / "intrinsics", path.stem))
-            rotation, centre = from_camera_to_world(_matrix(source / split / "pose", path.stem), "a pose")
+            lens = _lens(_matrix(source / split / "intrinsics", place))
+            rotation, centre = from_camera_to_world(_matrix(source / split / "pose", place), "a pose")
         except Fault as fault:
             faults.add(f"{fault}, not used", name)
             continue
-        views.append(View(name, path, lens, rotation, centre, role, masks[split].get(path.stem)))
+        views.append(View(name, source / split / "rgb" / place, lens, rotation, centre, role, masks[split].get(place.with_suffix(""))))
     return Posed("nerf-osr", source, views, None, f"missing in {source}", fix, notes + faults.notes())
 
 
 def _pictures(folder: Path) -> list[Path]:
-    return list_photos(folder) if folder.is_dir() else []
+    """The pictures in the folder and in those below, as paths from it; none where there is no such folder."""
+    places = sorted(Path(place) for place, _, _ in os.walk(folder))
+    return [path.relative_to(folder) for place in places for path in list_photos(place)]
 
 
-def _matrix(folder: Path, stem: str) -> np.ndarray:
-    """(4, 4), of a text file; Fault where it holds none."""
-    path = folder / f"{stem}.txt"
+def _matrix(folder: Path, place: Path) -> np.ndarray:
+    """(4, 4), of the text file of a photo at this place; Fault where it holds none."""
+    path = folder / place.with_suffix(".txt")
     try:
         numbers = np.array(path.read_text(encoding="utf-8").split(), dtype=np.float64)
     except OSError:

@@ -116,7 +116,10 @@ def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) ->
     photo: of a collection; its mask is undistorted as its file was (Photo.mask_lens), and beyond the mask's edges all is used.
     What is transparent is not white: many programs save a selection so.
     """
-    header, pixels, alpha = _read_file(path)
+    try:
+        header, pixels, alpha = _read_file(path)
+    except BadInput as problem:
+        raise BadInput(f"The mask {problem.what}", problem.fix) from None
     shade = pixels.mean(axis=2) if alpha is None else pixels.mean(axis=2) * (alpha / 255)
     white = upright((shade >= 128).astype(np.uint8), header.orientation)
     if photo is not None and photo.mask_lens is not None:

@@ -1,5 +1,6 @@
 """The PhotoTourism layout: SCENE/dense/{images,sparse}, and SCENE/NAME.tsv, which splits the photos."""
 
+import codecs
 import csv
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,8 +35,14 @@ def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
     return splits, [path for path in paths if path not in splits]
 
 
+def encoding_of(path: Path) -> str:
+    """The encoding of a table or list: UTF-8, or UTF-16 where it begins with its mark, as Windows programs save it."""
+    with open(path, "rb") as file:
+        return "utf-16" if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
+
+
 def _columns(path: Path) -> set[str]:
-    with open(path, encoding="utf-8-sig", errors="replace") as file:
+    with open(path, encoding=encoding_of(path), errors="replace") as file:
         line = file.readline().replace("\0", "")
     try:
         return set(next(csv.reader([line], delimiter="\t"), []))
@@ -52,10 +59,10 @@ def read_split_table(path: Path) -> SplitTable:
     """
     fix = "Remove it, or give it the tab-separated columns filename, id and split."
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
+        with open(path, encoding=encoding_of(path), newline="") as file:
             rows = list(csv.DictReader(file, delimiter="\t", strict=True))
-    except UnicodeDecodeError:
-        raise BadInput(f"{path} is not in UTF-8.", "Save it as UTF-8, or remove it.") from None
+    except UnicodeDecodeError as problem:
+        raise BadInput(f"{path} is not in {problem.encoding.upper()}.", "Save it as UTF-8, or remove it.") from None
     except csv.Error as problem:  # such as a quotation mark that nothing closes
         raise BadInput(f"{path} is no table that can be read: {problem}.", fix) from None
     if not rows:

@@ -53,8 +53,8 @@ class Posed:
     notes: list[str] = field(default_factory=list)
 
 
-def collect(root: Path, posed: Posed) -> Collection:
-    """The collection of the posed photos below `root`.
+def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
+    """The collection of the posed photos below `root`. all_photos: if all are held out, all are trained on.
 
     Photos that are missing, unreadable or of another shape than their camera are left out and noted. Without points the frame
     is that of the cameras. Raises BadInput where no photo is left, or none to train on.
@@ -63,10 +63,14 @@ def collect(root: Path, posed: Posed) -> Collection:
     views = {view.name: view for view in sorted(posed.views, key=lambda view: view.name)}
     placed = {name: found for name, view in views.items() if (found := placing.place(view))}
     if not placed:
-        raise _unusable(f"No photo of {posed.source} can be used", posed, placing)
-    splits, split_notes = _split(root, posed, list(placed))
+        anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
+        raise _unusable(f"No photo of {posed.source} can be used", posed, placing, anew)
+    splits, split_notes, source = _split(root, posed, list(placed))
+    if all_photos and "train" not in splits.values():
+        splits = dict.fromkeys(splits, "train")
     if "train" not in splits.values():
-        raise _unusable(f"{posed.source} leaves no photo to train on", posed, placing)
+        fix = f"Correct or remove {source.name}" + (", or train on what is held out with --all-photos." if splits else ".")
+        raise _unusable(f"{source} leaves no photo to train on", posed, placing, fix, split_notes)
     points, points_notes = posed.points, []
     if points is None:
         points, points_notes = Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [Note(NO_POINTS, harmless=True)]
@@ -101,11 +105,10 @@ def collect(root: Path, posed: Posed) -> Collection:
     return masked(collection, masks, posed.source) if masks else collection
 
 
-def _unusable(what: str, posed: Posed, placing: Placing) -> BadInput:
-    """The error for a collection that gives nothing, with all that was left out and why."""
-    reasons = "; ".join(note.rstrip(".") for note in posed.notes + placing.notes() if not is_harmless(note))
-    anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
-    return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing or not reasons else anew)
+def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[str] = ()) -> BadInput:
+    """The error for a collection that gives nothing, with all that was left out and why. fix: what to do unless photos are missing."""
+    reasons = "; ".join(note.rstrip(".") for note in [*posed.notes, *placing.notes(), *notes] if not is_harmless(note))
+    return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing else fix)
 
 
 def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
@@ -115,17 +118,17 @@ def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
     return name_them("held out though a copy of a training photo, so figures are too good", names)
 
 
-def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str]]:
-    """The split of each placed photo and notes: as the files say, or as for any collection where they say nothing."""
+def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str], Path]:
+    """The split of each placed photo, notes, and the file that says it: the collection's own, or as for any where they say nothing."""
     said = {view.name: view.split for view in posed.views if view.split}
     if not said:
         return split_photos(root, posed.source, names, {view.name for view in posed.views})
     splits = {name: said[name] for name in names if name in said}
     notes = []
-    if "test" not in splits.values():
+    if "train" in splits.values() and "test" not in splits.values():
         why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
         notes.append(f"{why}: quality on unseen photos cannot be measured.")
-    return splits, notes
+    return splits, notes, posed.source
 
 
 def usable(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:

@@ -27,6 +27,7 @@ from core.data.photo_file import (
     without_orientation,
 )
 from core.data.photos import read
+from core.data.split import copy_lists
 from core.errors import BadInput
 from core.report import Report
 from core.words import counted, name_them
@@ -41,8 +42,8 @@ LENS = {"model", "width", "height", "params"}  # what is known of each
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), MARK, NAMES and LENSES. It appears whole or
-    not at all. Two runs differ slightly, as COLMAP's threads do.
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), MARK, NAMES, LENSES and what lists of held-out
+    photos there are. It appears whole or not at all. Two runs differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a place are left out and named.
 
@@ -76,6 +77,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
         write_mark(work / "scene" / MARK, made_of)
+        copy_lists(photos, work / "scene")
         originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
         write_mark(work / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]

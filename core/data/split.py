@@ -1,22 +1,24 @@
 """Which photos are held out for testing: as a .tsv says, or test.txt, or else every eighth."""
 
+import filecmp
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-from core.data.phototourism import COLUMNS, find_tables, read_split_table
-from core.errors import BadInput
+from core.atomic import replacing
+from core.data.phototourism import COLUMNS, encoding_of, find_tables, read_split_table
 from core.words import Note, list_names, name_them
 
 EVERY = 8  # of the original 3DGS and of everything compared with it
 TEST_LIST = "test.txt"
 
 
-def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
-    """The split of each usable photo ("train" or "test"; photos that are in none are left out), and notes.
+def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str], Path]:
+    """The split of each usable photo ("train" or "test"; photos that are in none are left out), notes, and the file that says so, or `model`.
 
     A .tsv lies in `root`, a test.txt there or, as for the original 3DGS, in the folder `model` (cameras may be in a file).
     names: the usable photos, sorted. in_model: all photos that the model knows, usable or not, so that a list naming a
-    photo that is merely missing is not called wrong. Raises BadInput where nothing is left to train on.
+    photo that is merely missing is not called wrong. Raises BadInput for a table that cannot be read.
     """
     tables, others = find_tables(root)
     no_splits = [f"{path.name} holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}." for path in others]
@@ -30,56 +32,80 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         source = lists[0]
         splits, notes = _by_list(source, names, in_model)
     elif len(names) == 1:
-        return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits]
+        return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits], model
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
         every = f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."
-        return splits, [Note(every, harmless=True), *no_splits]
-    if "train" not in splits.values():
-        why = f": {'; '.join(notes)}" if notes else ""
-        raise BadInput(f"{source} leaves no photo of this model to train on{why}.", f"Correct or remove {source.name}.")
-    if "test" not in splits.values():
+        return splits, [Note(every, harmless=True), *no_splits], model
+    if "train" in splits.values() and "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
-    return splits, notes + no_splits
+    return splits, notes + no_splits, source
+
+
+def copy_lists(photos: Path, scene: Path) -> None:
+    """Put the tables and the list that lie with plain photos into the scene of their cameras, where they are looked for."""
+    for path in (*find_tables(photos)[0], photos / TEST_LIST):
+        copy = scene / path.name
+        if path.is_file() and not (copy.is_file() and filecmp.cmp(path, copy, shallow=False)):
+            with replacing(copy) as temporary:
+                shutil.copyfile(path, temporary)
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
     table = read_split_table(path)
     listed = set(table.splits) | set(table.without_id) | set(table.unknown_split)
-    rows = _rows_of(in_model.union(names), listed)
+    rows, odd = _rows_of(path, in_model.union(names), listed)
     splits = {name: table.splits[rows[name]] for name in names if rows.get(name) in table.splits}
     unused = {"without an id": set(table.without_id), "in neither train nor test": set(table.unknown_split)}
     notes = []
     for why, those in unused.items():
         notes += name_them(f"of {path.name} {why}, not used", [name for name in names if rows.get(name) in those])
-    notes += name_them(f"of {path.name} not in the model", sorted(listed - set(rows.values())))
-    notes += name_them(f"not in {path.name}, not used", [name for name in names if name not in rows])
+    notes += odd + name_them(f"not in {path.name}, not used", [name for name in names if name not in rows])
     return splits, notes
 
 
 def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    listed = {line.strip() for line in lines if line.strip()}
-    rows = _rows_of(in_model.union(names), listed)
-    splits = {name: "test" if name in rows else "train" for name in names}
-    return splits, name_them(f"of {path.name} not in the model", sorted(listed - set(rows.values())))
+    lines = path.read_text(encoding=encoding_of(path), errors="replace").splitlines()
+    rows, notes = _rows_of(path, in_model.union(names), {line.strip() for line in lines if line.strip()})
+    return {name: "test" if name in rows else "train" for name in names}, notes
 
 
-def _rows_of(names: Iterable[str], listed: set[str]) -> dict[str, str]:
-    """What photos are called in a list, if they are in it: by their name, by its end, or by the one longer path that ends in it."""
+def _rows_of(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], list[str]]:
+    """As rows_of, of the list in the file `path`, and notes on what is of no use in it."""
+    rows, unclear = rows_of(names, listed)
+    several = [f"{row} ({list_names(fitting)})" for row, fitting in sorted(unclear.items())]
+    notes = name_them(f"of {path.name} not in the model", sorted(listed - set(rows.values()) - unclear.keys()))
+    return rows, notes + name_them(f"of {path.name} whose name fits several of the model, not used", several)
+
+
+def rows_of(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """What photos are called in a list, if they are in it, and what in it fits several photos, with these.
+
+    A photo is called by its name or its end, with or without the suffix, or by the one longer path that ends in its name.
+    """
     longer: dict[str, list[str]] = {}
     for row in listed:
         for end in _ends(row.replace("\\", "/")):  # some were written on Windows
             if end != row:
                 longer.setdefault(end, []).append(row)
-    rows = {}
-    for name in names:
-        shorter = [end for end in _ends(name) if end in listed]
-        if shorter:
-            rows[name] = shorter[0]
-        elif len(longer.get(name, ())) == 1:
-            (rows[name],) = longer[name]
-    return rows
+    fitting: dict[str, list[str]] = {}
+    for name in sorted(names):
+        shorter = [end for end in (*_ends(name), *_ends(_stem(name))) if end in listed]
+        meant = shorter[:1] or longer.get(name, [])
+        if len(meant) == 1:
+            fitting.setdefault(meant[0], []).append(name)
+    rows, unclear = {}, {}
+    for row, those in fitting.items():
+        exactly = [name for name in those if name == row] or [name for name in those if _stem(name) == row] or those
+        if len(exactly) == 1:
+            rows[exactly[0]] = row
+        else:
+            unclear[row] = those
+    return rows, unclear
+
+
+def _stem(name: str) -> str:
+    return name[: len(name) - len(Path(name).suffix)]
 
 
 def _ends(name: str) -> list[str]:

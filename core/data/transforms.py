@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from core.data.found_file import with_files_found
 from core.data.photo_file import SUFFIXES
 from core.data.placing import View
 from core.data.point_file import read_points_file
 from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable
+from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
 
@@ -36,7 +38,7 @@ POINTS_ASKED = 10_000  # for that, evenly spread
 def read_transforms(root: Path) -> Posed:
     """What transforms.json in `root` says; a split by train_filenames, test_filenames and val_filenames is kept.
 
-    Raises BadInput for a file that is broken or without frames, and for lists that leave nothing to train on.
+    Raises BadInput for a file that is broken or without frames, and for lists that are none.
     """
     reading = _Reading(root)
     source = root / FILE
@@ -65,12 +67,8 @@ def read_blender(root: Path) -> Posed:
     both = {view.path for view in training} & {view.path for view in held_out}
     if both:
         reading.notes += name_them("listed for training and as held out, held out", sorted(path.name for path in both))
-        training = [view for view in training if view.path not in both]
-        if not training:
-            fix = f"Remove {holding_out.name}: every 8th photo is then held out."
-            raise BadInput(f"{holding_out} holds out every photo of {source.name}.", fix)
     if held_out:
-        training = [replace(view, split="train") for view in training]
+        training = [replace(view, split="train") for view in training if view.path not in both]
     views = training + [replace(view, split="test") for view in held_out]
     return reading.posed("blender", source, views, reading.points(facts, views))
 
@@ -118,7 +116,8 @@ class _Reading:
         return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if os.path.isfile(path + suffix)), path))
 
     def split_as_listed(self, source: Path, facts: dict, views: list[View]) -> list[View]:
-        """The views with the split that the file's lists give them, or as they are where there are no lists."""
+        """The views with the split that the file's lists give them, or as they are where there are no lists; without a list of
+        training photos those that are not held out. Names may lack their folder and suffix where that leaves no doubt."""
         lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
         if not lists:
             return views
@@ -126,13 +125,12 @@ class _Reading:
             isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
         ):
             raise BadInput(f"{source} has a list of file names that is none.", "Correct or remove its ..._filenames.")
-        listed = {split: {self.find(name) for name in names} for split, names in lists.items()}
-        given, held_out = listed.get("train", set()), listed.get("test") or listed.get("val", set())
-        training = given - held_out
-        if not training:
-            raise BadInput(f"{source} leaves no photo to train on.", f"Correct or remove its {' and '.join(f'{one}_filenames' for one in lists)}.")
-        split = {path: "test" for path in held_out} | {path: "train" for path in training}
         paths = {view.path for view in views}
+        meant = {row: Path(name) for name, row in rows_of((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
+        listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
+        held_out = listed.get("test") or listed.get("val", set())
+        given = listed.get("train", paths - held_out)
+        split = {path: "train" for path in given} | {path: "test" for path in held_out}
         for words, odd in (
             ("listed for training and as held out, held out", given & held_out),
             (f"listed in {source.name} without a usable frame", split.keys() - paths),
@@ -169,9 +167,10 @@ class _Reading:
         with suppress(ValueError):
             folder = Path(os.path.commonpath([view.path.parent for view in views]))
             views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
+        views, found = with_files_found(views, [self.root / "images", self.root])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."
-        return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes)
+        return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes + found)
 
 
 @dataclass(frozen=True)
@@ -184,7 +183,7 @@ class _Lens:
     @staticmethod
     def of(facts: dict) -> "_Lens":
         """The lens of a frame, whose own values come before those at the top of the file."""
-        model = facts.get("camera_model", FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])
+        model = str(facts.get("camera_model") or (FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])).upper()
         if model not in (*PERSPECTIVE, FISHEYE):
             raise Fault(f"with a camera_model that is not read ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
         terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)
@@ -250,7 +249,7 @@ def _read_json(path: Path, may_be_empty: bool = False) -> dict:
     """The file's facts, of which "frames" is a list with something in it."""
     fix = f"Write {path.name} again with the program that made it."
     try:
-        facts = json.loads(path.read_text(encoding="utf-8-sig"))
+        facts = json.loads(path.read_bytes())
     except OSError as problem:
         raise BadInput(f"{path} cannot be read: {problem.strerror}.", fix) from None
     except RecursionError:

@@ -24,7 +24,7 @@ def verdict(findings: Sequence[Finding]) -> str:
     open_ones = [finding.name for finding in findings if finding.advice]
     if not open_ones:
         return f"Verdict: sound; {len(findings)} things looked at, nothing to do."
-    return f"Verdict: {len(open_ones)} of {len(findings)} things ask for a look: {', '.join(open_ones)}."
+    return f"Verdict: {len(open_ones)} of {len(findings)} things ask for a look: {', '.join(dict.fromkeys(open_ones))}."
 
 
 def part(count: int, total: int) -> str:

@@ -104,7 +104,7 @@ def _points(collection: Collection) -> list[Finding]:
         each, more = "", "Give more of them, or run SfM with more features."
     figure = f"{count:,}{each}, the farthest {farthest:.3g} radii off"
     found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")
-    if collection.kind not in FOUND_BY_SFM or scene_of(collection.root):
+    if collection.kind not in FOUND_BY_SFM or scene_of(collection.root) or not any(seen.values()):
         return [found]  # poses that were given do not hang on them
     return [
         found,

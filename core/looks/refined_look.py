@@ -67,7 +67,7 @@ def landmarks_of_run(trained: Run, report: Report) -> Landmarks:
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path)) is not None:
         return kept
-    collection = load_collection(trained.collection.root)
+    collection = load_collection(trained.collection.root, trained.settings.all_photos)
     report.say("Photos are located by the features of the training photos, which are searched for once")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
     with suppress(WegsError):  # the folder may not be written in: searched for again the next time

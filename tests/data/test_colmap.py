@@ -122,6 +122,12 @@ def test_photos_named_by_ways_through_other_folders_are_not_called_without_a_pos
     assert len(collection.photos) == 2 and not notes_with(collection, "without a pose")
 
 
+def test_photos_of_one_name_are_told(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    SmallScene(names=["photo_0.png", "photo_1.png", "photo_1.png", "photo_3.png"]).reconstruction().write_binary(str(root / "sparse" / "0"))
+    assert notes_with(load_collection(root), "1 photo of the model named more than once, used once: photo_1.png")
+
+
 def test_a_name_that_is_too_long_for_the_disk(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     model = SmallScene().reconstruction()

@@ -140,9 +140,14 @@ def test_damaged_masks_of_training_photos_are_named_and_the_others_used(collecti
     ]
 
 
-def test_a_mask_whose_name_is_too_long_for_the_disk_is_missing(collection, tmp_path):
-    found = masked(collection, {"photo_0.png": tmp_path / ("m" * 300)}, tmp_path)
-    assert found.photos[0].mask is None and "0 photos with a mask" in found.notes[-2]
+def test_a_mask_that_is_missing_is_called_so(collection, tmp_path):
+    """One whose name is too long for the disk as well."""
+    given = {"photo_0.png": tmp_path / ("m" * 300), "photo_1.png": tmp_path / "gone.png"}
+    found = masked(collection, given, tmp_path)
+    assert found.photos[0].mask is None and "0 photos with a mask" in found.notes[-3]
+    assert found.notes[-2] == f"2 photos whose mask is missing, used whole: photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
+    with pytest.raises(BadInput, match="The mask .*gone.png cannot be opened"):
+        load(replace(found.photos[1], mask=tmp_path / "gone.png"), 48, 36)
 
 
 def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):

@@ -119,6 +119,25 @@ def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monke
     assert find_photos(tmp_path) == tmp_path
 
 
+def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_later(tmp_path, monkeypatch):
+    photos, made = tmp_path / "photos", SmallScene().write(tmp_path / "runs" / "photos-scene")
+    (made / "images").rename(photos)
+    (made / "images").symlink_to(photos)
+    monkeypatch.setattr(prepare, "scene_of_photos", lambda *_: made)
+
+    def held_out():
+        return [photo.name for photo in prepare.prepared(photos, made, Heard()).split("test")]
+
+    assert held_out() == ["photo_0.png"]  # every 8th
+    for names in (["photo_1.png"], ["photo_2.png", "photo_3.png"]):
+        (photos / "test.txt").write_text("\n".join(names))
+        assert held_out() == names
+    (photos / "test.txt").unlink()
+    assert held_out() == ["photo_2.png", "photo_3.png"]  # a run of them can go on
+    (photos / "x.tsv").write_text("filename\tid\tsplit\n" + "".join(f"photo_{index}.png\t1\t{'test' if index == 1 else 'train'}\n" for index in range(4)))
+    assert held_out() == ["photo_1.png"]
+
+
 def test_photos_on_several_drives_of_windows_are_named_by_their_whole_paths(tmp_path, monkeypatch):
     def commonpath(_):
         raise ValueError("Paths don't have the same drive")
@@ -189,6 +208,14 @@ def test_a_leftover_of_a_model_hides_no_transforms(tmp_path):
     (scene / "sparse" / "0").mkdir(parents=True)
     (scene / "sparse" / "0" / "points3D.txt").write_text("# 3D point list\n")
     assert load_collection(scene).kind == "nerfstudio"
+
+
+def test_nerfstudios_model_is_used_where_its_transforms_json_is_gone(tmp_path):
+    root = SmallScene().write(tmp_path / "scene", sparse="colmap/sparse/0")
+    assert (load_collection(root).kind, len(load_collection(root).photos)) == ("colmap", 4)
+    (root / "transforms.json").write_text("{}")
+    with pytest.raises(BadInput, match="transforms.json has no list of frames"):
+        load_collection(root)
 
 
 def test_held_out_copies_of_training_photos_are_told(tmp_path):

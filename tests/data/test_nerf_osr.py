@@ -79,6 +79,19 @@ def test_masks_belong_to_the_photo_of_their_stem(scene):
     assert notes_with(collection, "1 photo without a mask, used whole: photo_1.png")
 
 
+def test_photos_in_folders_below_are_found_with_their_cameras_and_masks(scene):
+    given = load_collection(scene)
+    place = scene / "final" / "train"
+    cv2.imwrite(str(place / "mask.png"), np.full((HEIGHT, WIDTH), 255, np.uint8))
+    for part, name in (("rgb", "photo_1.png"), ("pose", "photo_1.txt"), ("intrinsics", "photo_1.txt"), ("mask", "photo_1.png")):
+        (place / part / "noon").mkdir(parents=True)
+        (place / ("mask.png" if part == "mask" else f"{part}/{name}")).rename(place / part / "noon" / name)
+    found = load_collection(scene)
+    assert used(found) == {"photo_0.png": "test", "noon/photo_1.png": "train", "photo_2.png": "train"}
+    assert [photo.mask is not None for photo in found.split("train")] == [True, False]
+    assert (found.view("noon/photo_1.png").camera.centre == given.view("photo_1.png").camera.centre).all()
+
+
 def matrix(change):
     numbers = np.eye(4)
     change(numbers)

@@ -57,6 +57,7 @@ def test_cameras_are_found_again(tmp_path):
     turned = cv2.rotate(cv2.imread(str(photos / "c.jpg")), cv2.ROTATE_90_COUNTERCLOCKWISE)
     assert cv2.imwrite(str(photos / "c.jpg"), turned, [cv2.IMWRITE_JPEG_QUALITY, 100])
     add_exif(photos / "c.jpg", exif_block(6))
+    (photos / "test.txt").write_text("b.png\n")
     (photos / "cut.jpg").write_bytes((photos / "a b.jpg").read_bytes()[:3000])
     noise_photo(photos / "stranger.png", 0)
 
@@ -67,9 +68,10 @@ def test_cameras_are_found_again(tmp_path):
     assert "1 photo turned upright, as EXIF says." in listener.lines
     assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
-    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "lenses.json", "names.json", "photos.json", "sparse"]
+    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "lenses.json", "names.json", "photos.json", "sparse", "test.txt"]
 
     collection = load_collection(scene)
+    assert [photo.name for photo in collection.split("test")] == ["b.png.jpg"]
     assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
     assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg"]
     lenses = sfm.lenses_of(scene)

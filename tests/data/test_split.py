@@ -17,7 +17,7 @@ def table(*rows):
 
 
 def split(root, names=NAMES):
-    return split_photos(root, root / "sparse" / "0", names, set(names))
+    return split_photos(root, root / "sparse" / "0", names, set(names))[:2]
 
 
 def test_every_eighth_by_name_is_held_out_without_a_list(tmp_path):
@@ -77,15 +77,22 @@ def test_several_tsv_files(tmp_path):
     assert split(tmp_path, NAMES[:2])[1] == ["Several split tables: a.tsv is used, b.tsv not."]
 
 
-def test_no_test_photo_is_noted_and_no_training_photo_refused(tmp_path):
+def test_no_test_photo_is_noted(tmp_path):
     (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x")))
     assert "holds out none" in split(tmp_path, ["a.jpg"])[1][0]
-    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "test", "x")))
-    with pytest.raises(BadInput, match="x.tsv leaves no photo"):
-        split(tmp_path, ["a.jpg"])
-    (tmp_path / "x.tsv").write_text(table(("a", "1", "train", "x")))
-    with pytest.raises(BadInput, match="1 photo of x.tsv not in the model: a; 1 photo not in x.tsv, not used: a.jpg"):
-        split(tmp_path, ["a.jpg"])
+
+
+def test_no_photo_to_train_on_is_refused_unless_held_out_ones_are_asked_for(tmp_path):
+    names = [f"photo_{index}.png" for index in range(4)]
+    root = SmallScene().write(tmp_path / "scene")
+    (root / "x.tsv").write_text(table(*((name, "1", "test", "x") for name in names)))
+    with pytest.raises(BadInput, match="x.tsv leaves no photo to train on. Correct or remove x.tsv, or .* --all-photos"):
+        load_collection(root)
+    assert [photo.name for photo in load_collection(root, all_photos=True).split("train")] == names
+    (root / "x.tsv").write_text(table(("z", "1", "train", "x")))
+    for all_photos in (False, True):
+        with pytest.raises(BadInput, match=f"on: 1 photo of x.tsv not in the model: z; 4 photos not in x.tsv, not used: {names[0]}.*remove x.tsv.$"):
+            load_collection(root, all_photos)
 
 
 def test_a_split_in_capitals_and_a_folder_named_like_a_table(tmp_path):
@@ -101,6 +108,7 @@ def test_a_split_in_capitals_and_a_folder_named_like_a_table(tmp_path):
         (b"filename\tid\na.jpg\t1\n", "is not a split table"),
         (b"filename\tid\tsplit\n", "names no photos"),
         (b"filename\tid\tsplit\n\xff\xfe\x80\n", "is not in UTF-8. Save it as UTF-8"),
+        ("\ufefffilename\tid\tsplit\n".encode("utf-16-le") + b"x", "is not in UTF-16-LE. Save it as UTF-8"),
         (b'filename\tid\tsplit\n"a.jpg\t1\ttrain\nb.jpg\t2\ttest\n', "is no table that can be read: unexpected end"),
     ],
 )
@@ -135,6 +143,37 @@ def test_listed_paths_of_windows(tmp_path):
     (tmp_path / "test.txt").write_text("images\\a.jpg\nleft\\b.jpg\nodd\\c.jpg\n")
     splits, notes = split(tmp_path, ["a.jpg", "left/b.jpg", "odd\\c.jpg", "d.jpg"])
     assert splits == {"a.jpg": "test", "left/b.jpg": "test", "odd\\c.jpg": "test", "d.jpg": "train"} and not notes
+
+
+def test_listed_names_without_a_suffix(tmp_path):
+    (tmp_path / "test.txt").write_text("1\n2\nb.png\nright/4\n")
+    splits, notes = split(tmp_path, ["1.jpg", "11.jpg", "left/1.jpg", "left/2.jpg", "b.png.jpg", "left/4.jpg", "right/4.jpg"])
+    assert [name for name in splits if splits[name] == "test"] == ["1.jpg", "left/2.jpg", "b.png.jpg", "right/4.jpg"] and not notes
+
+
+def test_a_listed_name_that_fits_several_photos_means_none_of_them(tmp_path):
+    (tmp_path / "test.txt").write_text("a.jpg\n1\nb.jpg\n")
+    names = ["left/a.jpg", "right/a.jpg", "left/1.jpg", "left/1.png", "b.jpg", "left/b.jpg"]
+    splits, notes = split(tmp_path, names)
+    assert [name for name in splits if splits[name] == "test"] == ["b.jpg"]
+    fits = "2 photos of test.txt whose name fits several of the model, not used: "
+    assert notes == [f"{fits}1 (left/1.jpg, left/1.png), a.jpg (left/a.jpg, right/a.jpg)"]
+    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "test", "x"), ("b.jpg", "2", "train", "x")))
+    splits, notes = split(tmp_path, names)
+    assert splits == {"b.jpg": "train"} and "a.jpg (left/a.jpg, right/a.jpg)" in notes[0]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be"])
+def test_tables_and_lists_as_windows_programs_save_them(tmp_path, encoding):
+    mark = "\ufeff" if encoding.endswith("be") else ""
+    (tmp_path / "test.txt").write_text(f"{mark}Plätze.jpg\r\nc.jpg\r\n", encoding=encoding)
+    names = ["Plätze.jpg", "b.jpg", "c.jpg"]
+    expected = {"Plätze.jpg": "test", "b.jpg": "train", "c.jpg": "test"}
+    assert split(tmp_path, names) == (expected, [])
+    rows = [(name, "1", expected[name], "x") for name in names]
+    (tmp_path / "x.tsv").write_text(mark + table(*rows), encoding=encoding)
+    (tmp_path / "test.txt").unlink()
+    assert split(tmp_path, names) == (expected, [])
 
 
 def test_rows_that_are_too_short(tmp_path):

@@ -131,6 +131,12 @@ def test_instant_ngps_fisheyes(scene):
     assert (lens["model"], lens["params"]) == ("OPENCV_FISHEYE", [150, 150, 80, 60, 0.05, 0, 0, 0])
 
 
+@pytest.mark.parametrize("model", [None, "", "opencv", "Pinhole"])
+def test_camera_models_in_any_letters_and_none(scene, model):
+    changed(scene, lambda facts: [frame.update(camera_model=model) for frame in facts["frames"]])
+    assert len(load_collection(scene).photos) == 4
+
+
 # --- where photos are
 
 
@@ -244,61 +250,18 @@ def test_files_that_are_broken(scene, text, words):
         load_collection(scene)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_files_as_windows_programs_save_them(scene, encoding):
+    path = scene / "transforms.json"
+    path.write_text(path.read_text(), encoding=encoding)
+    assert len(load_collection(scene).photos) == 4
+
+
 def test_a_folder_in_place_of_the_file(scene):
     (scene / "transforms.json").unlink()
     (scene / "transforms.json").mkdir()
     with pytest.raises(BadInput, match="transforms.json cannot be read: Is a directory"):
         load_collection(scene)
-
-
-# --- splits
-
-
-def named(*numbers):
-    return [f"images/photo_{number}.png" for number in numbers]
-
-
-def splits(collection):
-    return {int(photo.name[6]): photo.split for photo in collection.photos}
-
-
-@pytest.mark.parametrize(
-    ("lists", "expected", "note"),
-    [
-        ({"train": named(0, 1), "test": named(2, 3)}, {0: "train", 1: "train", 2: "test", 3: "test"}, None),
-        ({"train": named(0, 1), "val": named(2)}, {0: "train", 1: "train", 2: "test"}, "not used: photo_3.png"),
-        ({"train": named(0), "val": named(1), "test": named(2, 3)}, {0: "train", 2: "test", 3: "test"}, "for testing, not used: photo_1.png"),
-        ({"train": named(0, 1), "test": named(1, 2)}, {0: "train", 1: "test", 2: "test"}, "held out: photo_1.png"),
-        ({"train": named(0, 1, 2)}, {0: "train", 1: "train", 2: "train"}, "holds out no photo"),
-        ({"train": named(0, 9), "test": named(2)}, {0: "train", 2: "test"}, "listed in transforms.json without a usable frame: photo_9.png"),
-    ],
-)  # fmt: skip
-def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
-    collection = load_collection(
-        changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()}))
-    )
-    assert splits(collection) == expected
-    assert note is None or notes_with(collection, note)
-
-
-@pytest.mark.parametrize(
-    ("lists", "words"),
-    [
-        ({"test": named(0)}, "leaves no photo to train on. Correct or remove its test_filenames"),
-        ({"train": [], "test": named(0)}, "leaves no photo to train on"),
-        ({"train": named(9), "test": named(0)}, "leaves no photo to train on"),
-        ({"train": 3}, "has a list of file names that is none"),
-    ],
-)
-def test_lists_that_leave_nothing(scene, lists, words):
-    changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()}))
-    with pytest.raises(BadInput, match=words):
-        load_collection(scene)
-
-
-def test_a_test_list_beside_counts_where_the_file_says_nothing(scene):
-    (scene / "test.txt").write_text("photo_3.png\n")
-    assert splits(load_collection(scene)) == {0: "train", 1: "train", 2: "train", 3: "test"}
 
 
 # --- points and masks
@@ -332,7 +295,7 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     assert [photo.mask and photo.mask.name for photo in collection.split("train")] == ["1.png", "2.png", None]
     assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.name == "0.png"
     assert notes_with(collection, "2 photos with a mask from") and notes_with(
-        collection, "without a mask, used whole: photo_3.png"
+        collection, "whose mask is missing, used whole: photo_3.png ("
     )
     assert not load(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
 

@@ -9,7 +9,8 @@ import torch
 from click.testing import CliRunner
 
 from core import pipeline
-from core.doctor import examine
+from core.doctor import Finding, examine
+from core.doctor.finding import verdict
 from core.errors import BadInput
 from core.training import checkpoint
 from tests.data.converted import changed, write_blender, write_nerfstudio
@@ -179,6 +180,11 @@ def stray_scene(root):
     made.images[6].frame.rig_from_world = type(pose)(pose.rotation, -pose.rotation.matrix() @ centre)
     made.write_binary(str(root / "sparse/0"))
     return root
+
+
+def test_the_verdict_names_each_thing_once():
+    findings = [Finding("reading", "one", "said", "Correct it."), Finding("reading", "two", "said", "Correct it.")]
+    assert verdict(findings) == "Verdict: 2 of 2 things ask for a look: reading."
 
 
 def test_a_scene_with_faults_names_them(tmp_path):

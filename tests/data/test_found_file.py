@@ -1,0 +1,61 @@
+"""Photos under other names than their model gives: found where no other can be meant, and said so."""
+
+import shutil
+
+import pytest
+
+from core.data import load_collection
+from tests.data.converted import changed, write_nerfstudio
+from tests.data.small_scene import SmallScene
+from tests.data.test_colmap import check_geometry, notes_with
+
+
+def renamed(tmp_path, names):
+    """A scene whose model calls its photos by `names`, and whose files are photo_0.png to photo_3.png."""
+    root = SmallScene().write(tmp_path / "scene")
+    scene = SmallScene(names=names)
+    scene.reconstruction().write_binary(str(root / "sparse" / "0"))
+    return root, scene
+
+
+@pytest.mark.parametrize("name", ["photo_{}", "Photo_{}.PNG", "photo_{}.jpg", "/home/me/photos/photo_{}.png", "C:\\photos\\photo_{}.png", "left/photo_{}.JPG"])
+def test_other_suffixes_capitals_and_folders(tmp_path, name):
+    root, scene = renamed(tmp_path, [name.format(index) for index in range(4)])
+    collection = load_collection(root)
+    check_geometry(collection, scene)
+    assert notes_with(collection, f"4 photos found under another name or in another folder: {name.format(0)} (photo_0.png), ")
+    assert not notes_with(collection, "without a pose")
+    (root / "images").rename(root / "images_4")
+    assert len(load_collection(root).photos) == 4
+
+
+def test_forms_of_unicode(tmp_path):
+    root, _ = renamed(tmp_path, ["Pl\u00e4tze.png", *(f"photo_{index}.png" for index in (1, 2, 3))])
+    (root / "images" / "photo_0.png").rename(root / "images" / "Pla\u0308tze.png")
+    assert len(load_collection(root).photos) == 4
+
+
+def test_a_file_that_more_than_one_photo_may_mean_is_none_of_them(tmp_path):
+    root, _ = renamed(tmp_path, ["left/photo_0.png", "right/photo_0.png", "photo_1.png", "photo_1.jpg"])
+    shutil.copy(root / "images" / "photo_2.png", root / "images" / "photo_3.jpg")
+    collection = load_collection(root)
+    assert [photo.name for photo in collection.photos] == ["photo_1.png"]
+    assert notes_with(collection, "3 photos of the model missing")
+
+
+@pytest.mark.parametrize("folder", ["input", "photos"])
+def test_other_folders_of_photos(tmp_path, folder):
+    check_geometry(load_collection(SmallScene().write(tmp_path / "scene", folder)), SmallScene())
+
+
+def test_a_transforms_json_of_another_computer(tmp_path):
+    scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
+
+    def change(facts):
+        for frame in facts["frames"]:
+            frame["file_path"] = "/home/me/" + frame["file_path"].replace(".png", ".PNG")
+        facts["test_filenames"] = ["/home/me/images/photo_2.PNG"]
+
+    collection = load_collection(changed(scene, change))
+    assert {photo.name: photo.path.name for photo in collection.split("test")} == {"photo_2.PNG": "photo_2.png"}
+    assert len(collection.photos) == 4

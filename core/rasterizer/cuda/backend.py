@@ -117,7 +117,7 @@ class _Render(torch.autograd.Function):
         return None, None, probe_gradient if ctx.probed else None, None, *gradients
 
 
-# -------------------------------------------------------------------------------------------------------- the way there
+# --------------------------------------------------------------------------------------------------------- forward pass
 
 
 @dataclass

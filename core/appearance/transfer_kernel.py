@@ -156,8 +156,8 @@ class _Evaluated(NamedTuple):
 
 
 def _inputs_of(learned: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float) -> _Inputs:
-    latents_or_none = NOTHING if latents is None else _array_of(latents)
-    return _Inputs(_array_of(learned), latents_or_none, _array_of(means), octaves, np.float32(bound))
+    latent_array = NOTHING if latents is None else _array_of(latents)
+    return _Inputs(_array_of(learned), latent_array, _array_of(means), octaves, np.float32(bound))
 
 
 def _evaluated(
@@ -225,7 +225,10 @@ def _summed(
     layers: HiddenLayers | OutputLayer,
     wants: tuple[bool, ...],
 ) -> list[Tensor | None]:
-    """The gradients of the weights that are wanted, of which `differentiate` writes the part that the rows of a block make, after what is `given`."""
+    """The gradients of the weights, None for those not wanted.
+
+    differentiate: a kernel; called as (begin, end, *given, *parts), it writes into `parts` what the rows begin..end add to each gradient.
+    """
     transposed = _transposed(layers)
     shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(transposed, wants)]
     # Each block has sums of its own, which are then added in the order of the blocks.

@@ -214,7 +214,7 @@ class Settings:
     @property
     def undecided(self) -> tuple[str, ...]:
         """The settings that the data have yet to decide."""
-        return tuple(name for name in DECIDED if getattr(self, name) in (AUTO, UNDECIDED))
+        return tuple(name for name in DECIDABLE if getattr(self, name) in (AUTO, UNDECIDED))
 
     def to_json(self) -> dict:
         return asdict(self)
@@ -251,7 +251,7 @@ def check(item, value: Any) -> None:
 # later. Without, there is nothing to wait for: as in plain 3DGS.
 SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 SCHEDULE_WITHOUT = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
-DECIDED = ("appearance", "transients", "sh_degree", "sky", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
+DECIDABLE = ("appearance", "transients", "sh_degree", "sky", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
 
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {

@@ -163,7 +163,7 @@ def learning_rates(settings: Settings, mean_rate: float, latent_rate: float) -> 
         "log_scales": torch.full((3,), settings.scale_rate),
         "logit_opacities": torch.full((1,), settings.opacity_rate),
         "sh": sh.flatten(),
-        "latents": torch.full((max(settings.latent_size, 1),), latent_rate),
+        "latents": torch.full((settings.latent_size,), latent_rate),
     }
 
 

@@ -68,7 +68,7 @@ COLUMNS = tuple(item.name for item in dataclasses.fields(StepReport) if item.nam
 class Trainer:
     """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed.
 
-    settings: those given, and what the photos decided where nothing was. decisions: these; none for a run that goes on.
+    settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for a resumed run.
     """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path):
@@ -76,7 +76,7 @@ class Trainer:
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        # Explicit: the run goes on only there, and is used at its pictures' sizes anywhere.
+        # Written down: a run is resumed only on the device it began on, and the sizes of its photos follow from that wherever it is used.
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)

@@ -119,5 +119,5 @@ def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
     moved, born["means"][large] = drawn(), drawn()
     born["log_scales"][large] -= torch.tensor(SPLIT_SHRINK).log()
     smaller = born["log_scales"][large]
-    gaussians.insert(born)  # where memory runs out here, what is saved has not been changed yet
+    gaussians.insert(born)  # where memory runs out here, the Gaussians that are saved are still as they were
     gaussians.parameters["means"][split], gaussians.parameters["log_scales"][split] = moved, smaller

@@ -95,8 +95,8 @@ class MadeMeanwhile(BadInput):
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside `folder`, or inside where that is there: it may be a disk of its own (a container's volume), where nothing can
-    be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made, where the disk knows locks."""
+    """A temporary folder beside `folder`, or inside it if it exists: it may be a disk of its own (a container's volume), onto which
+    nothing can be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made, where the disk knows locks."""
     parent = folder if folder.is_dir() else folder.parent
     parent.mkdir(parents=True, exist_ok=True)
     prefix = f".{folder.resolve().name}{TEMPORARY}"
@@ -119,7 +119,7 @@ def _sweep(parent: Path, prefix: str) -> None:
 
 @contextmanager
 def replacing_folder(output: Path) -> Iterator[Path]:
-    """A temporary folder; what its folder scene/ holds becomes that of `output` when the block ends well.
+    """A temporary folder, of which the contents of scene/ become those of `output` when the block ends well.
 
     output: not there, or empty. Raises MadeMeanwhile if that has changed in the end, WegsError for a full disk and BadInput for
     a folder that may not be written.

@@ -2,8 +2,9 @@
 
 A virtual core without work is given back to the host, and comes back late and with cold caches. In a training step threads wait
 for each other a hundred times, mostly for the interpreter lock and only for moments; on two virtual cores that was
-a tenth to a sixth of the wall time. So each core gets a process of Linux's lowest class, SCHED_IDLE, which goes round in circles: it
-runs where nothing else wants to and makes way at once for what does. (A thread could be put aside while it holds the interpreter lock.)
+a tenth to a sixth of the wall time. So each core gets a process of Linux's lowest class, SCHED_IDLE, that loops without doing anything:
+it runs where nothing else wants to and makes way at once for what does. (A thread in place of the process could be put aside while it
+holds the interpreter lock.)
 """
 
 import os
@@ -19,8 +20,8 @@ FEW = 4  # cores: more would burn more than a step can use
 PROCESSOR = Path("/proc/cpuinfo")
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 MEMBERSHIP = Path("/proc/self/cgroup")
-# Until it is killed, or the process that began it is gone, whose number it is told.
-CIRCLES = """
+# It ends when it is killed, or when the process that started it, whose id is its argument, is gone.
+BUSY_LOOP = """
 import os, sys
 os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 while os.getppid() == int(sys.argv[1]):
@@ -33,23 +34,23 @@ while os.getppid() == int(sys.argv[1]):
 def cores_awake() -> Iterator[None]:
     """Keep every core of this machine awake meanwhile, if it has few, all of them virtual and all for our threads. A decorator too."""
     # A process group of their own: Ctrl-C is not for them. No session of their own: Linux shares time between sessions first.
-    command, nowhere = [sys.executable, "-I", "-S", "-c", CIRCLES, str(os.getpid())], subprocess.DEVNULL
-    walkers = []
+    command, nowhere = [sys.executable, "-I", "-S", "-c", BUSY_LOOP, str(os.getpid())], subprocess.DEVNULL
+    loops = []
     try:
         with suppress(OSError):  # where no more processes are allowed, it goes without
             for _ in range(threads() if worthwhile(threads()) else 0):
-                walkers.append(subprocess.Popen(command, process_group=0, stdin=nowhere, stdout=nowhere))
+                loops.append(subprocess.Popen(command, process_group=0, stdin=nowhere, stdout=nowhere))
         yield
     finally:
-        for walker in walkers:
-            walker.kill()
-            walker.wait()
+        for loop in loops:
+            loop.kill()
+            loop.wait()
 
 
 def worthwhile(wanted: int) -> bool:
     """Whether `wanted` threads have as many virtual cores to themselves, few of them, under Linux.
 
-    A container that is allowed less time than its cores have would pay for the circles with time for work.
+    A container that is allowed less time than its cores have would pay for the busy loops with time for work.
     """
     if not hasattr(os, "SCHED_IDLE") or not 1 < wanted <= FEW or len(os.sched_getaffinity(0)) != wanted:
         return False

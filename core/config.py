@@ -76,7 +76,7 @@ class Settings:
         auto=True,
     )
 
-    # --- the parts of the method, each a switch of the paper's ablation
+    # --- the parts of the method, as switches
     appearance: str = setting(
         AUTO,
         "How the look may differ between photos: off = not at all, exposure = by an affine colour map, full = by SH transfer. auto: chosen from the photos.",
@@ -105,6 +105,7 @@ class Settings:
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
+    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
     # --- sizes; those of the look by the table in core/TRIED.md, "Capacity of a look"
     embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024)
@@ -136,10 +137,6 @@ class Settings:
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
-    mask_start: float = setting(0.2, "Fraction at which the mask begins to learn.", low=0, high=1)
-    mask_apply: float = setting(0.6, "Fraction from which the mask weights the picture loss.", low=0, high=1)
-
-    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
     # --- learning rates (Adam)
     mean_rate: float = setting(8e-4, "Learning rate of centres, decaying to a hundredth; scene units a step.", low=0)
@@ -150,18 +147,6 @@ class Settings:
     network_rate: float = setting(4e-3, "Learning rate of the SH transfer and the mask, decaying to a tenth.", low=0)
     encoder_rate: float = setting(5e-4, "Learning rate of the encoder, decaying to a tenth.", low=0)
     embedding_rate: float = setting(1e-2, "Learning rate of GLO embeddings and latents, decaying to a tenth.", low=0)
-
-    geometry_from: float = setting(
-        UNDECIDED,
-        "Fraction at which the geometry begins to move; until then only looks are learnt. auto: 0.1, or 0 without looks.",
-        low=0,
-        high=1,
-        auto=True,
-    )
-
-    latents_from: float = setting(
-        0.6, "Fraction at which latents begin to learn; sooner they would learn passers-by, whom the mask hides by then.", low=0, high=1
-    )
 
     # --- density control
     densify_from: float = setting(UNDECIDED, "Fraction at which growth starts. auto: 0.12, or 0.02 without looks.", low=0, high=1, auto=True)
@@ -180,6 +165,18 @@ class Settings:
 
     # --- schedule
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
+    geometry_from: float = setting(
+        UNDECIDED,
+        "Fraction at which the geometry begins to move; until then only looks are learnt. auto: 0.1, or 0 without looks.",
+        low=0,
+        high=1,
+        auto=True,
+    )
+    mask_start: float = setting(0.2, "Fraction at which the mask begins to learn.", low=0, high=1)
+    mask_apply: float = setting(0.6, "Fraction from which the mask weights the picture loss.", low=0, high=1)
+    latents_from: float = setting(
+        0.6, "Fraction at which latents begin to learn; sooner they would learn passers-by, whom the mask hides by then.", low=0, high=1
+    )
     held_out_checks: int = setting(4, "Times held-out quality is measured on the way.", low=0)
     checkpoints: int = setting(4, "Checkpoints written on the way.", low=1)
 
@@ -217,7 +214,7 @@ class Settings:
     @property
     def undecided(self) -> tuple[str, ...]:
         """The settings that the data have yet to decide."""
-        return tuple(name for name in DECIDED if getattr(self, name) in (AUTO, UNDECIDED))
+        return tuple(name for name in DECIDABLE if getattr(self, name) in (AUTO, UNDECIDED))
 
     def to_json(self) -> dict:
         return asdict(self)
@@ -254,7 +251,7 @@ def check(item, value: Any) -> None:
 # later. Without, there is nothing to wait for: as in plain 3DGS.
 SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 SCHEDULE_WITHOUT = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
-DECIDED = ("appearance", "transients", "sh_degree", "sky", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
+DECIDABLE = ("appearance", "transients", "sh_degree", "sky", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
 
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {

@@ -45,6 +45,7 @@ class OnTheWay:
         self.event = torch.cuda.current_stream(numbers.device).record_event() if numbers.device.type == "cuda" else None
 
     def arrived(self) -> list[float]:
+        """The numbers, once the device has computed them."""
         if self.event is not None:
             self.event.synchronize()
         return self.numbers.tolist()

@@ -18,7 +18,6 @@ from pathlib import Path
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).parent.parent))  # the engine beside this script, installed or not
 
-import json
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -28,6 +27,7 @@ import rich
 import rich.table
 import torch
 
+from core.atomic import check_file, write_json
 from core.bench.machine import made_on
 from samples.measurements import baking, drawing, first_use, reach, steps, threads
 from samples.measurements.stopwatch import peak_memory
@@ -83,6 +83,8 @@ def tables(name: str, measured: dict) -> list[rich.table.Table]:
 @click.option("--small", is_flag=True, help="A hundredth of all sizes, only to try it out.")
 def main(what: tuple[str, ...], file: Path | None, small: bool) -> None:
     """Measure time and memory of what is named, or of everything."""
+    if file:
+        check_file(file)
     scale = SMALL if small else 1.0
     result = {"machine": made_on(0), "scale": scale, "seconds": ["CPU", "wall"], "measurements": {}}
     rich.print(result["machine"])
@@ -94,7 +96,7 @@ def main(what: tuple[str, ...], file: Path | None, small: bool) -> None:
     for line in reach.lines(result["measurements"]):
         click.echo(f"| {' | '.join(line)} |")
     if file:
-        file.write_text(json.dumps(result, indent=1) + "\n")
+        write_json(file, result)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ beside a copy's, registers, spills, occupancy. What each does stands in samples/
 Times are medians by the GPU's clock (torch.cuda.Event); what is compared is done in turns. The table is Markdown.
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -20,6 +19,7 @@ import click
 import torch
 
 from core import device
+from core.atomic import check_file, write_json
 from core.bench.machine import made_on
 from wegs_cli.main import Told
 
@@ -31,6 +31,8 @@ NAMES = ("picture", "baked", "steps", "paper", "kernels")
 @click.option("--json", "file", type=click.Path(path_type=Path), help="Write the lines into this file as well.")
 def main(what: tuple[str, ...], file: Path | None) -> None:
     """Measure what is named, or everything."""
+    if file:
+        check_file(file)
     if not device.can_use_gpu():
         raise click.ClickException("torch finds no NVIDIA GPU with Triton here, and there is nothing to measure without one.")
     from samples.measurements.gpu import Place
@@ -44,7 +46,7 @@ def main(what: tuple[str, ...], file: Path | None) -> None:
             click.echo(f"| {' | '.join(line)} |")
             lines.append(line)
     if file:
-        file.write_text(json.dumps({"machine": machine, "lines": lines}, indent=1) + "\n")
+        write_json(file, {"machine": machine, "lines": lines})
 
 
 if __name__ == "__main__":

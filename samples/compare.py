@@ -8,7 +8,6 @@ all else of the method. What is finished in the output folder is neither trained
 holds means, those of PSNR with their standard deviation.
 """
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -18,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import click
 
+from core.atomic import write_json
 from core.config import PRESETS, preset
 from core.evaluation import PROTOCOLS
 from samples.measurements.finished import measured
@@ -45,7 +45,7 @@ def main(scene: Path, preset_name: str, resolution: int, output: Path, seeds: in
                 settings = preset(preset_name).changed(**VARIANTS[variant].changes, resolution=resolution, seed=seed)
                 folder = output / f"{scene.resolve().name}-{name.replace(' ', '-')}-seed{seed}"
                 runs[name].append(measured(scene, settings, folder, protocols, terminal))
-    (output / f"{scene.resolve().name}.json").write_text(json.dumps(runs, indent=1))
+    write_json(output / f"{scene.resolve().name}.json", runs)
     click.echo(table(runs))
 
 

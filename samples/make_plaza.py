@@ -26,6 +26,7 @@ from plaza_maker.rays import World
 from plaza_maker.shots import Shot
 from plaza_maker.square import static_groups
 
+TABLE = "plaza.tsv"  # of the photos and their splits
 STYLE_VIEWS = 3  # test views rendered in each style's light
 
 
@@ -111,7 +112,7 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
         f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza"
         for number, shot in enumerate(collection, 1)
     ]
-    (output / "plaza.tsv").write_text("filename\tid\tsplit\tdataset\n" + "\n".join(rows) + "\n")
+    (output / TABLE).write_text("filename\tid\tsplit\tdataset\n" + "\n".join(rows) + "\n")
     record = {
         "model": {**figures, "scale": SCALE, "rotation": ROTATION.tolist(), "origin": ORIGIN.tolist()},
         "photos": {shot.name: _record(shot, occluded=share) for shot, (_, share) in zip(collection, taken)},
@@ -136,11 +137,13 @@ def main() -> None:
         "--grid", type=int, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)"
     )
     parser.add_argument("--processes", type=int, default=2, help="processes to work in (default: 2)")
-    parser.add_argument("--force", action="store_true", help="replace the folder if it exists")
+    parser.add_argument("--force", action="store_true", help="replace the folder if it holds such a collection")
     given = parser.parse_args()
     if (given.variant or given.times != 1) and given.output.resolve() == parser.get_default("output").resolve():
         parser.error("this would replace the committed sample by another; name another folder with --output")
     if given.output.exists():
+        if not (given.output / TABLE).is_file():
+            parser.error(f"{given.output} exists and is no collection made here; name another folder with --output")
         if not given.force:
             parser.error(f"{given.output} exists; --force replaces it")
         shutil.rmtree(given.output)

@@ -21,15 +21,17 @@ import click
 import numpy as np
 import torch
 
-from core.config import preset
+from core.config import Settings, preset
 from core.data import load_collection, photos
 from core.data.collection import Collection, Photo
+from core.errors import BadInput
 from core.evaluation.metrics import psnr, quantised
 from core.looks.outside import read_from_outside
 from core.looks.trained import Appearance, Run, bake, load_run
 from core.measuring import held_out_view
 from core.training import run
 from core.training.trainer import Trainer
+from core.words import counted
 from wegs_cli.main import Told
 from wegs_cli.terminal import Terminal
 
@@ -57,7 +59,7 @@ def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: 
 
 
 def without(collection: Collection, by: str) -> Collection:
-    """The training photos alone, a quarter of them held out."""
+    """The training photos alone, a quarter of them held out. Raises BadInput where they are too few for that."""
 
     def key(photo: Photo) -> float:
         height = max(1, SMALL_PX * photo.camera.height // photo.camera.width)
@@ -65,11 +67,13 @@ def without(collection: Collection, by: str) -> Collection:
 
     ranked = sorted(collection.split("train"), key=key)
     held_out = {photo.name for photo in ranked[: len(ranked) // 4]}
+    if not held_out:
+        raise BadInput(f"{collection.root} has {counted(len(ranked), 'training photo')}, too few to hold out a quarter.", "Use one of 4 or more.")
     left = (replace(photo, split="test" if photo.name in held_out else "train") for photo in collection.split("train"))
     return replace(collection, photos=tuple(left))
 
 
-def train(collection: Collection, settings, folder: Path, terminal: Terminal) -> Run:
+def train(collection: Collection, settings: Settings, folder: Path, terminal: Terminal) -> Run:
     """A finished run in `folder`."""
     trainer = Trainer(collection, settings, folder)
     run.create(folder, collection, trainer.settings, trainer.decisions)

@@ -21,9 +21,9 @@ awake.worthwhile, awake.threads = lambda wanted: True, lambda: 1
 started = subprocess.Popen
 
 def popen(*command, **ways):
-    walker = started(*command, **ways)
-    print(walker.pid, flush=True)
-    return walker
+    loop = started(*command, **ways)
+    print(loop.pid, flush=True)
+    return loop
 
 subprocess.Popen = popen
 with awake.cores_awake():
@@ -123,19 +123,19 @@ def test_of_the_lowest_class_and_gone_after_a_failure(monkeypatch):
     monkeypatch.setattr(subprocess, "Popen", popen)
     with pytest.raises(KeyError), awake.cores_awake():
         assert len(begun) == 2
-        assert come_true(lambda: all(os.sched_getscheduler(walker.pid) == os.SCHED_IDLE for walker in begun))
-        assert not any(os.getpgid(walker.pid) == os.getpgid(0) for walker in begun), "Ctrl-C is not for them"
+        assert come_true(lambda: all(os.sched_getscheduler(loop.pid) == os.SCHED_IDLE for loop in begun))
+        assert not any(os.getpgid(loop.pid) == os.getpgid(0) for loop in begun), "Ctrl-C is not for them"
         raise KeyError
-    assert all(walker.returncode is not None for walker in begun)
+    assert all(loop.returncode is not None for loop in begun)
 
 
 @linux
 def test_they_do_not_outlive_a_process_that_was_killed():
     process = subprocess.Popen([sys.executable, "-c", KILLED], cwd=ROOT, stdout=subprocess.PIPE, text=True)
     said, _ = process.communicate(timeout=60)
-    walker = Path("/proc") / said.strip()
-    assert process.returncode == -signal.SIGKILL and walker.name.isdigit()
-    assert come_true(lambda: not walker.exists())
+    loop = Path("/proc") / said.strip()
+    assert process.returncode == -signal.SIGKILL and loop.name.isdigit()
+    assert come_true(lambda: not loop.exists())
 
 
 def test_where_no_more_processes_are_allowed_the_work_is_done_all_the_same(monkeypatch):

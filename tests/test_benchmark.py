@@ -16,7 +16,7 @@ from core.config import Settings
 from core.rasterizer.cpu.backend import _Render
 from core.training.photometric_kernel import _Photometric
 from core.training.trainer import Trainer
-from samples import benchmark
+from samples import benchmark, benchmark_cuda
 from samples.measurements import drawing, first_use, steps, threads
 from samples.measurements.scenes import plaza
 from samples.measurements.stopwatch import Stopwatch
@@ -50,6 +50,13 @@ def test_laps_hold_what_they_are_named_after(monkeypatch, appearance, transients
         monkeypatch.setattr(kernel, "backward", staticmethod(noted))
     trainer.step()
     assert [what for what in happened if what != "everything else"] == expected + (END if trainer.optimizer else END[:-1])
+
+
+@pytest.mark.parametrize("script", [benchmark, benchmark_cuda])
+def test_a_file_that_cannot_be_written_is_refused_before_the_minutes(tmp_path, monkeypatch, script):
+    monkeypatch.setattr(benchmark, "ProcessPoolExecutor", None)
+    result = CliRunner().invoke(script.main, ["--json", str(tmp_path / "none" / "figures.json")])
+    assert result.exit_code == 1 and f"There is no folder {tmp_path / 'none'}" in result.output
 
 
 def test_everything_is_measured_and_written(tmp_path, monkeypatch):

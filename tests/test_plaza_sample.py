@@ -1,6 +1,8 @@
 """The committed sample is complete, of one piece with its truth, and as hard as it says it is."""
 
 import csv
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -112,3 +114,11 @@ def test_points_project_to_where_they_were_seen(model):
     assert short > 100  # the wrong matches and those on passers-by
     assert 0.2 < np.median(errors) < 0.8  # as noisy as a real model, and not worse
     assert np.quantile(errors, 0.99) < 4
+
+
+def test_a_folder_of_other_files_is_not_replaced(tmp_path):
+    (tmp_path / "mine.txt").write_text("precious")
+    making = [sys.executable, str(PLAZA.parent / "make_plaza.py"), "--variant", "calm", "--output", str(tmp_path), "--force"]
+    told = subprocess.run([*making, "--grid", "0"], capture_output=True, text=True, check=False)
+    assert told.returncode == 2 and "is no collection made here" in told.stderr
+    assert (tmp_path / "mine.txt").read_text() == "precious"

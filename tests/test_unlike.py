@@ -1,9 +1,12 @@
 """Photos of one light are held out, and their looks come nearer by the gains of sky and place."""
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 
+from core.errors import BadInput
 from samples import unlike
+from tests.small import small_collection
 from tests.training.known_scene import exposed, known_collection
 
 
@@ -26,3 +29,8 @@ def test_the_darkest_quarter_is_held_out_and_comes_nearer_by_gains(tmp_path, mon
     drawn_in, gains = (float(part.split(" dB")[0].split()[-1]) for part in beyond.split(": ")[1].split(", "))
     assert len(nights) == int(beyond.split()[2]) and gains > drawn_in + 3
     assert np.isfinite(gains)
+
+
+def test_a_quarter_of_too_few_photos_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="has 2 training photos, too few"):
+        unlike.without(small_collection(tmp_path, photos=3), "dark")

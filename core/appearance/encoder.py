@@ -78,7 +78,7 @@ class Enc2(nn.Module):
         )
         self.embedding = nn.Linear(channels + 3 * bands, embedding_size)
 
-    def described(
+    def summary(
         self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
     ) -> Float[Tensor, " d"]:
         """What the embedding is a linear map of. static: the mask that weighs the photo's colours."""
@@ -90,20 +90,20 @@ class Enc2(nn.Module):
     def forward(
         self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
     ) -> Float[Tensor, " e"]:
-        return self.embedding(self.described(features, photo, static))
+        return self.embedding(self.summary(features, photo, static))
 
     @torch.no_grad()
-    def spread(self, described: Float[Tensor, "photos d"]) -> None:
+    def start_apart(self, summaries: Float[Tensor, "photos d"]) -> None:
         """Start the last layer so that the embeddings of these photos have mean zero, about unit variance, no correlation.
 
         Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run. Data-dependent
         initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and those of
         a single photo or of equal ones not by the inverse of nothing.
         """
-        centre = described.mean(dim=0)
-        _, strengths, directions = torch.linalg.svd(described - centre, full_matrices=False)
+        centre = summaries.mean(dim=0)
+        _, strengths, directions = torch.linalg.svd(summaries - centre, full_matrices=False)
         kept = min(len(strengths), len(self.embedding.bias))
-        deviations = strengths[:kept] / len(described) ** 0.5
+        deviations = strengths[:kept] / len(summaries) ** 0.5
         weight = torch.zeros_like(self.embedding.weight)
         least = torch.maximum(WEAK_COMPONENT * deviations[0], ALIKE * centre.norm())
         weight[:kept] = directions[:kept] / (deviations + least + 1e-6)[:, None]
@@ -157,15 +157,15 @@ class PhotoEncoder(nn.Module):
         return features + refined, torch.ones_like(features[:, :1]), mask
 
     @torch.no_grad()
-    def spread(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
-        """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.spread."""
+    def start_apart(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
+        """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.start_apart."""
         if self.enc2 is not None:
             with one_torch_thread():  # more would round the principal components differently
-                self.enc2.spread(torch.stack([self._described(photo) for photo in photos]))
+                self.enc2.start_apart(torch.stack([self._summary(photo) for photo in photos]))
 
-    def _described(self, photo: Float[Tensor, "3 h w"]) -> Float[Tensor, " d"]:
+    def _summary(self, photo: Float[Tensor, "3 h w"]) -> Float[Tensor, " d"]:
         attended, static, _ = self.attend(photo, True)
-        return self.enc2.described(attended, photo, static)
+        return self.enc2.summary(attended, photo, static)
 
 
 class PlainMask(nn.Module):

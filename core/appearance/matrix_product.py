@@ -86,14 +86,14 @@ _wide_tile, _tile, _narrow_tile = tile_of(WIDE_PANELS), tile_of(TILE_PANELS), ti
 
 
 @part
-def multiply(left, turned, right, start, into, least):
-    """into = max(start + left right, least), or with the transpose of `left` if it is `turned`. What is not a number stays so.
+def multiply(left, transpose, right, start, into, least):
+    """into = max(start + left right, least), with the transpose of `left` if `transpose`. NaN stays NaN.
 
     All (rows, columns), float32 and contiguous; `into` may be `start`. Its rows are a multiple of TILE_ROWS, its columns whole panels, and
     `right` has as many rows as the sums have terms. `start` may be one row for all.
     """
     rows, columns = into.shape
-    left_row, left_column = (1, left.shape[1]) if turned else (left.shape[1], 1)
+    left_row, left_column = (1, left.shape[1]) if transpose else (left.shape[1], 1)
     start_row = columns if start.shape[0] > 1 else 0
     wide = columns if columns % (WIDE_PANELS * PANEL) == 0 else 0
     tiled = max(wide, columns - columns % (TILE_PANELS * PANEL))

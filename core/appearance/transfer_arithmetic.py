@@ -28,7 +28,7 @@ C_1, C_2, C_3, C_4, C_5, C_6, C_7 = (
 
 @part
 def bound_softly(values, bound, base, output):
-    """output = bound * tanh(values / bound), plus `base` unless that is empty; (n,) float32. What is not a number stays so."""
+    """output = bound * tanh(values / bound), plus `base` unless that is empty; (n,) float32. NaN stays NaN."""
     inverse = ONE / bound
     for i in range(len(output)):
         x = values[i] * inverse

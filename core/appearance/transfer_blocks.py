@@ -1,11 +1,11 @@
-"""The MLP of the SH transfer on some rows, there and back, in one Numba kernel each.
+"""The MLP of the SH transfer on some rows, its forward and its backward pass, as Numba kernels.
 
 Called one by one from Python, a BLAS computes the matrix products as fast as `multiply` does, but the threads then wait for each
 other at the interpreter's lock (a third of the time on two), and bias, ReLU and tanh are passes of their own. Here a strip
 of rows stays in cache from the first layer to the last.
 
-Weights come turned, (inputs, outputs), and padded with zeros to whole panels; `back_` ones, for the way back, are padded
-but not turned. Buffers have padded columns too, which stay zero.
+Weights come transposed, (inputs, outputs), and padded with zeros to whole panels; `back_` ones, for the backward pass, are
+padded but not transposed. Buffers have padded columns too, which stay zero.
 """
 
 import numpy as np
@@ -73,7 +73,7 @@ def evaluate(
 ):  # fmt: skip
     """Write rows begin..end of bound * tanh(y / bound), plus those of `base` unless that is empty, to `output` (n, out).
 
-    kept: (layers, whole strips of rows, width) for the hidden layers, or (layers, 0, width) if nobody asks for them.
+    kept: (layers, whole strips of rows, width) for the hidden layers, or (layers, 0, width) if no backward pass will ask for them.
     """
     inputs = buffer_of(learned, latents)
     places = matrix(len(place_weight), STRIP)
@@ -101,9 +101,9 @@ def evaluate(
 def differentiate_output(
     begin, end, learned, latents, bound, output, output_gradient, kept, to_output_weight, to_skip_weight, to_output_bias,
 ):  # fmt: skip
-    """Write the part of dL/d(weights) of the output layer that rows begin..end of dL/d(output) make, turned and padded (also to whole tiles).
+    """Write the part of dL/d(weights) of the output layer that rows begin..end of dL/d(output) make, transposed and padded (also to whole tiles).
 
-    output, kept: as `evaluate` left them, without a base. What is wanted may be empty: then nobody asks for it.
+    output, kept: as `evaluate` left them, without a base. A gradient that is not wanted is empty.
     """
     to_output_weight[:], to_skip_weight[:], to_output_bias[:] = 0, 0, 0
     inputs = buffer_of(learned, latents)
@@ -188,15 +188,16 @@ def before_bound(output, output_gradient, bound, into):
 
 
 @part
-def add_products(inputs, turned, gradient, sums):
-    """Add the gradient of a weight, unless nobody asks: inputs' gradient, from inputs that are `turned` on the way or were."""
+def add_products(inputs, transpose, gradient, sums):
+    """Add the gradient of a weight, inputs' gradient, unless `sums` is empty. The inputs are transposed here, or, without
+    `transpose`, come so."""
     if sums.size:
-        multiply(inputs, turned, gradient, sums, sums, ANY)
+        multiply(inputs, transpose, gradient, sums, sums, ANY)
 
 
 @part
 def add_rows(gradient, sums):
-    """Add the gradient of a bias, unless nobody asks."""
+    """Add the gradient of a bias, unless `sums` is empty."""
     if sums.size:
         for i in range(gradient.shape[0]):
             for j in range(gradient.shape[1]):

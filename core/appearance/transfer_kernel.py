@@ -27,7 +27,7 @@ from core.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
 ROWS = 8 * STRIP  # of a block: half a millisecond of work
-BLOCKS = 32  # at most, on the way there
+BLOCKS = 32  # at most, in the forward pass
 NOTHING = np.empty((0, 0), np.float32)
 
 
@@ -106,7 +106,7 @@ def blockwise_mlp(
     """`plain_mlp` for float32 on the CPU, on core.threads.threads() threads; of the learned input the latents are the last columns.
 
     output_layer: makes the output layer, first for its values alone, then in the graph, when the hidden ones are there: autograd goes
-    back in the reverse order of creation, so what it is made of has its gradient before the way back through them begins.
+    back in the reverse order of creation, so what it is made of has its gradient before the backward pass through them begins.
     """
     inputs = _inputs_of(learned, latents, means, octaves, bound)
     keeps = torch.is_grad_enabled()
@@ -143,9 +143,9 @@ class _Inputs(NamedTuple):
 
 
 class _Evaluated(NamedTuple):
-    """What the way through the layers leaves to the way back.
+    """What the forward pass leaves to the backward pass.
 
-    output_layer: its values. kept: the hidden layers (layers, padded rows, padded width), without rows if nobody goes back.
+    output_layer: its values. kept: the hidden layers (layers, padded rows, padded width), without rows if no backward pass comes.
     output: (n, out).
     """
 
@@ -156,15 +156,15 @@ class _Evaluated(NamedTuple):
 
 
 def _inputs_of(learned: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float) -> _Inputs:
-    latents_or_none = NOTHING if latents is None else _array_of(latents)
-    return _Inputs(_array_of(learned), latents_or_none, _array_of(means), octaves, np.float32(bound))
+    latent_array = NOTHING if latents is None else _array_of(latents)
+    return _Inputs(_array_of(learned), latent_array, _array_of(means), octaves, np.float32(bound))
 
 
 def _evaluated(
     inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool
 ) -> _Evaluated:
     """All layers; onto `base` unless that is empty."""
-    weights = [_padded(turned) for turned in (*_turned(hidden_layers), *_turned(output_layer))]
+    weights = [_padded(weight) for weight in (*_transposed(hidden_layers), *_transposed(output_layer))]
     rows = len(inputs.learned)
     # Kept for the backward pass: 4 * layers * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
     shape = 1 + len(hidden_layers.hidden_weights), padded(rows, STRIP) if keeps else 0, weights[0].shape[1]
@@ -225,24 +225,27 @@ def _summed(
     layers: HiddenLayers | OutputLayer,
     wants: tuple[bool, ...],
 ) -> list[Tensor | None]:
-    """The gradients of the weights that are wanted, of which `differentiate` writes the part that the rows of a block make, after what is `given`."""
-    turned = _turned(layers)
-    shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(turned, wants)]
+    """The gradients of the weights, None for those not wanted.
+
+    differentiate: a kernel; called as (begin, end, *given, *parts), it writes into `parts` what the rows begin..end add to each gradient.
+    """
+    transposed = _transposed(layers)
+    shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(transposed, wants)]
     # Each block has sums of its own, which are then added in the order of the blocks.
     sums = [_room((-(-rows // ROWS), *shape)) for shape in shapes]
     in_parallel(lambda begin, end: differentiate(begin, end, *given, *(part[begin // ROWS] for part in sums)), rows, ROWS)
     totals = [torch.from_numpy(part.sum(axis=0)) for part in sums]
-    cut = type(layers)(*(total[tuple(map(slice, weight.shape))] for total, weight in zip(totals, turned)))
-    return [gradient if wanted else None for gradient, wanted in zip(_turned(cut), wants)]
+    cut = type(layers)(*(total[tuple(map(slice, weight.shape))] for total, weight in zip(totals, transposed)))
+    return [gradient if wanted else None for gradient, wanted in zip(_transposed(cut), wants)]
 
 
-def _turned(layers: HiddenLayers | OutputLayer) -> HiddenLayers | OutputLayer:
+def _transposed(layers: HiddenLayers | OutputLayer) -> HiddenLayers | OutputLayer:
     """Weights as (inputs, outputs), or back again; biases as they are."""
     return type(layers)(*(part if name.endswith(("bias", "biases")) else part.mT for name, part in layers._asdict().items()))
 
 
 def _padded_shape(weight: Tensor) -> tuple[int, ...]:
-    """The shape in which the kernels sum a turned weight's gradient: whole panels, and tiles' whole rows."""
+    """The shape in which the kernels sum a transposed weight's gradient: whole panels, and tiles' whole rows."""
     *more, columns = weight.shape
     return *more[:-1], *(padded(rows, TILE_ROWS) for rows in more[-1:]), padded(columns, PANEL)
 

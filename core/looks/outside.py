@@ -16,12 +16,12 @@ TRIES = 20  # shares of the tone, from little to all
 
 @torch.no_grad()
 def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Float[Tensor, " e"], Float[Tensor, "2 3"] | None]:
-    """(embedding, tone) of a photo ([0, 1], any size). Without a tone where the embedding is within what training photos reach.
+    """(embedding, tone) of a photo ([0, 1], any size); tone None where the embedding is within what training photos reach.
 
-    Else the tone is what turns the mean of the training views in the neutral look into the photo, and as much of it is taken off the photo
-    as brings the embedding within reach: a small share of it, the same power of its gains, for a photo that is only
-    just beyond. What does not come within reach by any share takes the one that brings it nearest, and is moved there.
-    Where transparency is empty space it is moved there as it is: what such a photo shows around the object is no sky of the run.
+    Otherwise the whole tone is what turns the mean of the training views, in the neutral look, into the photo. The smallest share of it
+    (a power of its gains) that brings the embedding within reach is taken off the photo. Where none does, the share that brings it
+    nearest is taken off, and the embedding is moved within reach. Where transparent pixels are empty space it is moved without a tone:
+    what such a photo shows around the object is no sky of the run.
     """
     model, picture = trained.model, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)

@@ -1,4 +1,4 @@
-"""Looks kept by name: an embedding in a small JSON file, worth something only beside the run, at the step, whose model made it."""
+"""Looks kept by name: an embedding in a small JSON file, which means something only to the model that made it, that of one run at one step."""
 
 import json
 import re

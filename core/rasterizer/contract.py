@@ -55,8 +55,8 @@ class Rendering:
 class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
 
-    pairs: a bound on how many pairs there are of one of these Gaussians and a tile that it touches. `render` of exactly these in
-    this view, in whatever look, takes it, and need not wait until a GPU has counted. None on a CPU.
+    pairs: an upper bound on the pairs of one of these Gaussians and a tile that it touches; None on a CPU. Given to `render` with
+    exactly these Gaussians, in whatever look, and this view, it saves waiting until the GPU has counted them.
     """
 
     rows: Int[Tensor, " v"]

@@ -19,7 +19,7 @@ def largest_contributions(
 ) -> Float[Tensor, " n"]:
     """The largest contribution alpha T of each Gaussian to any pixel of any view, in [0, 1]; it does not depend on the look.
 
-    progress: called with the views done and their number (RadSplat, section 4.2, calls this the importance score).
+    RadSplat, section 4.2, calls it the importance score. progress: called with the views done and their number.
     """
     largest = torch.zeros(len(splats), device=splats.means.device)
     for number, camera in enumerate(cameras, start=1):

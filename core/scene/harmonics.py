@@ -1,6 +1,7 @@
 """Real spherical harmonics as every 3DGS viewer evaluates them (degrees 0 to 3)."""
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from core.errors import BadSetting
@@ -36,8 +37,8 @@ def degree_of(coefficients: int) -> int:
     raise BadSetting(f"{coefficients} SH coefficients a channel fit no degree.", "Use 1, 4, 9 or 16.")
 
 
-def basis(directions: Tensor, degree: int) -> Tensor:
-    """The SH basis (N, (degree+1)^2) at unit directions (N, 3); a zero direction yields only the DC term."""
+def basis(directions: Float[Tensor, "n 3"], degree: int) -> Float[Tensor, "n c"]:
+    """The SH basis at unit directions, c = (degree + 1)^2; a zero direction yields only the DC term."""
     x, y, z = directions.unbind(-1)
     terms = [torch.full_like(x, SH_0)]
     if degree >= 1:
@@ -64,12 +65,12 @@ def basis(directions: Tensor, degree: int) -> Tensor:
     return torch.stack(terms, dim=-1)
 
 
-def colour(sh: Tensor, directions: Tensor) -> Tensor:
-    """Colours (N, 3) in [0, inf) of SH coefficients (N, C, 3) seen along unit directions (N, 3): max(0, SH + 0.5)."""
+def colour(sh: Float[Tensor, "n c 3"], directions: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
+    """Colours in [0, inf) of SH coefficients seen along unit directions: max(0, SH + 0.5)."""
     values = torch.einsum("nc,nck->nk", basis(directions, degree_of(sh.shape[1])), sh)
     return (values + 0.5).clamp_min(0.0)
 
 
-def dc_of_colour(colours: Tensor) -> Tensor:
-    """The DC coefficient that shows `colours` (any shape, [0, 1]) from every side."""
+def dc_of_colour(colours: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """The DC coefficients that show `colours` ([0, 1], any shape) from every side."""
     return (colours - 0.5) / SH_0

@@ -15,7 +15,7 @@ CUT_OUT = ("blender",)  # kinds of collections whose transparent pixels say that
 
 
 def looks_for_empty(collection: Collection, settings: Settings) -> bool:
-    """Whether photos are decoded with what is empty in them. A dome, where one is asked for, would fill it."""
+    """Whether photos are decoded together with where they are empty; not if a dome is asked for, which would fill that."""
     if settings.transparency != AUTO:
         return is_cut_out(settings)
     return collection.kind in CUT_OUT and settings.sky != "dome"

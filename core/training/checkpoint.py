@@ -87,6 +87,8 @@ def fitting(path: Path) -> Iterator[None]:
     """What is built from the checkpoint `path` inside; BadInput where its parts are missing or of other sizes."""
     try:
         yield
+    except torch.OutOfMemoryError:  # a RuntimeError, and no fault of the checkpoint's
+        raise
     except (KeyError, TypeError, ValueError, RuntimeError) as problem:
         reason = " ".join(str(problem).split())[:200]
         raise BadInput(

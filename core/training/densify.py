@@ -56,7 +56,7 @@ class Surroundings:
     def __init__(self, points: np.ndarray, reach: float):
         self.tree = cKDTree(points)
         distances = self.tree.query(points, k=min(5, len(points)))[0].reshape(len(points), -1)[:, -1]
-        # Where most points coincide, with those that do not; where all do, they say nothing of where Gaussians may be.
+        # Where most points coincide, the median of the others; where all do, Gaussians may be anywhere.
         apart = distances[distances > 0]
         usual = np.median(distances) or (np.median(apart) if len(apart) else np.inf)
         self.radii = reach * np.clip(distances, usual, None)
@@ -82,7 +82,7 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
 
 
 def prune_faint(gaussians: Gaussians, largest: Tensor, share: float) -> None:
-    """Remove Gaussians whose largest contribution to any view (N,) is below `share`, but keep LEAST_KEPT of them, the strongest."""
+    """Remove Gaussians whose largest contribution to any view (N,) is below `share`, but keep at least LEAST_KEPT of all, the strongest."""
     solid = gaussians.solid
     least = solid - int((1 - LEAST_KEPT) * solid)
     kept = largest >= share
@@ -95,6 +95,7 @@ def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
     """Clone or split the Gaussians that the pictures pull most, at most `budget` of them.
 
     A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
+    The gathered statistics start anew.
     """
     solid = gaussians.solid
     pull = gaussians.gradient_sum / gaussians.seen.clamp_min(1)
@@ -118,5 +119,5 @@ def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
     moved, born["means"][large] = drawn(), drawn()
     born["log_scales"][large] -= torch.tensor(SPLIT_SHRINK).log()
     smaller = born["log_scales"][large]
-    gaussians.insert(born)  # where memory runs out here, what is saved has not been changed yet
+    gaussians.insert(born)  # where memory runs out here, the Gaussians that are saved are still as they were
     gaussians.parameters["means"][split], gaussians.parameters["log_scales"][split] = moved, smaller

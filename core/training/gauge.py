@@ -1,4 +1,7 @@
-"""What holds the neutral look: without it, base harmonics and the residual of the mean embedding could drift against each other."""
+"""What holds the neutral look: without it, base harmonics and the residual of the mean embedding could drift against each other.
+
+Their sum stays the same when one grows by what the other loses; to choose one such pair is to fix a gauge, as physics calls it.
+"""
 
 import torch
 from jaxtyping import Float

@@ -15,7 +15,10 @@ from core.training.adam import Moved, adam_rows
 
 INITIAL_OPACITY = 0.1  # 3DGS
 REST_BAND_SHARE = 1 / 20  # 3DGS: bands above DC learn twenty times slower
+LONE_SPACING = 0.1  # scene units: of a point without another
+LEAST_SCALE = 1e-5  # scene units: of points that coincide
 SKY_OPACITY = 0.99
+SKY_MARGIN = 4.0  # the dome is at least so many times as far off as the farthest camera
 SKY_FLATNESS = 0.01  # thickness of a dome Gaussian over its width
 MOMENTS = ("first", "second")
 
@@ -160,7 +163,7 @@ def learning_rates(settings: Settings, mean_rate: float, latent_rate: float) -> 
         "log_scales": torch.full((3,), settings.scale_rate),
         "logit_opacities": torch.full((1,), settings.opacity_rate),
         "sh": sh.flatten(),
-        "latents": torch.full((max(settings.latent_size, 1),), latent_rate),
+        "latents": torch.full((settings.latent_size,), latent_rate),
     }
 
 
@@ -172,8 +175,8 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
         chosen = np.sort(torch.randperm(len(points), generator=generator)[:room].numpy())
         points, colours = points[chosen], colours[chosen]
     distances = cKDTree(points).query(points, k=min(4, len(points)))[0].reshape(len(points), -1)[:, 1:]
-    spacing = np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), 0.1)
-    scales = np.clip(spacing, 1e-5, settings.largest_scale / 2)  # a lonely point must not start as haze over everything
+    spacing = np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), LONE_SPACING)
+    scales = np.clip(spacing, LEAST_SCALE, settings.largest_scale / 2)  # a lonely point must not start as haze over everything
     parts = [
         _isotropic(points, scales, colours, np.full(len(points), INITIAL_OPACITY), settings.sh_degree),
     ]
@@ -197,7 +200,7 @@ def sky_dome(collection: Collection, settings: Settings) -> Splats:
     # Around a camera that stands a million units off by mistake a dome would have holes: log scales are clamped.
     centres = np.stack([photo.camera.centre for photo in collection.photos])[~astray(collection.photos)]
     farthest = float(np.linalg.norm(centres, axis=1).max())
-    radius = max(settings.sky_radius, 4.0 * farthest)
+    radius = max(settings.sky_radius, SKY_MARGIN * farthest)
     index = np.arange(count) + 0.5
     height = 1.0 - 2.0 * index / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * index

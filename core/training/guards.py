@@ -40,8 +40,8 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: floa
 class StepFacts(NamedTuple):
     """What is told of a step: scalars of the device that computes it, numbers once they have arrived.
 
-    residual_size: mean absolute residual. sound: whether the losses were in order; taken: and the Gaussians' gradient finite;
-    learnt: and the networks'.
+    residual_size: mean absolute residual. sound: whether the losses are in order. taken: whether the Gaussians' gradient is finite,
+    too, so that they are updated. learnt: whether the networks' is, too, so that they are.
     """
 
     loss_without_gauge: Tensor | float

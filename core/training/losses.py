@@ -30,15 +30,15 @@ def enlarged(mask: Float[Tensor, "1 h w"], height: int, width: int) -> Float[Ten
 
 
 def pixel_weights(
-    mask: Float[Tensor, "1 h w"], height: int, width: int, mean_mask: float
+    mask: Float[Tensor, "1 h w"], height: int, width: int, mask_mean: float
 ) -> Float[Tensor, "H W"]:
     """The mask as weights of the picture's pixels, detached.
 
-    mean_mask: running mean over photos. Below COLLAPSED the masks are raised until their mean is COLLAPSED again.
+    mask_mean: running mean over photos. Below COLLAPSED the masks are raised until their mean is COLLAPSED again.
     """
     hidden = 1 - enlarged(mask.detach(), height, width)
-    if mean_mask < COLLAPSED:
-        hidden = hidden * (1 - COLLAPSED) / (1 - mean_mask)
+    if mask_mean < COLLAPSED:
+        hidden = hidden * (1 - COLLAPSED) / (1 - mask_mean)
     return 1 - hidden
 
 

@@ -14,7 +14,7 @@ from core.training.pictures import Pictures
 
 def write_masks(folder: Path, model: AppearanceModel, pictures: Pictures) -> int:
     """FOLDER/masks/NAME.png for every photo, at its training size: white is static, black is hidden. Returns how many."""
-    places = picture_places(picture.photo.name for picture in pictures.pictures)
+    places = picture_places(picture.photo.name for picture in pictures)
     written = 0
     for index in range(len(pictures)):
         picture = pictures[index]

@@ -47,7 +47,7 @@ def decide(
     """
     empty = is_cut_out(settings) or any(picture.empty is not None for picture in pictures)
     settings = settings.changed(transparency="empty" if empty else "unseen")
-    settings = settings.decided(**sizes(pictures), sky="none" if empty else "dome")
+    settings = settings.decided(**budget(pictures), sky="none" if empty else "dome")
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
         return settings.decided(), ()
@@ -59,7 +59,7 @@ def decide(
     return decided, tuple(taken[name] for name in asked)
 
 
-def sizes(pictures: Sequence[Picture]) -> dict[str, int]:
+def budget(pictures: Sequence[Picture]) -> dict[str, int]:
     """How long a collection is trained and how many Gaussians it may have, by its photos and their pixels together."""
     pixels = sum(picture.camera.width * picture.camera.height for picture in pictures)
     steps = max(min(FIRST_VISITS * len(pictures), FIRST_STEPS), VISITS * len(pictures))

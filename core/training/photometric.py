@@ -76,7 +76,7 @@ class Target:
         self.emptiness = None
         if empty is not None:
             picture = (picture - empty[..., None]).clamp(min=0)  # both are rounded to 8 bits
-        self._show(planes_of(picture, self.valid))
+        self._set_planes(planes_of(picture, self.valid))
         if empty is not None:
             plane = planes_of(empty[..., None], self.valid)
             padded = F.pad(plane, (0, 0, RADIUS, RADIUS))
@@ -85,7 +85,8 @@ class Target:
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
 
-    def _show(self, planes: Float[Tensor, "3 h w"]) -> None:
+    def _set_planes(self, planes: Float[Tensor, "3 h w"]) -> None:
+        """Take over the planes, and compute what is constant of them."""
         self.padded = F.pad(planes, (0, 0, RADIUS, RADIUS))
         self.mean = blur(self.planes)
         self.mean_square = blur(self.planes**2)
@@ -102,7 +103,7 @@ class Target:
     def masked(self, mask: Float[Tensor, "h w"]) -> "Target":
         """The photo times a mask, the same pixels valid."""
         other = copy(self)
-        other._show(self.planes * mask)
+        other._set_planes(self.planes * mask)
         other.emptiness = None
         return other
 

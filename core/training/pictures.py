@@ -106,7 +106,7 @@ def shown_on(
     return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(device)
 
 
-class Pictures:
+class Pictures(Sequence[Picture]):
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
     notes: a line that names the photos left out because their damage shows only now that they are decoded. device: of the

@@ -21,7 +21,7 @@ def shrink_factor(settings: Settings, progress: float) -> int:
 
 
 def densification_steps(settings: Settings) -> list[int]:
-    """The steps after which the set of Gaussians changes, ascending and distinct."""
+    """The steps after which Gaussians are pruned and grown, ascending and distinct."""
     first, last = settings.densify_from * settings.steps, settings.densify_until * settings.steps
     rounds = settings.densify_rounds
     return sorted({max(1, round(first + (last - first) * i / max(rounds - 1, 1))) for i in range(rounds)})

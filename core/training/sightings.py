@@ -48,7 +48,7 @@ def find_sightings(points: np.ndarray, pictures: Sequence[Picture]) -> Sightings
     """Where the pictures show the points (P, 3; scene frame) that FEWEST_PHOTOS of them matched.
 
     Expected are points that a photo did not match though one from nearly the same place did: a passer-by may stand before
-    them. Those with other points close by in front are left out, as something that stays may.
+    them. Those with other points close by in front are left out: what hides them may be part of the place.
     """
     pictures = spread_over(pictures, MOST_PHOTOS)
     chosen, matched = _matches(len(points), pictures)

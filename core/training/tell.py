@@ -25,7 +25,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     """What the training will do, and why."""
     for note in trainer.pictures.notes + trainer.held_out.notes:
         report.warn(note)
-    sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures.pictures})
+    sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures})
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""

@@ -34,13 +34,21 @@ from core.training.pictures import Pictures, Sizes
 from core.training.run import HISTORY
 
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
-HELD_OUT_PHOTOS = 4
+HELD_OUT_PHOTOS = 4  # that a check of quality looks at
+MASK_MEAN_SHARE = 0.05  # of one photo's mask in the running mean of all
+FIRST_BUDGET = 0.25  # of max_gaussians; what growth may reach rises from there to all of it
 REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """What a step tells the user. messages: decisions and warnings worth a line."""
+    """What a step tells the user; all but the messages are columns of history.csv.
+
+    step: steps done, this one included. seconds: of training until now, without the checks of held-out photos. gaussians: without the
+    sky. loss: what the step minimised, of which picture_loss is the picture's part. mask_mean: running mean of the masks, 1 where nothing
+    is hidden. residual: mean absolute residual of the harmonics. held_out_psnr (dB), held_out_ssim: None where this step has no check.
+    messages: decisions and warnings worth a line.
+    """
 
     step: int
     seconds: float
@@ -60,7 +68,7 @@ COLUMNS = tuple(item.name for item in dataclasses.fields(StepReport) if item.nam
 class Trainer:
     """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed.
 
-    settings: those given, and what the photos decided where nothing was. decisions: these; none for a run that goes on.
+    settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for a resumed run.
     """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path):
@@ -68,7 +76,7 @@ class Trainer:
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        # Explicit: the run goes on only there, and is used at its pictures' sizes anywhere.
+        # Written down: a run is resumed only on the device it began on, and the sizes of its photos follow from that wherever it is used.
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
@@ -76,12 +84,12 @@ class Trainer:
         if not len(self.pictures):
             what = f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
-        settings, self.decisions = needs.decide(settings, collection.points, self.pictures.pictures)
+        settings, self.decisions = needs.decide(settings, collection.points, self.pictures)
         self.settings, self.is_cut_out = settings, is_cut_out(settings)
         self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.is_cut_out)
-        self.model = AppearanceModel(settings, [picture.photo.name for picture in self.pictures.pictures]).to(self.device)
+        self.model = AppearanceModel(settings, [picture.photo.name for picture in self.pictures]).to(self.device)
         if self.model.encoder is not None:
-            self.model.encoder.spread(picture.encoder_input for picture in self.pictures.pictures)
+            self.model.encoder.start_apart(picture.encoder_input for picture in self.pictures)
         self.optimizer = networks.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.device)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
@@ -228,7 +236,7 @@ class Trainer:
         self.model.remember(look.embedding.detach(), photo)
         if look.mask is None or progress < self.settings.mask_start:
             return []
-        self.mask_mean += 0.05 * (mask_mean - self.mask_mean)
+        self.mask_mean += MASK_MEAN_SHARE * (mask_mean - self.mask_mean)
         hides = progress >= self.settings.mask_apply
         if not hides or self.mask_mean >= losses.COLLAPSED or self.collapse_told:
             return []
@@ -272,13 +280,13 @@ class Trainer:
         settings, self.foreseen = self.settings, None
         densify.prune(self.gaussians, settings, self.surroundings)
         now = sum(step <= self.done for step in self.grow_at) / len(self.grow_at)
-        allowed = round(settings.max_gaussians * (0.25 + 0.75 * now))
+        allowed = round(settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
         densify.grow(self.gaussians, allowed - self.gaussians.solid, self.generator)
 
     def drop_unneeded(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
         self.foreseen = None
-        cameras = [picture.camera for picture in self.pictures.pictures]
+        cameras = [picture.camera for picture in self.pictures]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_faint(self.gaussians, largest, self.settings.prune_contribution)
 
@@ -294,7 +302,7 @@ class Trainer:
             tensors |= {f"optimizer.{name}": t for name, t in checkpoint.optimizer_tensors(self.optimizer).items()}
         tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
         facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in REMEMBERED}}
-        facts["photos"] = [picture.photo.name for picture in self.pictures.pictures]
+        facts["photos"] = [picture.photo.name for picture in self.pictures]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:

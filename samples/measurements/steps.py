@@ -34,7 +34,7 @@ def measure_step(scale: float, appearance: str, transients: str) -> dict:
     torch.set_num_threads(1)
     parts = stopwatch.repeat(trainer.step, 1, math.ceil(STEPS * scale))
     torch.set_num_threads(threads)
-    cameras = [picture.camera for picture in trainer.pictures.pictures]
+    cameras = [picture.camera for picture in trainer.pictures]
     visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera).rows) for camera in cameras]
     facts = {"gaussians": trainer.gaussians.solid, "sky": trainer.gaussians.sky, "sh_degree": trainer.settings.sh_degree}
     facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}

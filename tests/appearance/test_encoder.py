@@ -150,7 +150,7 @@ def test_embeddings_start_apart_by_the_same_bits_for_any_number_of_threads():
             torch.manual_seed(0)
             torch.set_num_threads(threads)
             encoder = PhotoEncoder(whole_settings())
-            encoder.spread(photos)
+            encoder.start_apart(photos)
             found.append(encoder.enc2.embedding.weight)
     finally:
         torch.set_num_threads(before)
@@ -161,7 +161,7 @@ def test_embeddings_start_around_zero_as_the_masks_of_the_start_give_them():
     encoder = PhotoEncoder(whole_settings())
     torch.nn.init.constant_(encoder.unet.up_2.bias, -2.0)
     photos = [torch.rand(3, 1, 1) * torch.rand(3, 32, 32) for _ in range(20)]
-    encoder.spread(photos)
+    encoder.start_apart(photos)
     embeddings = torch.stack([encoder(photo, True)[0] for photo in photos])
     assert embeddings.mean(dim=0).abs().max() < 1e-3
     assert 0.5 < embeddings.std(dim=0).max() < 1

@@ -17,9 +17,9 @@ from tests.small import whole_settings
 multiplied = afresh(multiply)
 
 
-def product(left, right, start, least, turned=False):
-    into = np.empty((left.shape[1] if turned else left.shape[0], right.shape[1]), np.float32)
-    multiplied(left, turned, right, start, into, np.float32(least))
+def product(left, right, start, least, transpose=False):
+    into = np.empty((left.shape[1] if transpose else left.shape[0], right.shape[1]), np.float32)
+    multiplied(left, transpose, right, start, into, np.float32(least))
     return into
 
 
@@ -31,10 +31,10 @@ def test_product(rows, columns, inner):
     left, right, start, bias = (random.integers(-4, 5, size).astype(np.float32) for size in sizes)
     np.testing.assert_array_equal(product(left, right, bias, ANY), left @ right + bias)
     np.testing.assert_array_equal(product(left, right, start, ZERO), np.maximum(left @ right + start, 0))
-    turned = np.ascontiguousarray(left.T)
-    np.testing.assert_array_equal(product(turned, right, start, ANY, turned=True), left @ right + start)
+    transposed = np.ascontiguousarray(left.T)
+    np.testing.assert_array_equal(product(transposed, right, start, ANY, transpose=True), left @ right + start)
     sums = start.copy()
-    multiplied(turned, True, right, sums, sums, ANY)
+    multiplied(transposed, True, right, sums, sums, ANY)
     np.testing.assert_array_equal(sums, left @ right + start)
 
 

@@ -3,9 +3,7 @@
 import pytest
 
 from core.looks.trained import load_run
-from core.training import run
-from core.training.trainer import Trainer
-from tests.small import small_collection, small_settings
+from tests.small import finished, small_collection, small_settings
 
 CHECKS = 4
 
@@ -14,12 +12,7 @@ CHECKS = 4
 def small_run(tmp_path_factory):
     """The folder of a run with CHECKS looks at its held-out photos."""
     photos, folder = tmp_path_factory.mktemp("photos"), tmp_path_factory.mktemp("runs") / "small"
-    collection, settings = small_collection(photos), small_settings(held_out_checks=CHECKS)
-    trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, settings)
-    for _ in trainer.train():
-        pass
-    return folder
+    return finished(small_collection(photos), small_settings(held_out_checks=CHECKS), folder).folder
 
 
 @pytest.fixture

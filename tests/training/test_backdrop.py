@@ -86,7 +86,7 @@ def test_every_step_has_a_colour_of_its_own():
 
 def test_small_targets_know_what_is_empty(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL), tmp_path)
-    picture = trainer.pictures.pictures[0]
+    picture = trainer.pictures[0]
     premultiplied = rgba(picture.photo)[..., :3] * rgba(picture.photo)[..., 3:]
     small = cv2.resize(premultiplied, (picture.camera.width // 4, picture.camera.height // 4), interpolation=cv2.INTER_AREA)
     target = trainer.pictures.target(0, 4)[1].over((0.0, 0.0, 0.0))
@@ -101,7 +101,7 @@ def test_photos_of_other_kinds_show_nothing_where_they_are_transparent_and_nothi
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL), tmp_path)
     assert trainer.settings.sky == "dome" and not trainer.is_cut_out
-    for picture in (*trainer.pictures.pictures, *trainer.held_out.pictures):
+    for picture in (*trainer.pictures, *trainer.held_out):
         assert picture.empty is None and np.array_equal(picture.valid, rgba(picture.photo)[..., 3] == 1)
     trainer.order = [0]
     before = trainer.generator.get_state()
@@ -136,7 +136,7 @@ def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(sc
 def test_a_dome_that_is_asked_for_stands_where_nobody_saw_anything(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL, sky="dome", sky_gaussians=60), tmp_path)
     assert trainer.gaussians.sky == 60 and not trainer.is_cut_out
-    assert all(picture.empty is None and not picture.valid.all() for picture in trainer.pictures.pictures)
+    assert all(picture.empty is None and not picture.valid.all() for picture in trainer.pictures)
 
 
 # --- what is told, measured and shown

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.training import densify, guards, losses, strangers
+from core.training import densify, guards, losses, transients
 from core.training.adam import Moved, adam_rows, plain_adam_rows
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric, photometric_definition, photometric_paper
@@ -54,7 +54,7 @@ def test_a_finite_picture_loss_has_a_finite_gradient(spoilt, level, function):
 def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
     mask = torch.full((1, 3, 4), level).requires_grad_()
     photo = torch.zeros(3, 9, 11)
-    strangers.mask_loss(mask, picture(spoilt), photo, 0.05).backward()
+    transients.mask_loss(mask, picture(spoilt), photo, 0.05).backward()
     assert torch.isfinite(mask.grad).all()
     weights = losses.pixel_weights(mask, 9, 11, mean)
     assert torch.isfinite(weights).all() and (weights <= 1).all()

@@ -194,8 +194,8 @@ def test_the_residuals_norm_passes_gradcheck():
 
 def test_collapsed_masks_are_raised_to_the_floor():
     mask = torch.full((1, 5, 5), 0.2)
-    assert float(losses.pixel_weights(mask, 20, 20, mean_mask=0.2).mean()) == pytest.approx(losses.COLLAPSED)
-    assert float(losses.pixel_weights(mask, 20, 20, mean_mask=0.9).mean()) == pytest.approx(0.2)
+    assert float(losses.pixel_weights(mask, 20, 20, mask_mean=0.2).mean()) == pytest.approx(losses.COLLAPSED)
+    assert float(losses.pixel_weights(mask, 20, 20, mask_mean=0.9).mean()) == pytest.approx(0.2)
 
 
 def test_transient_rows_are_those_in_front_inside_the_mask():

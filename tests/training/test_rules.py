@@ -156,7 +156,7 @@ def test_every_photo_is_written_with_its_own_mask(trainer_of, tmp_path):
     torch.nn.init.normal_(trainer.model.mask_network.last.weight, std=0.2)
     torch.nn.init.zeros_(trainer.model.mask_network.last.bias)
     assert write_masks(tmp_path, trainer.model, trainer.pictures) == 4
-    for index, picture in enumerate(trainer.pictures.pictures):
+    for index, picture in enumerate(trainer.pictures):
         written = cv2.imread(str(tmp_path / "masks" / picture.photo.name), cv2.IMREAD_GRAYSCALE)
         mask = trainer.model.look(picture.encoder_input, index).mask[0].detach().numpy()
         expected = cv2.resize(mask, written.shape[::-1]) * 255
@@ -167,7 +167,7 @@ def test_every_photo_is_written_with_its_own_mask(trainer_of, tmp_path):
 def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
     """Three times as bright as white is white."""
     trainer = trainer_of(appearance="off", transients="off")
-    white = [replace(picture, pixels=np.full_like(picture.pixels, 255)) for picture in trainer.held_out.pictures]
+    white = [replace(picture, pixels=np.full_like(picture.pixels, 255)) for picture in trainer.held_out]
     trainer.held_out.pictures[:] = white
     trainer.gaussians.parameters["sh"][:, 0] = float(dc_of_colour(torch.tensor(3.0)))
     psnr, ssim = trainer.held_out_quality()

@@ -222,7 +222,7 @@ def test_masks_of_photos_with_odd_names_stay_in_the_run(collection, tmp_path):
     theirs = tmp_path / "photos" / "absolute.png"
     names = [str(theirs.with_suffix(".jpg")), "../above.jpg", "left/0001.jpg"]
     for number, name in enumerate(names):
-        picture = trainer.pictures.pictures[number]
+        picture = trainer.pictures[number]
         trainer.pictures.pictures[number] = replace(picture, photo=replace(picture.photo, name=name))
     write_masks(tmp_path / "run", trainer.model, trainer.pictures)
     assert not theirs.exists() and not (tmp_path / "run" / "above.png").exists()

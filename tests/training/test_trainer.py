@@ -76,10 +76,15 @@ def test_a_checkpoint_sets_what_a_run_remembers_and_nothing_else(collection, tmp
         trainer.resume(saved)
 
 
+def test_a_gpu_that_ran_out_of_memory_is_no_fault_of_the_checkpoint(tmp_path):
+    with pytest.raises(torch.OutOfMemoryError), checkpoint.fitting(tmp_path / "checkpoint_000002.safetensors"):
+        raise torch.OutOfMemoryError("CUDA out of memory.")
+
+
 def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, tmp_path):
     first, *others = collection.photos
     trainer = Trainer(replace(collection, photos=(damage(first), *others)), small_settings(), tmp_path)
-    assert [picture.photo.name for picture in trainer.pictures.pictures] == ["photo_1.png", "photo_3.png", "photo_4.png"]
+    assert [picture.photo.name for picture in trainer.pictures] == ["photo_1.png", "photo_3.png", "photo_4.png"]
     (note,) = trainer.pictures.notes
     assert note.startswith("1 photo of the train split that cannot be used: photo_0.png (ends before") and str(tmp_path) not in note
     assert trainer.held_out.notes == [] and next(trainer.train()).step == 1

@@ -84,7 +84,8 @@ class _Render(torch.autograd.Function):
         lists = ctx.lists
         slot_gradients = np.empty((len(lists.entries), SLOT_WIDTH), dtype=np.float32)
         drawn = image.detach().numpy(), image_gradient.contiguous().numpy()
-        on_all_tiles(lists, lambda *walk: blend_backward(*walk, *lists.for_blending(), *drawn, slot_gradients))
+        blended = lists.tile_starts, lists.entries, lists.footprints, lists.drawn_chunks
+        on_all_tiles(lists, lambda *walk: blend_backward(*walk, *blended, *drawn, slot_gradients))
 
         arrays = [array_of(tensor) for tensor in parameters]
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
@@ -97,7 +98,7 @@ class _Render(torch.autograd.Function):
         return None, None, probe_gradient, *gradients
 
 
-# -------------------------------------------------------------------------------------------------------- the way there
+# --------------------------------------------------------------------------------------------------------- forward pass
 
 
 @dataclass
@@ -114,10 +115,6 @@ class TileLists:
     tile_starts: np.ndarray
     entries: np.ndarray
     drawn_chunks: np.ndarray
-
-    def for_blending(self) -> tuple[np.ndarray, ...]:
-        """In the order in which `blend_backward` takes them."""
-        return self.tile_starts, self.entries, self.footprints, self.drawn_chunks
 
 
 def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> TileLists:
@@ -150,7 +147,7 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
 def draw(
     lists: TileLists,
     camera: Camera,
-    background: tuple[float, float, float],
+    background: Colour,
     strongest: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The picture (height, width, 3) and the transmittance (height, width), float32.

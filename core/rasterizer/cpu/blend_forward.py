@@ -51,7 +51,7 @@ def blend_forward(
 
     taken: (tiles,) int64, shared by all threads; the tiles that still have a zero are drawn, from `first` on in steps of `step`, 1 or -1.
     drawn_chunks: (slots,) uint32, zeros; becomes the chunks in which each splat was blended, for the backward pass.
-    strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty if nobody asks.
+    strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty where it is not wanted.
     """
     height, width = transmittance.shape
     columns = (width + TILE - 1) // TILE

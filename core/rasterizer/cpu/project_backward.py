@@ -43,7 +43,7 @@ def project_backward(
 ):  # fmt: skip
     """Sum the slots' gradients a Gaussian at a time and write dL/d(parameters); zeros for what was not drawn.
 
-    to_probe may be empty: then nobody asks. Takes blocks off `counter` until none are left.
+    to_probe: empty where it is not wanted. Takes blocks off `counter` until none are left.
     """
     count = len(means)
     basis = np.empty(16)

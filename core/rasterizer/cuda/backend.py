@@ -117,7 +117,7 @@ class _Render(torch.autograd.Function):
         return None, None, probe_gradient if ctx.probed else None, None, *gradients
 
 
-# -------------------------------------------------------------------------------------------------------- the way there
+# --------------------------------------------------------------------------------------------------------- forward pass
 
 
 @dataclass
@@ -160,7 +160,7 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pair
 
 
 def draw(
-    prepared: Prepared, background: tuple[float, float, float], strongest: Tensor | None = None
+    prepared: Prepared, background: Colour, strongest: Tensor | None = None
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The picture (height, width, 3), the transmittance (height, width), and the tiles' ends, see `blend_forward`.
 

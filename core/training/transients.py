@@ -1,4 +1,4 @@
-"""What teaches the mask: who is in the way brings colours that the place does not have in any light."""
+"""What teaches the mask: transients, such as passers-by, bring colours that the place does not have in any light."""
 
 import numpy as np
 import torch

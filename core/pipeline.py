@@ -28,6 +28,7 @@ from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks import saved_look
 from core.looks.find_look import find_appearance
 from core.looks.look_file import write_look
+from core.looks.preview import write_preview
 from core.looks.trained import bake, blend, load_run
 from core.looks.trim import trim_of
 from core.measuring import over_views
@@ -129,7 +130,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     collection = with_masks_of(load_collection(before.root, settings.all_photos), before)
     collection = collection.undivided() if settings.all_photos else collection
     trainer = Trainer(collection, settings, folder)
-    names = {picture.photo.name for picture in trainer.pictures.pictures}
+    names = {picture.photo.name for picture in trainer.pictures}
     if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
         what = f"The photos in {before.root} are not those that {folder} began with: {list_names(changed)} differ or are gone"
         raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
@@ -171,6 +172,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     trained = load_run(folder)
     neutral = run.point_cloud_path(folder, trained.step)
     masks = write_masks(folder, trainer.model, trainer.pictures)
+    preview = write_preview(trained, trainer.pictures)
     write_look(trained, find_appearance(trained, "neutral"), neutral, report, trim_of(trained, report))
     rows = [
         ("run", str(folder)),
@@ -180,6 +182,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     ]
     if masks:
         rows.append(("masks", str(folder / "masks")))
+    rows.append(("to look at", str(preview)))
     report.table("Done", rows)
     if earlier := measured_earlier(folder, trained.step):
         report.say(f"Of an earlier step: {', '.join(earlier)}. To measure again, type: {command('wegs', 'eval', '--run', folder)}")

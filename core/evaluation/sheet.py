@@ -9,15 +9,12 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from core.evaluation.protocols import ViewPictures
+from core.export.labelled_sheet import labelled_sheet, tile, tile_size
 from core.export.pictures import write_png
 
 PARTS = ("color", "gt-color")  # folders of renders and photos, as nerfbaselines names them
-TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
-LABEL_PX = 22  # height of a line of text
-GAP_PX = 4
 FULL_ERROR = 0.5  # the mean |difference| over the channels that gets the brightest colour
 BLANK = 32  # grey of a tile without a picture
-TEXT = (230, 230, 230)
 
 
 def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
@@ -44,23 +41,15 @@ class Row:
 
 def row_of(view: ViewPictures, note: str) -> Row:
     """The row of a view; `note` (a figure, say) stands beside its name. Without a mask there is a grey tile in its place."""
-    height, width = view.photo.shape[:2]
-    share = min(1.0, TILE_PX / width)
-    size = max(1, round(width * share)), max(1, round(height * share))
-    pictures = view.photo, view.render, _mask_picture(view.mask, size), error_picture(view.photo, view.render)
-    tiles = (one if one.shape[1::-1] == size else cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in pictures)
-    return Row(f"{view.name}  {note}", view.embedding, tuple(tiles))
+    mask = _mask_picture(view.mask, tile_size(*view.photo.shape[:2]))
+    tiles = tile(view.photo), tile(view.render), mask, tile(error_picture(view.photo, view.render))
+    return Row(f"{view.name}  {note}", view.embedding, tiles)
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All rows below a line of titles, each above a line with its name and its note; RGB."""
-    width = max(row.tiles[0].shape[1] for row in rows) + GAP_PX
     columns = titles(protocol, step, " or ".join(dict.fromkeys(row.embedding for row in rows)))
-    parts = [_line(width, columns)]
-    for row in rows:
-        parts.append(_side_by_side(row.tiles, width))
-        parts.append(_line(width * len(columns), (row.line,)))
-    return np.concatenate(parts)
+    return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 
 def write_view(folder: Path, place: Path, view: ViewPictures) -> None:
@@ -71,25 +60,8 @@ def write_view(folder: Path, place: Path, view: ViewPictures) -> None:
         write_png(path, pixels)
 
 
-def _side_by_side(tiles: Sequence[np.ndarray], step: int) -> np.ndarray:
-    height, width = tiles[0].shape[:2]
-    canvas = np.zeros((height + GAP_PX, step * len(tiles), 3), dtype=np.uint8)
-    for column, tile in enumerate(tiles):
-        canvas[:height, column * step : column * step + width] = tile
-    return canvas
-
-
 def _mask_picture(mask: Float[np.ndarray, "h4 w4"] | None, size: tuple[int, int]) -> np.ndarray:
     if mask is None:
         return np.full((size[1], size[0], 3), BLANK, dtype=np.uint8)
     grey = cv2.resize((mask.clip(0, 1) * 255).round().astype(np.uint8), size, interpolation=cv2.INTER_LINEAR)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)
-
-
-def _line(step: int, texts: Sequence[str]) -> np.ndarray:
-    canvas = np.zeros((LABEL_PX, step * len(texts), 3), dtype=np.uint8)
-    for column, text in enumerate(texts):
-        window = np.zeros((LABEL_PX, step, 3), dtype=np.uint8)  # a text too long for its column ends there
-        cv2.putText(window, text, (4, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.42, TEXT, 1, cv2.LINE_AA)
-        canvas[:, column * step : (column + 1) * step] = window
-    return canvas

@@ -1,7 +1,7 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, landmarks.npz, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
+history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
 """
 
 import hashlib
@@ -32,12 +32,13 @@ from core.training.backdrop import is_cut_out
 from core.training.needs import Decision
 
 HISTORY = "history.csv"
+PREVIEW = "preview.png"
 RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves"),
-    *(HISTORY, landmarks.FILE, "masks", "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png"),
+    *(HISTORY, landmarks.FILE, "masks", PREVIEW, "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png"),
 )
 
 

@@ -1,0 +1,53 @@
+"""Rows of pictures below titles, each row above a line of text: what the sheets that wegs writes are made of."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
+LABEL_PX = 22  # height of a line of text
+GAP_PX = 4
+TEXT = (230, 230, 230)
+
+
+def tile_size(height: int, width: int) -> tuple[int, int]:
+    """Width and height, px, of a picture on a sheet: those of the picture itself, or shrunk to a width of TILE_PX."""
+    share = min(1.0, TILE_PX / width)
+    return max(1, round(width * share)), max(1, round(height * share))
+
+
+def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_w 3"]:
+    """The picture at its `tile_size`, so that many can wait for the others."""
+    size = tile_size(*picture.shape[:2])
+    return picture if picture.shape[1::-1] == size else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+
+
+def labelled_sheet(
+    columns: Sequence[str], rows: Sequence[tuple[str, Sequence[UInt8[np.ndarray, "h w 3"]]]]
+) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """All rows below a line of titles, RGB: the tiles of a row, of one size and one a column, stand above its text."""
+    width = max(tiles[0].shape[1] for _, tiles in rows) + GAP_PX
+    parts = [_line(width, columns)]
+    for text, tiles in rows:
+        parts.append(_side_by_side(tiles, width))
+        parts.append(_line(width * len(columns), (text,)))
+    return np.concatenate(parts)
+
+
+def _side_by_side(tiles: Sequence[np.ndarray], step: int) -> np.ndarray:
+    height, width = tiles[0].shape[:2]
+    canvas = np.zeros((height + GAP_PX, step * len(tiles), 3), dtype=np.uint8)
+    for column, picture in enumerate(tiles):
+        canvas[:height, column * step : column * step + width] = picture
+    return canvas
+
+
+def _line(step: int, texts: Sequence[str]) -> np.ndarray:
+    canvas = np.zeros((LABEL_PX, step * len(texts), 3), dtype=np.uint8)
+    for column, text in enumerate(texts):
+        window = np.zeros((LABEL_PX, step, 3), dtype=np.uint8)  # a text too long for its column ends there
+        cv2.putText(window, text, (4, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.42, TEXT, 1, cv2.LINE_AA)
+        canvas[:, column * step : (column + 1) * step] = window
+    return canvas

@@ -1,0 +1,28 @@
+"""What a trained run looks like, to be seen without a viewer: photos beside the scene in their looks."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from core.data.collection import spread_over
+from core.export.labelled_sheet import labelled_sheet, tile
+from core.export.pictures import to_8_bit, write_png
+from core.looks.find_look import find_appearance
+from core.looks.saved_look import NEUTRAL
+from core.looks.trained import Run, bake
+from core.training.pictures import Picture
+from core.training.run import PREVIEW
+
+PHOTOS = 4
+
+
+def write_preview(trained: Run, pictures: Sequence[Picture]) -> Path:
+    """PREVIEW in the run folder: up to PHOTOS of the training photos, each beside the scene from its camera, in its look and the neutral one."""
+    has_looks = trained.settings.appearance != "off"
+    columns = ("photo", "the scene in its look", "in the neutral look") if has_looks else ("photo", "the scene")
+    rows = []
+    for picture in spread_over(pictures, PHOTOS):
+        looks = [find_appearance(trained, word) for word in (*[picture.photo.name] * has_looks, NEUTRAL)]
+        drawn = (trained.rasterizer.render(bake(trained, look), picture.camera, trained.backdrop).image for look in looks)
+        rows.append((picture.photo.name, [tile(pixels) for pixels in (picture.pixels, *map(to_8_bit, drawn))]))
+    write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))
+    return path

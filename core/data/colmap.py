@@ -20,8 +20,8 @@ from core.words import name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
 NERFSTUDIO_FOLDER = "colmap/sparse/0"  # beside a transforms.json of the same, which says more
-PHOTOS = ("images", "input", "photos")  # the second holds what the original project's convert.py is given
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project and its data sets keep
+ORIGINALS = ("input", "photos")  # where photos may lie before they are undistorted, which gives a model of other pixels
 
 
 def find_model(root: Path) -> Path | None:
@@ -73,6 +73,8 @@ def read_colmap(root: Path) -> Posed:
     points, notes = read_points(reconstruction, model)
     notes += not_named + _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
+    if images.name in ORIGINALS:
+        notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
     names_used = Counter(image.name for image in found)
     notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
     views, found_notes = with_files_found([_view(image, images) for image in found], [images])
@@ -141,11 +143,20 @@ def _other_models(model: Path) -> list[str]:
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
-    """The folder that holds most of the model's photos: images/, input/, photos/, images_N/, the same below dense/, or root itself."""
+    """The folder that holds most of the model's photos: images/, images_N/, the same below dense/, or root itself; input/ or photos/
+    only where these hold none."""
     near = model.parent.parent if model.name.isdecimal() else model.parent
-    candidates = [base / name for base in (root, near) for name in (*PHOTOS, *SHRUNKEN)] + [root, near]
-    # The first of equals. pathlib's is_file raises for names that are too long.
-    counts = {folder: sum(os.path.isfile(folder / name) for name in names) for folder in candidates}
-    if not any(counts.values()):
-        counts = {folder: len(nearly_named([folder / name for name in names], [folder])) for folder in candidates}
-    return max(candidates, key=counts.get)
+    usual = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
+    originals = [base / name for base in (root, near) for name in ORIGINALS]
+
+    def exact(folder: Path) -> int:
+        return sum(os.path.isfile(folder / name) for name in names)  # pathlib's raises for names that are too long
+
+    def alike(folder: Path) -> int:
+        return len(nearly_named([folder / name for name in names], [folder]))
+
+    for folders, count in ((usual, exact), (usual, alike), (originals, exact), (originals, alike)):
+        best = max(folders, key=count)  # the first of equals
+        if count(best):
+            return best
+    return usual[0]

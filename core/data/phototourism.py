@@ -30,7 +30,7 @@ def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
     A split's first line names its columns. Where none does, those that name photos count as splits: reading them says what they lack.
     """
     paths = sorted(path for path in root.glob("*.tsv") if path.is_file() and not path.name.startswith("."))
-    columns = {path: _columns(path) for path in paths}
+    columns = {path: columns_of(path) for path in paths}
     splits = [path for path in paths if columns[path] >= COLUMNS] or [path for path in paths if "filename" in columns[path]]
     return splits, [path for path in paths if path not in splits]
 
@@ -41,7 +41,8 @@ def encoding_of(path: Path) -> str:
         return "utf-16" if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
 
 
-def _columns(path: Path) -> set[str]:
+def columns_of(path: Path) -> set[str]:
+    """What the first line of a table names."""
     with open(path, encoding=encoding_of(path), errors="replace") as file:
         line = file.readline().replace("\0", "")
     try:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from core.atomic import replacing
-from core.data.phototourism import COLUMNS, encoding_of, find_tables, read_split_table
+from core.data.phototourism import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
 from core.words import Note, list_names, name_them
 
 EVERY = 8  # of the original 3DGS and of everything compared with it
@@ -44,7 +44,8 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
 
 def copy_lists(photos: Path, scene: Path) -> None:
     """Put the tables and the list that lie with plain photos into the scene of their cameras, where they are looked for."""
-    for path in (*find_tables(photos)[0], photos / TEST_LIST):
+    tables = [path for path in find_tables(photos)[0] if columns_of(path) >= COLUMNS]  # others may be about anything
+    for path in (*tables, photos / TEST_LIST):
         copy = scene / path.name
         if path.is_file() and not (copy.is_file() and filecmp.cmp(path, copy, shallow=False)):
             with replacing(copy) as temporary:

@@ -45,7 +45,15 @@ def test_a_file_that_more_than_one_photo_may_mean_is_none_of_them(tmp_path):
 
 @pytest.mark.parametrize("folder", ["input", "photos"])
 def test_other_folders_of_photos(tmp_path, folder):
-    check_geometry(load_collection(SmallScene().write(tmp_path / "scene", folder)), SmallScene())
+    root = SmallScene().write(tmp_path / "scene", folder)
+    check_geometry(load_collection(root), SmallScene())
+    assert notes_with(load_collection(root), "which are right unless it is one of undistorted photos")
+    (root / "dense").mkdir()
+    shutil.copytree(root / folder, root / "dense" / "images")
+    (root / "dense" / "images" / "photo_0.png").unlink()
+    (root / "sparse").rename(root / "dense" / "sparse")  # the originals' names are no sign that they are meant
+    collection = load_collection(root)
+    assert {photo.path.parent for photo in collection.photos} == {root / "dense" / "images"} and len(collection.photos) == 3
 
 
 def test_a_transforms_json_of_another_computer(tmp_path):

@@ -128,6 +128,7 @@ def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_lat
     def held_out():
         return [photo.name for photo in prepare.prepared(photos, made, Heard()).split("test")]
 
+    (photos / "about.tsv").write_text("filename\tauthor\nphoto_0.png\tme\n")
     assert held_out() == ["photo_0.png"]  # every 8th
     for names in (["photo_1.png"], ["photo_2.png", "photo_3.png"]):
         (photos / "test.txt").write_text("\n".join(names))

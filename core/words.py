@@ -9,19 +9,25 @@ def counted(count: int, what: str) -> str:
 
 
 class Note(str):
-    """A line about what was found. harmless: nothing needs doing about it."""
+    """A line about what was found. harmless: nothing needs doing about it. of_split: it is untrue once no photo is held out."""
 
     harmless: bool
+    of_split: bool
 
-    def __new__(cls, text: str, harmless: bool = False):
+    def __new__(cls, text: str, harmless: bool = False, of_split: bool = False):
         note = super().__new__(cls, text)
-        note.harmless = harmless
+        note.harmless, note.of_split = harmless, of_split
         return note
 
 
 def is_harmless(note: str) -> bool:
     """Whether nothing needs doing about a note."""
     return isinstance(note, Note) and note.harmless
+
+
+def is_of_split(note: str) -> bool:
+    """Whether a note says what is held out."""
+    return isinstance(note, Note) and note.of_split
 
 
 def name_them(what: str, names: list[str], harmless: bool = False) -> list[Note]:

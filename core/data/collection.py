@@ -11,6 +11,7 @@ import numpy as np
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+from core.words import is_of_split
 
 Item = TypeVar("Item")
 
@@ -68,7 +69,8 @@ class Collection:
     def undivided(self) -> "Collection":
         """The same with no photo held out."""
         photos = tuple(replace(photo, split="train") for photo in self.photos)
-        return replace(self, photos=photos, notes=(*self.notes, "All photos are trained on, held-out ones as well: there will be no held-out quality."))
+        notes = [note for note in self.notes if not is_of_split(note)]
+        return replace(self, photos=photos, notes=(*notes, "All photos are trained on, none is held out: there will be no held-out quality."))
 
     def changed_since(self, before: "Collection") -> list[str]:
         """The photos of either that are not in both with the same split and camera: with them a run cannot go on."""

@@ -115,7 +115,7 @@ def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
     by_path = {photo.path: photo for split in ("train", "test") for photo in photos if photo.split == split}
     pairs = [(by_path[copy], by_path[original]) for copy, original in copies_among(by_path).items()]
     names = [f"{copy.name} ({original.name})" for copy, original in pairs if (copy.split, original.split) == ("test", "train")]
-    return name_them("held out though a copy of a training photo, so figures are too good", names)
+    return [Note(line, of_split=True) for line in name_them("held out though a copy of a training photo, so figures are too good", names)]
 
 
 def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str], Path]:

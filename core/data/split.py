@@ -36,7 +36,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
         every = f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."
-        return splits, [Note(every, harmless=True), *no_splits], model
+        return splits, [Note(every, harmless=True, of_split=True), *no_splits], model
     if "train" in splits.values() and "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
     return splits, notes + no_splits, source

@@ -20,13 +20,13 @@ from core.data.made import FADE
 from core.data.photo_file import SUFFIXES
 from core.data.prepare import prepared
 from core.errors import BadInput, BadSetting, WegsError, command
-from core.evaluation import lpips
+from core.evaluation import LOOKS, lpips
 from core.evaluation.protocols import measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of, measured_earlier
 from core.evaluation.sheet import PARTS, picture_sheet, row_of, write_view
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks import saved_look
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_appearance, find_view
 from core.looks.look_file import write_look
 from core.looks.preview import write_preview
 from core.looks.trained import bake, blend, load_run
@@ -39,9 +39,9 @@ from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
 from core.training.masks import write_masks
 from core.training.pictures import check_resolution
-from core.training.tell import next_step, tell_collection, tell_plan, tell_step
+from core.training.tell import next_step, tell_collection, tell_how_to_look, tell_plan, tell_step
 from core.training.trainer import Trainer
-from core.words import list_names
+from core.words import counted, list_names
 
 __all__ = [
     "bake",
@@ -119,7 +119,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     done = saved.facts["step"] if saved else 0
     if done >= settings.steps and any(folder.glob(run.CLOUDS)):  # else it was stopped just before its last file
         raise BadInput(
-            f"{folder} is finished: {settings.steps} steps, over which its schedules are spread.",
+            f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.",
             "For more, train a new run with --steps. To use this one, type: "
             f"{command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
         )
@@ -229,7 +229,8 @@ def export(
         kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
     seconds = time.perf_counter() - start
-    report.say(f"{output}: {written} Gaussians, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
+    report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
+    tell_how_to_look(trained.folder, output, sky and trained.sky > 0, report)
     return output
 
 
@@ -254,14 +255,16 @@ def interpolate(
     if steps < 2:
         raise BadSetting(f"A fade has two ends, and {steps} is fewer.", "Take 2 steps or more.")
     trained = load_run(run.find_run(folder))
-    photo = trained.collection.view(view)
+    photo = find_view(trained, view)
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
     check_fillable(output, FADE, force)
     ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
     camera = trained.camera(photo)
     rasterizer = trained.rasterizer
-    report.say(f"{trained.folder}{trained.where}: {steps} steps from {ends[0].source} to {ends[1].source}, seen from {photo.name}")
+    report.say(f"{trained.folder}{trained.where}: {steps} steps, seen from {photo.name}")
+    for which, end in zip(("from", "to"), ends, strict=True):
+        report.say(f"  {which} {end.source}")
     if trained.settings.appearance == "off":
         report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
@@ -305,7 +308,7 @@ def evaluate(
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
-    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {len(photos)} held-out photos, protocol {protocol}{', over white' * trained.is_cut_out}")
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {counted(len(photos), 'held-out photo')}, protocol {protocol}{', over white' * trained.is_cut_out}")
     distance = lpips.load()
     if distance is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
@@ -320,7 +323,7 @@ def evaluate(
         for photo, (measured, pictures) in through:
             views.append(measured)
             scales.append(measured.width / photo.camera.width)
-            figures = (f"{whose} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
+            figures = (f"{LOOKS[whose]} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
             rows.append(row_of(pictures, ", ".join(figures)))
             if work is not None:
                 write_view(work, places[photo.name], pictures)

@@ -78,13 +78,18 @@ class Collection:
         both = {name for name in now.keys() & then.keys() if now[name].stands_as(then[name])}
         return sorted((now.keys() | then.keys()) - both)
 
+    def called(self, name: str) -> Photo | None:
+        """The photo called `name`, or the only one that is without its suffix."""
+        exactly = [photo for photo in self.photos if photo.name == name]
+        nearly = exactly or [photo for photo in self.photos if photo.name.removesuffix(Path(photo.name).suffix) == name]
+        return nearly[0] if len(nearly) == 1 else None
+
     def view(self, name: str | None) -> Photo:
-        """The photo called `name`; for None the first held-out one, or the first. Raises BadInput where there is none."""
+        """The photo `called` so; for None the first held-out one, or the first. Raises BadInput where there is none."""
         if name is None:
             return (self.split("test") or self.photos)[0]
-        for photo in self.photos:
-            if photo.name == name:
-                return photo
+        if (photo := self.called(name)) is not None:
+            return photo
         raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {self.photos[0].name}.")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from core.appearance import refinement
 from core.atomic import write_json
 from core.data.made import read_mark
-from core.evaluation import PROTOCOLS, lpips
+from core.evaluation import LOOKS, PROTOCOLS, lpips
 from core.evaluation.metrics import SSIM_KIND
 from core.evaluation.protocols import ViewResult
 
@@ -71,12 +71,12 @@ class Results:
         return _mean([view.mask_iou for view in self.views])
 
     def rows(self) -> list[tuple[str, str]]:
-        """The means as lines of a table, by what is compared with and whose embedding it was."""
+        """The means as lines of a table, by what is compared with and whose look it was."""
         rows = []
         for against, by_embedding in self.means().items():
             for whose, figures in by_embedding.items():
                 words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
-                rows.append((f"{against}, {whose}", "  ".join(words)))
+                rows.append((f"{against}: {LOOKS[whose]}", "  ".join(words)))
         overlap = self.mask_iou()
         return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]
 

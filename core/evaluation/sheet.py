@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from core.evaluation import LOOKS
 from core.evaluation.protocols import ViewPictures
 from core.export.labelled_sheet import labelled_sheet, tile, tile_size
 from core.export.pictures import write_png
@@ -24,10 +25,10 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
     return cv2.cvtColor(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)
 
 
-def titles(protocol: str, step: int, embedding: str) -> tuple[str, str, str, str]:
-    """What stands above the columns. step: after which the run was measured."""
-    error = f"error ({embedding}; brightest: {FULL_ERROR})"
-    return f"photo (protocol {protocol}, step {step})", f"render ({embedding})", "mask (white: static)", error
+def titles(protocol: str, step: int, looks: str) -> tuple[str, str, str, str]:
+    """What stands above the columns. step: after which the run was measured. looks: those shown, in words."""
+    error = f"error ({looks}; brightest: {FULL_ERROR})"
+    return f"photo (protocol {protocol}, step {step})", f"render ({looks})", "mask (white: static)", error
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ def row_of(view: ViewPictures, note: str) -> Row:
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All rows below a line of titles, each above a line with its name and its note; RGB."""
-    columns = titles(protocol, step, " or ".join(dict.fromkeys(row.embedding for row in rows)))
+    columns = titles(protocol, step, " or ".join(dict.fromkeys(LOOKS[row.embedding] for row in rows)))
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 

@@ -10,10 +10,11 @@ from core.data import photos as files
 from core.data import sfm
 from core.data.collection import Photo
 from core.data.given_masks import check_fits, masked_size, with_mask
+from core.data.made import read_mark
 from core.data.photo_file import probe
 from core.errors import BadInput
 from core.looks import saved_look
-from core.looks.outside import read_from_outside
+from core.looks.outside import light_in_words, read_from_outside
 from core.looks.refined_look import refined_held_out, refined_outside
 from core.looks.saved_look import NEUTRAL
 from core.looks.trained import Appearance, Run
@@ -65,12 +66,33 @@ def _saved_as(trained: Run, word: str) -> Path | None:
 
 
 def _of_collection(trained: Run, word: str) -> Photo | None:
-    """The photo of the collection that is this file, was made of it, or has this name."""
-    path, photos = Path(word), {photo.name: photo for photo in trained.collection.photos}
+    """The photo of the collection that is this file, was made of it, or is called so."""
+    path, collection = Path(word), trained.collection
     if not path.is_file():
-        return photos.get(word)
-    same = next((photo for photo in photos.values() if photo.path.is_file() and photo.path.samefile(path)), None)
-    return same or photos.get(sfm.name_in(trained.collection.root, path))
+        return collection.called(word)
+    same = next((photo for photo in collection.photos if photo.path.is_file() and photo.path.samefile(path)), None)
+    made_of = sfm.name_in(collection.root, path)
+    return same or next((photo for photo in collection.photos if photo.name == made_of), None)
+
+
+def find_view(trained: Run, word: str | None) -> Photo:
+    """The photo of the collection that `word` stands for, as in `find_appearance`; for None the first held-out one, or the first.
+
+    Raises BadInput where there is none.
+    """
+    photo = None if word is None else _of_collection(trained, word)
+    if photo is None and word is not None and (lost := _left_out(trained, word)):
+        raise BadInput(f"{lost.name} was left out when the cameras were found.", f"Choose one such as {trained.collection.photos[0].name}.")
+    return photo or trained.collection.view(word)
+
+
+def _left_out(trained: Run, word: str) -> Path | None:
+    """The file called `word`, with its suffix or without, that structure from motion was given and did not take into the scene."""
+    root = trained.collection.root
+    names = read_mark(root / sfm.NAMES)
+    known = {photo.name for photo in trained.collection.photos}
+    lost = [Path(path) for path in read_mark(root / sfm.MARK) if names and names.get(path) not in known]
+    return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
 
 
 def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, report: Report) -> Appearance:
@@ -101,8 +123,7 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     embedding, tone = read_from_outside(trained, picture)
     source = f"photo {path.name} from outside the collection"
     if tone is not None:
-        place, sky = (", ".join(f"{float(gain):.0%}" for gain in row) for row in tone)
-        source += f", lit as no photo of it is: the nearest look with {place} of the place's red, green and blue and {sky} of the sky's"
+        source += f", lit {light_in_words(tone)}"
     return Appearance(path.stem, source, embedding, tone)
 
 
@@ -119,6 +140,8 @@ def _unknown(trained: Run, word: str) -> BadInput:
         return BadInput("The look has no name.", f"Give a photo, or {NEUTRAL}.")
     if Path(word).is_dir():
         return BadInput(f"{word} is a folder, not a photo.", "Give one of its photos.")
+    if lost := _left_out(trained, word):
+        return BadInput(f"{lost.name} was left out when the cameras were found.", f"Give its path, as of a photo from outside: {lost}")
     photos = [photo.name for photo in trained.collection.photos]
     names = {name.lower(): name for name in (*photos, *saved_look.names(trained.folder))}
     near = [names[name] for name in difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.0)] or [NEUTRAL]

@@ -20,7 +20,7 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
     if dropped:
         report.warn(
-            f"{path.name}: {dropped} Gaussians could not be drawn (NaN, Inf or a zero quaternion) and were left out."
+            f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion) left out."
         )
     written = len(splats) - dropped
     gone = []

@@ -1,5 +1,7 @@
 """The look of a photo from outside the collection."""
 
+from math import log
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -12,6 +14,8 @@ from core.looks.trained import Run
 VIEWS = 16  # training cameras that tell where in a photo the sky is
 SHRUNK = 4  # times smaller than they were trained at
 TRIES = 20  # shares of the tone, from little to all
+PLAIN = 1.1  # a gain, or that of a channel over the mean of all, that is worth a word
+TINTS = "redder", "greener", "bluer"
 
 
 @torch.no_grad()
@@ -35,6 +39,18 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     nearest = min(range(TRIES), key=lambda number: (reaches[number], -number))  # all of it for a black photo, whatever is taken off
     chosen = next((number for number in range(TRIES) if reaches[number] <= 1), nearest)
     return model.within_reach(embeddings[chosen]), tones[chosen]
+
+
+def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
+    """How a photo that needs this tone, of gains > 0, is lit: "unlike any photo of the place (darker, bluer)"."""
+    channels = tone.log().mean(dim=0)
+    brightness = channels.mean()
+    words = []
+    if abs(brightness) > log(PLAIN):
+        words.append("brighter" if brightness > 0 else "darker")
+    if channels.max() - brightness > log(PLAIN):
+        words.append(TINTS[int(channels.argmax())])
+    return "unlike any photo of the place" + (f" ({', '.join(words)})" if words else "")
 
 
 def _shares(trained: Run) -> Float[Tensor, "2 bands 3"]:

@@ -11,6 +11,7 @@ from core.atomic import write_json
 from core.errors import BadInput, BadSetting
 from core.looks.trained import Appearance
 from core.training.run import check_writable
+from core.words import counted
 
 FOLDER = "appearance"
 NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
@@ -78,7 +79,7 @@ def load(path: Path, identity: str, size: int, step: int) -> Appearance:
     if (saved_at := facts.get("step", step)) != step:
         raise BadInput(f"{path} was saved at step {saved_at}; the run is at step {step} now.", "Save the look again.")
     if len(embedding) != size or not embedding.isfinite().all():
-        raise BadInput(f"{path} does not hold {size} finite numbers.", "Save the look again.")
+        raise BadInput(f"{path} does not hold {counted(size, 'finite number')}.", "Save the look again.")
     if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
     return Appearance(path.stem, str(source), embedding, tone)

@@ -11,12 +11,14 @@ from core.training import run
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless
 
+VIEWER = "https://superspl.at/editor"
+
 
 def tell_collection(collection: Collection, report: Report) -> None:
     """What was found, and what of it is not used."""
     splits = ", ".join(f"{len(collection.split(name))} {name}" for name in ("train", "test"))
     photos, points = len(collection.photos), len(collection.points)
-    report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {points} points")
+    report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {counted(points, 'point')}")
     for note in collection.notes:
         (report.say if is_harmless(note) else report.warn)(note)
 
@@ -29,7 +31,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
-    report.say(f"Training {settings.steps} steps{on_gpu} at {spread} px, at most {settings.max_gaussians} Gaussians")
+    report.say(f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, at most {counted(settings.max_gaussians, 'Gaussian')}")
     if trainer.is_cut_out:
         report.say("Transparent pixels are learnt as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
@@ -47,6 +49,13 @@ def tell_step(step: StepReport, steps: int, report: Report) -> None:
     if step.held_out_psnr is not None:
         report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
     report.progress("Training", step.step, steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
+
+
+def tell_how_to_look(folder: Path, look: Path, has_sky: bool, report: Report) -> None:
+    """What to do with the file of a look. folder: of its run. has_sky: the file holds the dome."""
+    report.say(f"Next: drag {look} into {VIEWER}, and {folder / 'cameras.json'} as well for the photos' viewpoints")
+    if has_sky:
+        report.say("There you begin outside the dome of the sky: take a viewpoint, or fly in")
 
 
 def next_step(folder: Path, settings: Settings, neutral: Path) -> str:

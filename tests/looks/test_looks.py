@@ -1,5 +1,6 @@
 """What a look may depend on and how looks fade: nobody's clothes in it, no jump between frames."""
 
+import json
 import os
 from dataclasses import replace
 from itertools import pairwise
@@ -115,9 +116,10 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     shown, without = (rendered(trained, each) for each in (look, replace(look, tone=None)))
     assert (shown - wanted).abs().mean() < 0.25 * (without - wanted).abs().mean()
     assert trained.model.reach(look.embedding) <= 1 + 1e-5
-    assert "lit as no photo of it is" in look.source
+    assert look.source.startswith("photo 0.15.png from outside the collection, lit unlike any photo of the place (darker), ")
 
-    saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
+    kept = saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
+    assert torch.equal(torch.tensor(json.loads(kept.read_text())["tone"]), look.tone)  # the gains in numbers
     assert torch.equal(rendered(trained, find_appearance(trained, "night")), shown)
     with pytest.raises(BadInput, match="Save the look again"):  # what its numbers mean was still being learnt
         find_appearance(replace(trained, step=trained.step + 1), "night")

@@ -1,0 +1,72 @@
+"""Which photo or look a word stands for, what is said of one that was left out, and how a light is put into words."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from core.data import sfm
+from core.data.made import write_mark
+from core.errors import BadInput
+from core.looks.find_look import find_appearance, find_view
+from core.looks.outside import light_in_words
+from core.looks.trained import Run
+from tests.small import finished, small_collection, small_settings
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Run:
+    return finished(small_collection(tmp_path_factory.mktemp("scene")), small_settings(steps=2), tmp_path_factory.mktemp("runs") / "small")
+
+
+def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained):
+    assert find_appearance(trained, "photo_1").source == "training photo photo_1.png"
+    assert find_view(trained, "photo_1").name == trained.collection.view("photo_1").name == "photo_1.png"
+    first, second, *rest = trained.collection.photos
+    twins = replace(trained.collection, photos=(first, replace(second, name="photo_0.jpg"), replace(rest[0], name="photo_0")))
+    assert twins.called("photo_0").name == "photo_0"
+    twins = replace(twins, photos=twins.photos[:2])
+    assert twins.called("photo_0") is None
+    with pytest.raises(BadInput, match="photo_0 is neither a photo file.* such as photo_0"):
+        find_appearance(replace(trained, collection=twins), "photo_0")
+
+
+def test_a_view_is_called_as_a_look_is(trained):
+    photo = trained.collection.photos[4]
+    assert find_view(trained, str(photo.path)) is photo
+    assert find_view(trained, None).name == trained.collection.view(None).name == "photo_2.png"
+    with pytest.raises(BadInput, match="no photo bogus in this run. Choose one such as photo_0.png"):
+        find_view(trained, "bogus")
+
+
+def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
+    names = [*(photo.name for photo in trained.collection.photos), "lost.jpg"]
+    write_mark(tmp_path / sfm.MARK, {f"/photos/{name}": [1, 1] for name in (*names, "garbled.jpg")})
+    write_mark(tmp_path / sfm.NAMES, {f"/photos/{name}": name for name in names})
+    made = replace(trained, collection=replace(trained.collection, root=tmp_path))
+    for word, name in (("lost.jpg", "lost.jpg"), ("lost", "lost.jpg"), ("elsewhere/lost.jpg", "lost.jpg"), ("garbled.jpg", "garbled.jpg")):
+        said = f"{name} was left out when the cameras were found."
+        with pytest.raises(BadInput, match=f"{said} Give its path, as of a photo from outside: /photos/{name}"):
+            find_appearance(made, word)
+        with pytest.raises(BadInput, match=f"{said} Choose one such as photo_0.png"):
+            find_view(made, word)
+    with pytest.raises(BadInput, match="lust.jpg is neither a photo file"):
+        find_appearance(made, "lust.jpg")
+    Path(tmp_path / sfm.NAMES).unlink()  # by a version that did not keep it: nothing can be told
+    with pytest.raises(BadInput, match="lost.jpg is neither a photo file"):
+        find_appearance(made, "lost.jpg")
+
+
+@pytest.mark.parametrize(
+    "place, sky, words",
+    [
+        ((0.6, 0.5, 0.5), (0.02, 0.02, 0.02), " (darker)"),
+        ((0.3, 0.4, 0.6), (0.3, 0.4, 0.7), " (darker, bluer)"),
+        ((1.4, 1.2, 1.0), (1.4, 1.3, 1.0), " (brighter, redder)"),
+        ((1.0, 1.3, 1.0), (0.9, 1.2, 0.9), " (greener)"),
+        ((1.02, 1.0, 0.98), (1.0, 1.0, 1.0), ""),
+    ],
+)
+def test_a_light_is_said_in_a_few_words(place, sky, words):
+    assert light_in_words(torch.tensor([place, sky])) == f"unlike any photo of the place{words}"

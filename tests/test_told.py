@@ -1,0 +1,59 @@
+"""What is said on the way from photos to looks and figures: only what is true, in words that a newcomer knows."""
+
+from dataclasses import replace
+
+import pytest
+
+from core import pipeline
+from core.data import load_collection
+from core.training.tell import tell_collection
+from tests.data.small_scene import SmallScene
+from tests.heard import Heard
+from tests.small import finished, small_collection, small_settings
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """The folder of a run with one held-out photo."""
+    collection = small_collection(tmp_path_factory.mktemp("scene"), photos=5)
+    return finished(collection, small_settings(steps=1), tmp_path_factory.mktemp("runs") / "small").folder
+
+
+def told(collection) -> list[str]:
+    heard = Heard()
+    tell_collection(collection, heard)
+    return heard.lines
+
+
+def test_one_photo_is_not_called_several(trained, tmp_path):
+    heard = Heard()
+    pipeline.evaluate(trained, "full", heard, refine=False)
+    assert heard.lines[0].endswith("step 1: 1 held-out photo, protocol full")
+    collection = small_collection(tmp_path)
+    assert told(replace(collection, points=collection.points[:1]))[0].endswith("(4 train, 2 test), 1 point")
+
+
+def test_where_all_photos_are_trained_on_none_is_said_to_be_held_out(tmp_path):
+    scene = SmallScene().write(tmp_path / "scene")
+    (scene / "images" / "photo_0.png").write_bytes((scene / "images" / "photo_1.png").read_bytes())
+    collection = load_collection(scene)
+    assert "every 8th photo" in (said := "\n".join(told(collection))) and "held out though a copy" in said
+    lines = told(collection.undivided())
+    assert lines[0].endswith("4 photos (4 train, 0 test), 20 points")
+    assert [line for line in lines if "held" in line] == ["! All photos are trained on, none is held out: there will be no held-out quality."]
+
+
+def test_a_look_comes_with_a_way_to_look_at_it(trained, tmp_path):
+    for sky in (True, False):
+        heard, path = Heard(), tmp_path / f"{sky}.ply"
+        pipeline.export(trained, "neutral", path, heard, sky=sky)
+        drag = f"Next: drag {path} into https://superspl.at/editor, and {trained / 'cameras.json'} as well for the photos' viewpoints"
+        outside = "There you begin outside the dome of the sky: take a viewpoint, or fly in"
+        assert heard.lines[-1 - sky :] == [drag, outside][: 1 + sky]
+
+
+def test_the_looks_of_a_fade_have_a_line_each(trained, tmp_path):
+    heard = Heard()
+    pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, view="photo_1")
+    assert heard.lines[0].endswith("small: 2 steps, seen from photo_1.png")
+    assert heard.lines[1:3] == ["  from the mean of the training photos", "  to training photo photo_0.png"]

@@ -25,7 +25,7 @@ def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_
 
 
 def labelled_sheet(
-    columns: Sequence[str], rows: Sequence[tuple[str, Sequence[UInt8[np.ndarray, "h w 3"]]]]
+    columns: Sequence[str], rows: Sequence[tuple[str, Sequence[UInt8[np.ndarray, "_ _ 3"]]]]
 ) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All rows below a line of titles, RGB: the tiles of a row, of one size and one a column, stand above its text."""
     width = max(tiles[0].shape[1] for _, tiles in rows) + GAP_PX

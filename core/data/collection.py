@@ -118,7 +118,7 @@ def picture_places(names: Iterable[str]) -> dict[str, Path]:
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
     """`count` of the items (photos, cameras), evenly spread from the first to the last; all where there are no more."""
-    return items if len(items) <= count else [items[row] for row in np.linspace(0, len(items) - 1, count).astype(int)]
+    return items if len(items) <= count else [items[row] for row in np.linspace(0, len(items) - 1, count).astype(int).tolist()]
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:

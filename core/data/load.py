@@ -13,7 +13,7 @@ from core.data.posed import Posed, collect
 from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
 from core.errors import BadInput, command
 
-PHOTO_FOLDERS = (".", "images", "photos")
+PHOTO_FOLDERS = (".", "images", "input", "photos")
 FOUND_BY_SFM = {"colmap": read_colmap, "phototourism": read_colmap}  # cameras that hang on their points
 POSED = {**FOUND_BY_SFM, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
 
@@ -97,7 +97,7 @@ def check_cameras_unknown(path: Path) -> None:
 
 
 def find_photos(path: Path) -> Path:
-    """The folder of plain photos: `path`, or images/ or photos/ in it, whichever holds most. Raises BadInput where there are none."""
+    """The folder of plain photos: `path`, or images/, input/ or photos/ in it, whichever holds most. Raises BadInput where there are none."""
     counts = count_photos(path)
     if any(counts.values()):
         return max(counts, key=counts.get)  # the first of equals

@@ -10,8 +10,8 @@ from jaxtyping import Float, UInt8
 
 from core.evaluation import LOOKS
 from core.evaluation.protocols import ViewPictures
-from core.export.labelled_sheet import labelled_sheet, tile, tile_size
-from core.export.pictures import write_png
+from core.export.labelled_sheet import labelled_sheet
+from core.export.pictures import tile, tile_size, write_png
 
 PARTS = ("color", "gt-color")  # folders of renders and photos, as nerfbaselines names them
 FULL_ERROR = 0.5  # the mean |difference| over the channels that gets the brightest colour

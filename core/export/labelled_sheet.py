@@ -6,26 +6,13 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 LABEL_PX = 22  # height of a line of text
 GAP_PX = 4
 TEXT = (230, 230, 230)
 
 
-def tile_size(height: int, width: int) -> tuple[int, int]:
-    """Width and height, px, of a picture on a sheet: those of the picture itself, or shrunk to a width of TILE_PX."""
-    share = min(1.0, TILE_PX / width)
-    return max(1, round(width * share)), max(1, round(height * share))
-
-
-def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_w 3"]:
-    """The picture at its `tile_size`, so that many can wait for the others."""
-    size = tile_size(*picture.shape[:2])
-    return picture if picture.shape[1::-1] == size else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-
-
 def labelled_sheet(
-    columns: Sequence[str], rows: Sequence[tuple[str, Sequence[UInt8[np.ndarray, "h w 3"]]]]
+    columns: Sequence[str], rows: Sequence[tuple[str, Sequence[UInt8[np.ndarray, "_ _ 3"]]]]
 ) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All rows below a line of titles, RGB: the tiles of a row, of one size and one a column, stand above its text."""
     width = max(tiles[0].shape[1] for _, tiles in rows) + GAP_PX

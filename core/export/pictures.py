@@ -13,7 +13,7 @@ from core.atomic import replacing, write_bytes
 from core.errors import WegsError
 
 SHEET_COLUMNS = 5  # at most
-SHEET_TILE_PX = 320  # widest tile of a contact sheet
+TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 VIDEO_SECONDS = 3.0
 VIDEO_CODECS = "vp09", "mp4v"  # VP9, because browsers and editors play it; MPEG-4 part 2, which they do not, where OpenCV lacks that
 
@@ -29,18 +29,27 @@ def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
     write_bytes(path, data.tobytes())  # OpenCV would not say that the disk is full
 
 
+def tile_size(height: int, width: int) -> tuple[int, int]:
+    """Width and height, px, of a picture on a sheet: those of the picture itself, or shrunk to a width of TILE_PX."""
+    share = min(1.0, TILE_PX / width)
+    return max(1, round(width * share)), max(1, round(height * share))
+
+
+def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_w 3"]:
+    """The picture at its `tile_size`, so that many can wait for the others."""
+    size = tile_size(*picture.shape[:2])
+    return picture if picture.shape[1::-1] == size else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+
+
 def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """All frames (of one size), shrunk, in reading order, in as few and as even rows as can be; unused tiles are white."""
-    height, width = frames[0].shape[:2]
-    share = min(1.0, SHEET_TILE_PX / width)
-    size = max(1, round(width * share)), max(1, round(height * share))
+    width, height = tile_size(*frames[0].shape[:2])
     rows = math.ceil(len(frames) / SHEET_COLUMNS)
     columns = math.ceil(len(frames) / rows)
-    sheet = np.full((rows * size[1], columns * size[0], 3), 255, dtype=np.uint8)
+    sheet = np.full((rows * height, columns * width, 3), 255, dtype=np.uint8)
     for number, frame in enumerate(frames):
-        top, left = number // columns * size[1], number % columns * size[0]
-        tile = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
-        sheet[top : top + size[1], left : left + size[0]] = tile
+        top, left = number // columns * height, number % columns * width
+        sheet[top : top + height, left : left + width] = tile(frame)
     return sheet
 
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from core.data.collection import spread_over
-from core.export.labelled_sheet import labelled_sheet, tile
-from core.export.pictures import to_8_bit, write_png
+from core.export.labelled_sheet import labelled_sheet
+from core.export.pictures import tile, to_8_bit, write_png
 from core.looks.find_look import find_appearance
 from core.looks.saved_look import NEUTRAL
 from core.looks.trained import Run, bake

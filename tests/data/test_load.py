@@ -46,7 +46,7 @@ def test_photos_that_opencv_cannot_read_are_named(tmp_path):
         load_collection(tmp_path)
 
 
-@pytest.mark.parametrize("folder", [".", "images", "photos"])
+@pytest.mark.parametrize("folder", [".", "images", "input", "photos"])
 def test_photos_without_a_model(tmp_path, folder):
     save_photo(tmp_path / folder / "a.jpg")
     assert find_kind(tmp_path) == "photos"

@@ -8,7 +8,8 @@ import numpy as np
 from core.data.collection import picture_places
 from core.evaluation.protocols import ViewPictures
 from core.evaluation.sheet import BLANK, error_picture, picture_sheet, row_of, titles, write_view
-from core.export.labelled_sheet import GAP_PX, LABEL_PX, TILE_PX
+from core.export.labelled_sheet import GAP_PX, LABEL_PX
+from core.export.pictures import TILE_PX
 
 
 def row(height, width, mask=None, name="photo.jpg"):

@@ -12,7 +12,7 @@ import torch
 from core import lock
 from core.atomic import check_file, check_folder, filling, replacing, write_json
 from core.errors import BadInput, WegsError
-from core.export.pictures import SHEET_TILE_PX, contact_sheet, to_8_bit, write_png, write_video
+from core.export.pictures import TILE_PX, contact_sheet, to_8_bit, write_png, write_video
 
 
 def test_rendering_to_pixels_clamps_and_rounds():
@@ -44,8 +44,8 @@ def test_a_sheet_reads_row_by_row_in_even_rows(frames, rows):
 
 
 def test_large_frames_are_shrunk_on_the_sheet():
-    sheet = contact_sheet([np.full((300, 2 * SHEET_TILE_PX, 3), 9, np.uint8)] * 2)
-    assert sheet.shape == (150, 2 * SHEET_TILE_PX, 3)
+    sheet = contact_sheet([np.full((300, 2 * TILE_PX, 3), 9, np.uint8)] * 2)
+    assert sheet.shape == (150, 2 * TILE_PX, 3)
 
 
 def test_a_video_has_every_frame_even_at_an_odd_size(tmp_path):

@@ -105,6 +105,6 @@ def test_points_of_a_file_train_as_well_though_nobody_knows_who_sees_them(tmp_pa
     said = "\n".join(heard.lines)
     assert "Nothing says which photo sees which point" in said
     assert (
-        "appearance=full: too little to judge by (0 usable sightings of SfM points in 0 photos), so it is kept" in said
+        "appearance=full: the photos are too few, or share too few points, to tell whether their light differs" in said
     )
     assert pipeline.load_run(folder).settings.sh_degree == 1

@@ -28,13 +28,11 @@ STEPS = 255.0
 class Evidence:
     """What the photos say; None where they say too little.
 
-    sightings: how many were used, of `photos` photos. differ: spread of a point's colour over the photos, 8-bit steps. remain:
-    the same after a gain and an offset for each photo and channel, its tone. facing: share, up to 1, of what remains that
-    the viewing direction explains. strange: share of places that look unlike what photos from nearly the same place show.
+    differ: spread of a point's colour over the photos, 8-bit steps. remain: the same after a gain and an offset for each photo and
+    channel, its tone. facing: share, up to 1, of what remains that the viewing direction explains. strange: share of places that
+    look unlike what photos from nearly the same place show.
     """
 
-    photos: int
-    sightings: int
     differ: float | None = None
     remain: float | None = None
     facing: float | None = None
@@ -45,14 +43,11 @@ def gather_evidence(points: np.ndarray, pictures: Sequence[Picture]) -> Evidence
     """The figures of a collection: SfM points (P, 3; scene frame) and its decoded training photos."""
     places = _judgeable(find_sightings(points, pictures))
     matched = places[places.matched]
-    photos = len(np.unique(matched.photo))
-    if len(matched) < FEWEST_SIGHTINGS or photos < FEWEST_PHOTOS:
-        return Evidence(photos, len(matched))
+    if len(matched) < FEWEST_SIGHTINGS or len(np.unique(matched.photo)) < FEWEST_PHOTOS:
+        return Evidence()
     base, tones = fit_tones(matched)
     left = matched.colour - in_tone(tones, matched.photo, base[matched.point])
     return Evidence(
-        photos=photos,
-        sightings=len(matched),
         differ=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
         remain=shared_spread(matched, left),
         facing=facing_share(matched, left),

@@ -22,6 +22,7 @@ LEAST_STRANGE = 0.015  # columns and corners make 0.5 to 1 % of calm photos (pla
 # Degree 1 against 0 on held-out training photos, dB: + 0.3 at 90 % (fountain), + 0.2 at 59 % (kermit), 0 at 33 % (calm plaza), 0
 # to + 0.4 at 21 % (Liberty), 0 to - 0.5 at 4 % (plaza).
 LEAST_FACING = 0.1
+TOO_FEW = "the photos are too few, or share too few points, to tell"
 USUAL_DEGREE = 1  # where nothing can be said; higher degrees ask for more views of a point than tracks are long
 
 
@@ -70,7 +71,7 @@ def budget(pictures: Sequence[Picture]) -> dict[str, int]:
 def appearance(evidence: Evidence) -> Decision:
     """off, exposure or full."""
     if evidence.differ is None:
-        return Decision("appearance", "full", None, _too_little(evidence))
+        return Decision("appearance", "full", None, f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out")
     steps = f"a point's colour differs by {evidence.differ:.1f} of 255 between photos"
     if evidence.differ < LEAST_DIFFERENCE:
         return Decision("appearance", "off", evidence.differ, f"{steps}, less than {LEAST_DIFFERENCE:g}")
@@ -83,8 +84,8 @@ def appearance(evidence: Evidence) -> Decision:
 def transients(evidence: Evidence) -> Decision:
     """off or on."""
     if evidence.strange is None:
-        nearby = f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby: too few to judge by"
-        return Decision("transients", "on", None, _too_little(evidence) if evidence.differ is None else nearby)
+        why = TOO_FEW if evidence.differ is None else f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby, too few to tell"
+        return Decision("transients", "on", None, f"{why} whether there are passers-by; `--transients off` leaves masks out")
     share = f"{evidence.strange:.1%} of the places look unlike what photos from nearby show there"
     if evidence.strange < LEAST_STRANGE:
         return Decision("transients", "off", evidence.strange, f"{share}, less than {LEAST_STRANGE:.1%}")
@@ -94,7 +95,7 @@ def transients(evidence: Evidence) -> Decision:
 def sh_degree(evidence: Evidence) -> Decision:
     """0 or 1."""
     if evidence.facing is None:
-        why = f"too few points that {FEWEST_VIEWS} photos match to judge by"
+        why = f"too few points are seen by {FEWEST_VIEWS} photos to tell whether colours depend on the viewing direction"
         return Decision("sh_degree", USUAL_DEGREE, None, why)
     share = f"the viewing direction explains {evidence.facing:.0%} of what colours differ by within a look"
     if evidence.facing < LEAST_FACING:
@@ -104,12 +105,7 @@ def sh_degree(evidence: Evidence) -> Decision:
 
 def _of_renders(name: str) -> Decision:
     """Renders of one thing in one light: there, looks and masks that are kept unjudged cost 1.8 dB (biker, 200 px, 600 steps)."""
-    return Decision(name, "off", None, "too little to judge by, and photos cut out of empty space are taken for renders in one light")
-
-
-def _too_little(evidence: Evidence) -> str:
-    seen = f"{evidence.sightings} usable sightings of SfM points in {evidence.photos} photos"
-    return f"too little to judge by ({seen}), so it is kept; `wegs train --help` tells how to leave it out"
+    return Decision(name, "off", None, f"{TOO_FEW} what differs, and photos cut out of empty space are taken for renders in one light")
 
 
 JUDGES = {"appearance": appearance, "transients": transients, "sh_degree": sh_degree}

@@ -88,10 +88,12 @@ def test_too_little_to_judge_by_keeps_everything_and_says_so(tmp_path):
 
 def test_figures_on_either_side_of_a_bound_decide():
     def evidence(**figures):
-        return Evidence(9, 999, **({"differ": 20.0, "remain": 9.0, "facing": 0.9, "strange": 0.1} | figures))
+        return Evidence(**{"differ": 20.0, "remain": 9.0, "facing": 0.9, "strange": 0.1} | figures)
 
-    for seen, why in ((evidence(strange=None), "fewer than 300 places"), (evidence(strange=None, differ=None), "too little to judge by")):
-        assert needs.transients(seen).value == "on" and why in needs.transients(seen).because
+    for seen, why in ((evidence(strange=None), "fewer than 300 places"), (Evidence(), "the photos are too few, or share too few points, to tell")):
+        taken = needs.transients(seen)
+        assert taken.value == "on" and why in taken.because and "whether there are passers-by; `--transients off` leaves masks out" in taken.because
+    assert "to tell whether their light differs; `--appearance off` leaves looks out" in needs.appearance(Evidence()).because
     assert needs.appearance(evidence(differ=needs.LEAST_DIFFERENCE - 0.01)).value == "off"
     assert needs.appearance(evidence(remain=needs.LEAST_REMAINDER - 0.01)).value == "exposure"
     assert needs.appearance(evidence()).value == "full"

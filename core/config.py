@@ -33,9 +33,13 @@ def setting(
     high: float | None = None,
     choices: tuple = (),
     auto: bool = False,
+    section: str = "",
 ) -> Any:
-    """A field of Settings: its default, its help, and the values it accepts. auto: a number may be UNDECIDED as well."""
-    rules = {"help": help, "low": low, "high": high, "choices": choices, "auto": auto}
+    """A field of Settings: its default, its help, and the values it accepts.
+
+    auto: a number may be UNDECIDED as well. section: the heading, in lists of settings, of this one and those that follow.
+    """
+    rules = {"help": help, "low": low, "high": high, "choices": choices, "auto": auto, "section": section}
     return field(default=default, metadata=rules)
 
 
@@ -43,13 +47,13 @@ def setting(
 class Settings:
     """All that decides how a run turns out. Fractions are of `steps`; lengths are scene units (scene radius 1)."""
 
-    # --- the run
     steps: int = setting(
         UNDECIDED,
         f"Training steps; every schedule is a fraction of them. auto: {FIRST_VISITS} per photo, at least {LEAST['steps']} and at most "
         f"{FIRST_STEPS}; {VISITS} per photo where that is more.",
         low=1,
         auto=True,
+        section="The run",
     )
     seed: int = setting(0, "Seed of everything random.", low=0, high=2**63 - 1)
     device: str = setting("auto", "Where to compute. auto: an NVIDIA GPU if torch finds one.", choices=("auto", "cpu", "cuda"))
@@ -76,11 +80,11 @@ class Settings:
         auto=True,
     )
 
-    # --- the parts of the method, as switches
     appearance: str = setting(
         AUTO,
         "How the look may differ between photos: off = not at all, exposure = by an affine colour map, full = by SH transfer. auto: chosen from the photos.",
         choices=(AUTO, "off", "exposure", "full"),
+        section="Parts of the method",
     )
     transients: str = setting(AUTO, "Whether passers-by (transients) are masked. auto: chosen from the photos.", choices=(AUTO, "off", "on"))
     sky: str = setting(
@@ -107,8 +111,8 @@ class Settings:
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
     exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
-    # --- sizes; those of the look by the table in core/TRIED.md, "Capacity of a look"
-    embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024)
+    # Those of the look by the table in core/TRIED.md, "Capacity of a look".
+    embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024, section="Sizes")
     latent_size: int = setting(
         16, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position; 0: none (paper).", low=0, high=1024
     )
@@ -126,8 +130,7 @@ class Settings:
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
     sky_radius: float = setting(30.0, "Radius of the sky's dome.", low=2)
 
-    # --- losses
-    ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1)
+    ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses")
     mask_loss: str = setting(
         "weighted",
         "How masks enter the picture loss: weighting the maps, or multiplying the pictures, whose error then teaches them (paper).",
@@ -138,8 +141,7 @@ class Settings:
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
 
-    # --- learning rates (Adam)
-    mean_rate: float = setting(8e-4, "Learning rate of centres, decaying to a hundredth; scene units a step.", low=0)
+    mean_rate: float = setting(8e-4, "Learning rate of centres, decaying to a hundredth; scene units a step.", low=0, section="Learning rates (Adam)")
     quaternion_rate: float = setting(2e-3, "Learning rate of quaternions.", low=0)
     scale_rate: float = setting(8e-3, "Learning rate of log scales.", low=0)
     opacity_rate: float = setting(4e-2, "Learning rate of logit opacities.", low=0)
@@ -148,8 +150,14 @@ class Settings:
     encoder_rate: float = setting(5e-4, "Learning rate of the encoder, decaying to a tenth.", low=0)
     embedding_rate: float = setting(1e-2, "Learning rate of GLO embeddings and latents, decaying to a tenth.", low=0)
 
-    # --- density control
-    densify_from: float = setting(UNDECIDED, "Fraction at which growth starts. auto: 0.12, or 0.02 without looks.", low=0, high=1, auto=True)
+    densify_from: float = setting(
+        UNDECIDED,
+        "Fraction at which growth starts. auto: 0.12, or 0.02 without looks.",
+        low=0,
+        high=1,
+        auto=True,
+        section="Density control",
+    )
     densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
     densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
@@ -163,8 +171,7 @@ class Settings:
         auto=True,
     )
 
-    # --- schedule
-    coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1)
+    coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(
         UNDECIDED,
         "Fraction at which the geometry begins to move; until then only looks are learnt. auto: 0.1, or 0 without looks.",

@@ -99,9 +99,11 @@ def settings_from(
 
 
 def settings_table() -> str:
-    """Every setting with its default and help, for the end of `wegs train --help`."""
+    """Every setting with its default and help, by sections, for the end of `wegs train --help`."""
     lines = ["\b", "Settings, for --set and --config:"]
     for name, item in FIELDS.items():
+        if item.metadata["section"]:
+            lines += ["\n\b", f"{item.metadata['section']}:"]
         choices = f" ({' | '.join(item.metadata['choices'])})" if item.metadata["choices"] else ""
         lines.append(f"  {name} = {shown_default(name)}{choices}")
         lines.append(f"      {item.metadata['help']}")

@@ -45,6 +45,13 @@ def test_train_help_shows_every_setting_with_default_and_help():
     assert f"[{'|'.join(PRESETS)}]" in output
 
 
+def test_the_settings_stand_under_headings():
+    lines = [line.strip() for line in CliRunner().invoke(wegs, ["train", "--help"]).output.splitlines()]
+    for heading, first in (("The run:", "steps = auto"), ("Losses:", "ssim_weight = 0.2"), ("Schedule:", "coarse_until = 0.2")):
+        assert lines[lines.index(heading) - 1] == "" and lines[lines.index(heading) + 1] == first
+    assert lines.index("Losses:") < lines.index("gauge = 0.01") < lines.index("Learning rates (Adam):")
+
+
 def test_a_flag_is_its_setting_with_dashes():
     for name, flags in FLAGS.items():
         assert hasattr(Settings(), name) and flags[-1] == "--" + name.replace("_", "-")

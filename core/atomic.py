@@ -73,20 +73,15 @@ def _named(path: Path) -> Iterator[None]:
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path to write, which becomes `path` when the block ends well and is removed when it does not.
 
-    It lies in the same folder, because only there a rename is atomic, and keeps the suffix, by which video and picture
-    writers choose their format.
+    It lies in a temporary folder beside `path`, because only on the same disk a rename is atomic, and has the same name, by whose suffix
+    video and picture writers choose their format.
     Raises WegsError for a full disk and BadInput for a folder that is missing or may not be written.
     """
     path = Path(path)
     check_file(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        with _named(path):
-            yield temporary
-            os.replace(temporary, path)
-    finally:
-        with suppress(OSError):  # where nothing may be written, nothing is left to remove
-            temporary.unlink()
+    with _named(path), temporary_folder(path) as work:
+        yield work / path.name
+        os.replace(work / path.name, path)
 
 
 class MadeMeanwhile(BadInput):
@@ -94,24 +89,38 @@ class MadeMeanwhile(BadInput):
 
 
 @contextmanager
-def temporary_folder(folder: Path) -> Iterator[Path]:
-    """A temporary folder beside `folder`, or inside it if it exists: it may be a disk of its own (a container's volume), onto which
-    nothing can be moved from beside it. Removed at the end, or, after a kill, when the next one for `folder` is made, where the disk knows locks."""
-    parent = folder if folder.is_dir() else folder.parent
-    parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".{folder.resolve().name}{TEMPORARY}"
-    _sweep(parent, prefix)
-    work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+def made(folder: Path) -> Iterator[None]:
+    """Inside, `folder` is there; what had to be made for it vanishes again where nothing is put into it."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        with taken(work):
-            yield work
+        yield
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        for path in missing:
+            with suppress(OSError):  # what holds files stays
+                path.rmdir()
+
+
+@contextmanager
+def temporary_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder beside the file or folder `path`, or inside it if it is a folder: that may be a disk of its own (a container's
+    volume), onto which nothing can be moved from beside it. Removed at the end, or, after a kill, when the next one for `path` is made, where
+    the disk knows locks."""
+    parent = path if path.is_dir() else path.parent
+    with made(parent):
+        prefix = f".{path.resolve().name}{TEMPORARY}"
+        _sweep(parent, prefix)
+        work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+        try:
+            with taken(work):
+                yield work
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
 
 
 def _sweep(parent: Path, prefix: str) -> None:
     """Remove the temporary folders whose processes were killed: those that nobody holds."""
-    for left in [path for path in parent.iterdir() if path.name.startswith(prefix)]:
+    for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix)]:
         with suppress(OSError), taken(left) as ours:
             if ours and time.time() - left.stat().st_mtime > FRESH_S:
                 shutil.rmtree(left)

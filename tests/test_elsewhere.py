@@ -94,7 +94,7 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
     pipeline.export(folder, str(scene / "photo_1.png"), tmp_path / "other.ply", prune=False)
     cv2.imwrite(str(tmp_path / "night.png"), np.zeros((30, 40, 3), np.uint8))
     pipeline.export(folder, str(tmp_path / "night.png"), tmp_path / "night.ply", heard, save_as="night")
-    assert any("lit as no photo of it is" in line for line in heard.lines)
+    assert any("lit unlike any photo of the place (darker" in line for line in heard.lines)
     pipeline.interpolate(folder, "night", "kept", 3, tmp_path / "dawn")
     pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
     monkeypatch.setattr(pipeline.lpips, "load", lambda: Lpips("alex", made_weights("alex")))

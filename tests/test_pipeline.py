@@ -253,7 +253,7 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
     assert written["means"]["photo"]["zero_shot"]["psnr"] == results.means()["photo"]["zero_shot"]["psnr"]
     assert len(json.loads((trained[0] / "per_view.json").read_text())) == 2
     assert cv2.imread(str(trained[0] / "sheet.png")).shape[1] > 4 * 48  # photo | render | mask | error
-    assert heard.steps[-1] == (2, 2) and any(line.startswith("photo: zero-shot: PSNR") for line in heard.lines)
+    assert heard.steps[-1] == (2, 2) and any(line.startswith("photo, zero-shot: PSNR") for line in heard.lines)
     pipeline.evaluate(trained[0], "full", refine=False, keep_pictures=True)  # neither protocol's figures replace the other's
     for name, protocol in (("results.json", "half"), ("results_full.json", "full")):
         assert json.loads((trained[0] / name).read_text())["protocol"] == protocol

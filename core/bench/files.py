@@ -3,15 +3,16 @@
 import csv
 import io
 import tempfile
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from core.atomic import check_folder, temporary_folder, write_bytes, write_json, write_text
+from core.atomic import check_folder, made, temporary_folder, write_bytes, write_json, write_text
 from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
-from core.errors import BadInput
+from core.errors import BadInput, not_made
 from core.report import Report
 
 SUFFIXES = (".csv", ".json", ".png")
@@ -20,6 +21,17 @@ SUFFIXES = (".csv", ".json", ".png")
 def scratch() -> AbstractContextManager[Path]:
     """A temporary folder for what is made only to be measured; what a kill leaves is removed when the next one is made."""
     return temporary_folder(Path(tempfile.gettempdir()) / "wegs-bench")
+
+
+@contextmanager
+def room_in(folder: Path) -> Iterator[None]:
+    """Inside, `folder` is there, which vanishes again where no figure is written into it; BadInput if it cannot be made."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(made(folder))
+        except OSError as problem:
+            raise not_made(folder, problem) from None
+        yield
 
 
 def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
@@ -49,7 +61,7 @@ def show(figure: Figure, report: Report) -> None:
 
 
 def save(figure: Figure, folder: Path) -> list[Path]:
-    """Write NAME.csv, NAME.json and NAME.png into `folder`, which is made; each whole or not at all."""
+    """Write NAME.csv, NAME.json and NAME.png into `folder`, which is made if it is not there; each whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / (figure.name + suffix) for suffix in SUFFIXES]
     write_text(paths[0], csv_of(figure))

@@ -78,20 +78,18 @@ def bench(
     collection = None
     if scene is not None:
         collection = prepared(scene, output.parent / f"{scene.resolve().name or 'scene'}-scene", report)
-    names = _measurable(names, trained.collection if trained else collection, report)
-    if trained is not None and "training" in names:
-        checks(trained.folder)  # as above
+    names = _measurable(names, trained, collection, report)
     figures = []
 
     def finish(figure: Figure) -> None:
         figures.append(figure)
         _keep(figure, output, report)
 
-    if "rendering" in names:
-        finish(_fixed_rendering(size, full, report))
-        if trained is not None:
-            finish(_rendering_of(trained, size, full, report))
-    with files.scratch() as scratch:
+    with files.room_in(output), files.scratch() as scratch:
+        if "rendering" in names:
+            finish(_fixed_rendering(size, full, report))
+            if trained is not None:
+                finish(_rendering_of(trained, size, full, report))
         if trained is not None:
             courses = _courses_of([trained.folder])
             title, notes = f"Training {courses[0].name}", ELSEWHERE
@@ -144,14 +142,27 @@ def _keep(figure: Figure, folder: Path, report: Report) -> None:
     report.say(f"{folder}: {', '.join(path.name for path in paths)}\n")
 
 
-def _measurable(names: tuple[str, ...], collection: Collection | None, report: Report) -> tuple[str, ...]:
-    """Those of the figures `names` that the photos allow; the others are named. collection: None for the built-in one."""
-    left = tuple(name for name in names if name not in ("training", "refinement"))
-    if collection is None or collection.split("test") or left == names:
+def _measurable(names: tuple[str, ...], trained: Run | None, collection: Collection | None, report: Report) -> tuple[str, ...]:
+    """Those of the figures `names` for which there is enough in the run or the photos to measure; the others are named.
+
+    collection: None for that of the run, or the built-in one.
+    """
+    collection = trained.collection if trained else collection
+    lacking: tuple[str, ...] = ()
+    if collection is not None and not collection.split("test"):
+        lacking = ("training", "refinement")
+        problem = BadInput(f"No photo of {collection.name} is held out.", "Take a run without --all-photos of a scene whose split has test photos.")
+    elif trained is not None:
+        try:
+            checks(trained.folder)
+        except BadInput as found:
+            lacking, problem = ("training",), found
+    left = tuple(name for name in names if name not in lacking)
+    if left == names:
         return names
     if not left:
-        raise BadInput(f"No photo of {collection.name} is held out.", "Take a run without --all-photos of a scene whose split has test photos, or another --only.")
-    report.say("No photo is held out: nothing is drawn of training and refinement.")
+        raise BadInput(problem.what, f"{problem.fix} Or choose another figure with --only.")
+    report.say(f"Nothing is drawn of {' and '.join(name for name in names if name in lacking)}: {problem}")
     return left
 
 

@@ -76,7 +76,7 @@ class Results:
         for against, by_embedding in self.means().items():
             for whose, figures in by_embedding.items():
                 words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
-                rows.append((f"{against}: {LOOKS[whose]}", "  ".join(words)))
+                rows.append((f"{against}, {LOOKS[whose]}", "  ".join(words)))
         overlap = self.mask_iou()
         return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]
 

@@ -63,9 +63,9 @@ def test_what_cannot_be_measured_is_refused_before_the_minutes(tmp_path, small_r
         suite.bench(None, None, FIGURES, False, small_run / "config.json", Report())
     unchecked = shutil.copytree(small_run, tmp_path / "unchecked")
     (unchecked / "history.csv").unlink()
-    monkeypatch.setattr(suite, "baking_figure", lambda *_: pytest.fail("it was measured first"))
-    with pytest.raises(BadInput, match="holds no held-out quality"):
-        suite.bench(None, unchecked, ("baking", "training"), False, tmp_path / "out", Report())
+    with pytest.raises(BadInput, match="holds no held-out quality.* Or choose another figure with --only"):
+        suite.bench(None, unchecked, ("training",), False, tmp_path / "out", Report())
+    assert not (tmp_path / "out").exists()
     with pytest.raises(BadInput, match="Give one"):
         suite.bench(tmp_path, small_run, FIGURES, False, tmp_path / "out", Report())
 
@@ -136,9 +136,30 @@ def test_without_held_out_photos_the_rest_is_measured(small_run, tmp_path, monke
     trained, heard = load_run(small_run), Heard()
     monkeypatch.setattr(suite, "load_run", lambda _: replace(trained, collection=trained.collection.undivided()))
     figures = suite.bench(None, small_run, ("baking", "training", "refinement"), False, tmp_path, heard)
-    assert [figure.name for figure in figures] == ["baking"] and any("No photo is held out" in line for line in heard.lines)
-    with pytest.raises(BadInput, match="No photo of small is held out"):
+    assert [figure.name for figure in figures] == ["baking"]
+    assert heard.lines[0].startswith("Nothing is drawn of training and refinement: No photo of small is held out.")
+    with pytest.raises(BadInput, match="No photo of small is held out.* Or choose another figure with --only"):
         suite.bench(None, small_run, ("training",), False, tmp_path / "other", heard)
+
+
+def test_without_checks_on_the_way_the_rest_is_measured(small_run, tmp_path):
+    folder, heard = shutil.copytree(small_run, tmp_path / "small"), Heard()
+    (folder / "history.csv").unlink()
+    figures = suite.bench(None, folder, ("baking", "training"), False, tmp_path, heard)
+    assert [figure.name for figure in figures] == ["baking"]
+    assert heard.lines[0].startswith(f"Nothing is drawn of training: {folder / 'history.csv'} holds no held-out quality.")
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, monkeypatch):
+    """The system may say that root can write where nobody can, as in /proc."""
+
+    def nowhere(self, *_, **__):
+        raise FileNotFoundError(2, "No such file or directory")
+
+    monkeypatch.setattr(suite, "_fixed_rendering", lambda *_: pytest.fail("it was measured first"))
+    monkeypatch.setattr(Path, "mkdir", nowhere)
+    with pytest.raises(BadInput, match="out could not be made: No such file or directory. Choose another -o"):
+        suite.bench(None, None, ("rendering",), False, tmp_path / "out", Report())
 
 
 def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, monkeypatch):

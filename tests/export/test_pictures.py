@@ -2,6 +2,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -10,7 +12,7 @@ import pytest
 import torch
 
 from core import lock
-from core.atomic import check_file, check_folder, filling, replacing, write_json
+from core.atomic import check_file, check_folder, files_in, filling, replacing, write_json
 from core.errors import BadInput, WegsError
 from core.export.pictures import TILE_PX, contact_sheet, to_8_bit, write_png, write_video
 
@@ -176,6 +178,29 @@ def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_pa
     assert sorted(path.name for path in tmp_path.iterdir()) == [".fade.mine", ".fade.wegs-2", ".sheet.wegs-1", "fade"]
 
 
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_half_a_file_that_a_killed_process_left_is_removed_by_the_next(tmp_path):
+    program = (
+        "import os, signal, sys\nfrom pathlib import Path\nfrom core.atomic import replacing\n"
+        "with replacing(Path(sys.argv[1])) as work:\n    work.write_text('half')\n    os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", program, str(tmp_path / "look.ply")], check=False)
+    (left,) = tmp_path.iterdir()
+    assert files_in(tmp_path) == []  # in nobody's way
+    os.utime(left, (1e9, 1e9))
+    write_json(tmp_path / "other.json", {})
+    assert left.exists()
+    with replacing(tmp_path / "look.ply") as work:
+        work.write_text("whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["look.ply", "other.json"]
+
+
+def test_a_folder_that_was_made_for_nothing_vanishes(tmp_path):
+    with pytest.raises(KeyboardInterrupt), filling(tmp_path / "run" / "pictures" / "half", ("*.png",), True):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_with_other_files_is_never_touched(tmp_path):
     thesis = tmp_path / "thesis.txt"
     thesis.write_text("years")
@@ -216,9 +241,9 @@ def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeyp
 
 
 def test_a_temporary_file_that_cannot_be_removed_hides_no_error(tmp_path, monkeypatch):
-    def refuse(self, missing_ok=False):
+    def refuse(*_, **__):
         raise OSError(errno.EROFS, "Read-only file system")
 
-    monkeypatch.setattr(Path, "unlink", refuse)
+    monkeypatch.setattr(os, "rmdir", refuse)
     with pytest.raises(BadInput, match="could not be written"), replacing(tmp_path / "a.ply"):
         raise OSError(errno.EROFS, "Read-only file system")

@@ -20,15 +20,15 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
     the end. This model is taken if it places more, and each with a focal length that lenses have (core/TRIED.md has the figures).
     """
     models = _models(work, names, report, refined=True)
-    found = _credible(models)
+    found = _plausible(models)
     if 2 * found < len(names):
         again = _models(work, names, report, refined=False)
         _refine(again)
-        credible = _credible(again)
-        if credible > found and credible == again[0].num_reg_images():
+        plausible = _plausible(again)
+        if plausible > found and plausible == again[0].num_reg_images():
             models = again
             report.say(
-                f"Mapped again with focal lengths refined last: {credible} of {len(names)} photos got a place and a focal length that lenses have, "
+                f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
                 f"not {found} as with focal lengths refined along the way."
             )
     if not models:
@@ -73,7 +73,7 @@ def _refine(models: list[pycolmap.Reconstruction]) -> None:
         model.update_point_3d_errors()
 
 
-def _credible(models: list[pycolmap.Reconstruction]) -> int:
+def _plausible(models: list[pycolmap.Reconstruction]) -> int:
     """How many photos have a place in the largest model and a focal length that lenses have."""
     return sum(is_usual(image.camera) for model in models[:1] for image in model.images.values() if image.has_pose)
 

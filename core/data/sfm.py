@@ -115,10 +115,10 @@ def placed_of(scene: Path) -> tuple[int, int, int] | None:
 
 def shortfall(scene: Path) -> str:
     """What to tell of a scene of ours that lost most of its photos; nothing of any other."""
-    total, placed, credible = placed_of(scene) or (0, 0, 0)
-    if 2 * credible >= total:
+    total, placed, plausible = placed_of(scene) or (0, 0, 0)
+    if 2 * plausible >= total:
         return ""
-    but = f", and {placed - credible} of these with a focal length that no lens has" if placed > credible else ""
+    but = f", and {placed - plausible} of these with a focal length that no lens has" if placed > plausible else ""
     return f"Only {placed} of {total} photos could be placed{but}: expect a poor scene. Add photos from in between."
 
 

@@ -61,8 +61,8 @@ def test_most_photos_lost_are_mapped_again_with_focal_lengths_refined_last(mappe
     taken, lines, _ = mapped([model(count, focal_px)] if count else [], [again])
     assert taken is again
     (line,) = lines
-    credible = 3 if count == 3 else 0
-    assert line.startswith("Mapped again with focal lengths refined last: 5 of 8 photos got a place") and f"not {credible} as with" in line
+    plausible = 3 if count == 3 else 0
+    assert line.startswith("Mapped again with focal lengths refined last: 5 of 8 photos got a place") and f"not {plausible} as with" in line
 
 
 def test_focal_lengths_are_refined_in_the_end(mapped):
@@ -93,5 +93,5 @@ def test_real_photos_from_one_side(tmp_path):
     heard = Heard()
     scene = reconstruct(photos, tmp_path / "scene", heard)
     assert any(line.startswith("Mapped again with focal lengths refined last") for line in heard.lines)
-    total, placed, credible = placed_of(scene)
-    assert total == 8 and placed == credible >= 5 and not shortfall(scene)
+    total, placed, plausible = placed_of(scene)
+    assert total == 8 and placed == plausible >= 5 and not shortfall(scene)

@@ -64,6 +64,8 @@ def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
     """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
     check_cameras_unknown(photos)
     sfm.reconstruct(photos, output, report)
+    if words := sfm.shortfall(output):
+        report.warn(words)
     report.say(f"Next: {command('wegs', 'train', output)}")
     return output
 

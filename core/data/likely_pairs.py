@@ -16,6 +16,7 @@ from core.report import Report
 # 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
 FEATURES = 512  # of a photo, the largest
 PARTNERS = 30  # of a photo
+PAIR_S = 0.25  # to match two photos of 1600 px or more on two cores
 RATIO = 0.85  # of the angles to the most and the second most similar feature (Lowe 2004, section 7.1)
 
 
@@ -26,7 +27,7 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     incremental structure from motion, section 3): what is large is seen from near and far, and it is a small sample.
     """
     total = len(names) * (len(names) - 1) // 2
-    if total <= len(names) * PARTNERS:
+    if total <= most_pairs(len(names)):
         return [(first, second) for index, first in enumerate(names) for second in names[:index]]
     largest = _largest_features(work, names)
     found = np.zeros((len(names), len(names)), np.int32)
@@ -39,6 +40,11 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     pairs = {(max(index, int(other)), min(index, int(other))) for index, row in enumerate(chosen) for other in row}
     report.say(f"{len(names)} photos make {total:,} pairs; the {len(pairs):,} whose largest features look most alike are matched.")
     return [(names[first], names[second]) for first, second in sorted(pairs)]
+
+
+def most_pairs(photos: int) -> int:
+    """How many pairs of so many photos are matched at the most."""
+    return min(photos * (photos - 1) // 2, photos * PARTNERS)
 
 
 def count_alike(first: np.ndarray, second: np.ndarray) -> int:

@@ -2,8 +2,9 @@
 
 import hashlib
 import mmap
+import os
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", "
 # Of cameras and phones; OpenCV reads none, or as .avif in some builds only, and not turned as the file says. No photo is a .gif.
 UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif", ".hif", ".jxl", ".pef", ".srw")
 
+LEVELS = 3  # of folders in folders: phone scanners keep photos as deep as that
 START_BYTES = 1 << 16  # of files that may be copies
 JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"
@@ -97,10 +99,27 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
         return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
     if is_of_run(folder):
         return BadInput(f"{folder} is a run, whose pictures are no photos.", "Give the folder that holds your photos.")
-    below = sorted(path.name for path in folder.iterdir() if path.is_dir() and not is_of_wegs(path) and list_photos(path))
-    if below:
-        return BadInput(f"{folder} holds {what}; there are photos in its folder {below[0]}.", "Name that folder, or put all photos into one.")
+    if below := fuller_below(folder, folder):
+        inner = below.relative_to(folder)
+        return BadInput(f"{folder} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
     return BadInput(f"{folder} holds {what}.", "Give the folder that holds your photos.")
+
+
+def fuller_below(folder: Path, than: Path) -> Path | None:
+    """The folder that holds the most photos of all up to LEVELS below `folder`, if it holds more than `than`; what wegs wrote does not count."""
+    found = {path: len(list_photos(path)) for path in (than, *_folders_below(folder, LEVELS))}
+    fullest = max(found, key=found.get)  # the first of equals
+    return None if fullest == than else fullest
+
+
+def _folders_below(folder: Path, levels: int) -> Iterator[Path]:
+    """By name, each before those in it, without hidden ones and those of runs; what cannot be listed is skipped."""
+    with suppress(OSError):
+        for path in sorted(folder.iterdir()):
+            if path.is_dir() and os.access(path, os.R_OK | os.X_OK) and not path.name.startswith(".") and not is_of_wegs(path):
+                yield path
+                if levels > 1:
+                    yield from _folders_below(path, levels - 1)
 
 
 def bad_photo(path: Path, why: str) -> BadInput:

@@ -12,11 +12,11 @@ from core.data import lens as lenses
 from core.data.photo_file import Header, named_with_fault, probe
 from core.errors import BadInput
 from core.scene.camera import Camera
-from core.words import Note, Reasons, counted
+from core.words import Note, Reasons, counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
 LARGEST_COORDINATE = 1e100  # the square of a larger one may be infinite
-USUAL_FOCAL_LENGTHS = (0.1, 10.0)  # in lengths of the longer side: COLMAP's own bounds
+USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # in lengths of the longer side: of fisheyes and telephotos, in mm, on a frame 36 mm wide
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,9 @@ class Placing:
 
     missing_words: str
     said: Reasons = field(default_factory=Reasons)
+    placed: int = 0
     undistorted: int = 0
+    unusual: list[str] = field(default_factory=list)
     missing: int = 0
 
     def place(self, view: View) -> Placed | None:
@@ -100,16 +102,24 @@ class Placing:
             camera = lenses.turned(camera, orientation)
             if description is not None:
                 description["orientation"] = orientation
-        low, high = USUAL_FOCAL_LENGTHS
-        if not low <= lens.mean_focal_length() / max(lens.width, lens.height) <= high:
-            length = f"{camera.fx:.3g} px at a width of {camera.width}"
-            self.said.add("with an unusual focal length, used all the same", f"{view.name} ({length})", harmless=True)
+        self.placed += 1
+        if not is_usual(lens):
+            self.unusual.append(f"{view.name} ({camera.fx:.3g} px at a width of {camera.width})")
         return Placed(camera, description)
 
     def notes(self) -> list[str]:
         """One line for each reason that occurred."""
         undistorted = f"{counted(self.undistorted, 'photo')} will be undistorted."
-        return self.said.notes() + [Note(undistorted, harmless=True)] * bool(self.undistorted)
+        few = 2 * len(self.unusual) <= self.placed
+        what = "with an unusual focal length, used all the same" if few else f"of {self.placed} with a focal length that no lens has, so expect a poor scene"
+        notes = self.said.notes() + name_them(what, self.unusual, harmless=few)
+        return notes + [Note(undistorted, harmless=True)] * bool(self.undistorted)
+
+
+def is_usual(lens: pycolmap.Camera) -> bool:
+    """Whether there are lenses of this focal length."""
+    low, high = USUAL_FOCAL_LENGTHS
+    return low <= lens.mean_focal_length() / max(lens.width, lens.height) <= high
 
 
 def _same_shape(lens: pycolmap.Camera, width: int, height: int) -> bool:

@@ -6,6 +6,8 @@ from core.data.collection import Collection
 from core.data.found_cameras import scene_of_photos
 from core.data.kept_points import points_beside
 from core.data.load import count_photos, find_kind, find_photos, load_collection
+from core.data.photo_file import fuller_below, list_photos
+from core.data.sfm import shortfall
 from core.data.split import copy_lists
 from core.report import Report
 from core.words import counted
@@ -17,16 +19,26 @@ def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False
     all_photos: as of load_collection. wanted: where what is made should lie; it is the collection's root then. Nothing is written into the scene. Errors: as of
     structure from motion, and of reading.
     """
-    if find_kind(scene) == "photos":
-        photos = find_photos(scene)
-        for folder, count in count_photos(scene).items():
-            if count and folder != photos:
-                report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
-        made = scene_of_photos(photos, wanted, report)
-        for folder in (photos, scene):
-            copy_lists(folder, made)
-        return load_collection(made, all_photos)
+    plain = find_kind(scene) == "photos"
+    if plain:
+        scene = _with_cameras(scene, wanted, report)
+    if words := shortfall(scene):
+        report.warn(words)
     collection = load_collection(scene, all_photos)
-    if len(collection.points):
+    if plain or len(collection.points):
         return collection
     return load_collection(points_beside(collection, wanted, report), all_photos)
+
+
+def _with_cameras(scene: Path, wanted: Path, report: Report) -> Path:
+    """The scene that is made of the plain photos in the folder `scene`."""
+    photos = find_photos(scene)
+    for folder, count in count_photos(scene).items():
+        if count and folder != photos:
+            report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
+    if below := fuller_below(scene, photos):
+        report.warn(f"{counted(len(list_photos(below)), 'photo')} in {below} not used: subfolders are not searched. Give that folder to use them.")
+    made = scene_of_photos(photos, wanted, report)
+    for folder in (photos, scene):
+        copy_lists(folder, made)
+    return made

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -10,10 +9,11 @@ import numpy as np
 import pycolmap
 
 from core.atomic import files_in, replacing_folder
-from core.data.features import DATABASE, JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
+from core.data.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
 from core.data.lens import describe
 from core.data.likely_pairs import likely_pairs
 from core.data.made import read_mark, stamp, write_mark
+from core.data.mapping import map_photos
 from core.data.model_file import quiet
 from core.data.photo_file import (
     JPEG_EXIF,
@@ -27,6 +27,7 @@ from core.data.photo_file import (
     without_orientation,
 )
 from core.data.photos import read
+from core.data.placing import is_usual
 from core.data.split import copy_lists
 from core.errors import BadInput
 from core.report import Report
@@ -73,7 +74,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         pycolmap.set_random_seed(SEED)
         extract(work, names, report)
         match(work, likely_pairs(work, names, report), report)
-        model = _map(work, names, report)
+        model = map_photos(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
         write_mark(work / "scene" / MARK, made_of)
@@ -102,6 +103,23 @@ def lenses_of(scene: Path) -> dict[str, dict]:
     """The lenses (as Photo.lens) through which the photos of a scene of ours were taken, by its names; none of any other scene."""
     found = read_mark(scene / LENSES) if (scene / MARK).is_file() else {}
     return {name: lens for name, lens in found.items() if isinstance(lens, dict) and LENS <= lens.keys()}
+
+
+def placed_of(scene: Path) -> tuple[int, int, int] | None:
+    """Of how many photos a scene of ours was made, how many of them got a place, and how many of these a focal length that lenses have; None for any other scene."""
+    total, lenses = len(read_mark(scene / NAMES)), lenses_of(scene)
+    if not total or not lenses:
+        return None
+    return total, len(lenses), sum(is_usual(pycolmap.Camera(**{part: lens[part] for part in LENS})) for lens in lenses.values())
+
+
+def shortfall(scene: Path) -> str:
+    """What to tell of a scene of ours that lost most of its photos; nothing of any other."""
+    total, placed, plausible = placed_of(scene) or (0, 0, 0)
+    if 2 * plausible >= total:
+        return ""
+    but = f", and {placed - plausible} of these with a focal length that no lens has" if placed > plausible else ""
+    return f"Only {placed} of {total} photos could be placed{but}: expect a poor scene. Add photos from in between."
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
@@ -145,44 +163,6 @@ def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:
     if not header.exif or len(block) + 2 > 0xFFFF:
         return jpeg
     return jpeg[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + jpeg[2:]
-
-
-def _map(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
-    """Cameras and points; the model with the most photos."""
-    options = pycolmap.IncrementalPipelineOptions()
-    options.min_model_size = min(3, len(names))  # COLMAP's 10 would refuse small collections
-    options.random_seed = SEED
-    (work / "models").mkdir()
-    models = pycolmap.incremental_mapping(
-        work / DATABASE,
-        work / PHOTOS,
-        work / "models",
-        options,
-        initial_image_pair_callback=_counter(report, len(names), 2),
-        next_image_callback=_counter(report, len(names), 3),
-    )
-    if not models:
-        raise BadInput(
-            f"No cameras could be found: the {len(names)} photos do not overlap enough.",
-            "Add photos of the same place from nearby viewpoints.",
-        )
-    largest = max(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()))
-    if len(models) > 1:
-        sizes = ", ".join(str(model.num_reg_images()) for model in models.values())
-        report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
-    return largest
-
-
-def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
-    """A callback that counts photos placed; several models may place one twice."""
-    placed = first - 1
-
-    def count() -> None:
-        nonlocal placed
-        placed = min(placed + 1, total)
-        report.progress("Cameras", placed, total)
-
-    return count
 
 
 def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str]) -> None:

@@ -12,6 +12,7 @@ from core.data.photo_file import named_with_fault
 from core.doctor import views
 from core.doctor.finding import Finding, part
 from core.doctor.gaussians import look_at_gaussians
+from core.doctor.scene import odd_focal_lengths, placed_photos
 from core.errors import BadInput, command
 from core.export.ply import BYTES_A_GAUSSIAN
 from core.looks.find_look import find_appearance
@@ -40,6 +41,8 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
         Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply"),
         *_progress(trained, facts["trainer"]),
         _settings(trained.settings),
+        *placed_photos(trained.collection.root),
+        odd_focal_lengths(trained.collection.photos),
     ]
     findings += look_at_gaussians(neutral, frame, sky)
     photos = trained.collection.split("train")

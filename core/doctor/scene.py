@@ -1,5 +1,7 @@
 """A scene before training: its cameras, its photos, its points, and where its world lies."""
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +13,16 @@ from core.data.collection import Collection, Photo, astray
 from core.data.features import LEAST_PHOTOS
 from core.data.found_cameras import scene_around
 from core.data.kept_points import scene_of
+from core.data.likely_pairs import PAIR_S, most_pairs
 from core.data.load import FOUND_BY_SFM
-from core.data.photo_file import list_photos, list_unreadable, named_with_fault
+from core.data.photo_file import fuller_below, list_photos, list_unreadable, named_with_fault
 from core.data.placing import USUAL_FOCAL_LENGTHS
+from core.data.sfm import placed_of, shortfall
 from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
+from core.scene.camera import Camera
 from core.training.backdrop import looks_for_empty
 from core.words import counted, is_harmless, list_names
 
@@ -41,6 +46,7 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
         Finding("scene", f"{collection.kind}, {train} training and {test} test photos", "what `wegs train` would read"),
         *map(_note, collection.notes),
     ]
+    findings += placed_photos(root)
     return [*findings, *_cameras(collection), *_points(collection), *_world(collection), *_photos(collection, report)]
 
 
@@ -48,6 +54,31 @@ def _note(note: str) -> Finding:
     """What the reader noted, which asks for a look unless it is harmless, or a finding of its own is about it."""
     advice = "" if is_harmless(note) else "Correct it unless it is meant."
     return Finding("reading", note.rstrip("."), "said while the scene was read", advice)
+
+
+def placed_photos(scene: Path) -> list[Finding]:
+    """How many photos structure from motion placed, in a scene that wegs made of plain photos."""
+    if (counts := placed_of(scene)) is None:
+        return []
+    total, placed, _ = counts
+    meaning, advice = "structure from motion left out the others", "Expect a poor scene. Add photos from in between."
+    return [Finding("photos placed", f"{placed} of {total}", meaning, advice if shortfall(scene) else "")]
+
+
+def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:
+    """Which photos have a focal length that no lens has."""
+    low, high = USUAL_FOCAL_LENGTHS
+    lengths = {photo.name: _focal_length(photo.camera) for photo in photos}
+    odd = [f"{name}: {length:.3g}" for name, length in lengths.items() if not low <= length <= high]
+    advice = "Remove them from the model unless they are what they seem."
+    if 2 * len(odd) > len(photos):
+        advice = "Unless they are what they seem, expect a poor scene: add photos from in between and find the cameras again."
+    return _named("odd focal lengths", odd, len(photos), f"outside {low:.2g} to {high:.2g}: SfM gave up on them", advice)
+
+
+def _focal_length(camera: Camera) -> float:
+    """In lengths of the longer side."""
+    return max(camera.fx, camera.fy) / max(camera.width, camera.height)
 
 
 def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:
@@ -59,16 +90,13 @@ def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) 
 def _cameras(collection: Collection) -> list[Finding]:
     photos, total = collection.photos, len(collection.photos)
     cameras = {photo.name: photo.camera for photo in photos}
-    focal = {name: max(c.fx, c.fy) / max(c.width, c.height) for name, c in cameras.items()}
-    low, high = USUAL_FOCAL_LENGTHS
-    odd = [f"{name}: {length:.3g}" for name, length in focal.items() if not low <= length <= high]
     squeezed = [name for name, c in cameras.items() if abs(np.log(c.fx / c.fy)) > ASPECT]
     crooked = [
         name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
     ]
     far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
     away = [photo.name for photo in photos if len(collection.points) and _shown(photo, collection.points) < SHOWN]
-    lengths = np.array(list(focal.values()))
+    lengths = np.array([_focal_length(camera) for camera in cameras.values()])
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
     remove = "Remove them from the model unless they are what they seem."
     square, middle = (
@@ -77,7 +105,7 @@ def _cameras(collection: Collection) -> list[Finding]:
     )
     return [
         Finding("focal lengths", figure, "in lengths of the longer side"),
-        _named("odd focal lengths", odd, total, f"outside {low} to {high}: SfM gave up on them", remove),
+        odd_focal_lengths(photos),
         _named("unequal focal lengths", squeezed, total, f"fx and fy over {ASPECT:.0%} apart: squeezed photos", square),
         _named("principal points", crooked, total, f"over {OFF_CENTRE:.0%} of a side off the middle: crops", middle),
         _named("cameras astray", far, total, f"over {ODD_DISTANCE:.0f} times as far off as the median one", remove),
@@ -164,15 +192,26 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         if pixels.std() < FLAT:
             flat.append(f"{path.name}: {pixels.mean():.0f} of 255")
     figure = f"{counted(len(paths), 'photo')}" + (f" of {min(sizes):.2g} to {max(sizes):.2g} MP" if sizes else "")
-    fix = f"`{command('wegs', 'train', root)}` finds their cameras first."
+    pairs = most_pairs(len(sizes))
+    time = counted(math.ceil(pairs * PAIR_S / 60), "minute")
+    finds = f"`{command('wegs', 'train', root)}` finds them ({counted(pairs, 'pair')} to match, up to {time}) and trains"
+    meaning, fix = f"photos without cameras; next, {finds}", ""
     if len(sizes) < LEAST_PHOTOS:
-        fix = f"Add photos of the same place: at least {LEAST_PHOTOS} that can be read are needed to find cameras."
-    meaning = "photos without cameras"
+        meaning, fix = "photos without cameras", f"Add photos of the same place: at least {LEAST_PHOTOS} that can be read are needed to find cameras."
     if around := scene_around(folder):
         meaning, fix = f"photos of the {around[1]} scene {around[0]}", "Give that folder to use its cameras."
     others = [path.name for path in list_unreadable(folder)]
     return [
         Finding("scene", figure, meaning, fix),
+        *_photos_elsewhere(root, folder),
         *_photo_findings(unusable, flat, len(paths)),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]  # fmt: skip
+
+
+def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
+    """Photos in a folder below that are more than those in `folder`, which alone is searched."""
+    if not (below := fuller_below(root, folder)):
+        return []
+    figure = f"{len(list_photos(below))} in {below}, more than the {len(list_photos(folder))} in {folder}"
+    return [Finding("photos elsewhere", figure, "subfolders are not searched", "Give that folder, or put all photos into one.")]

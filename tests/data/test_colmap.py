@@ -11,6 +11,7 @@ import pytest
 from core.data import load_collection
 from core.data.colmap import read_points
 from core.errors import BadInput
+from core.words import is_harmless
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_block
 
 
@@ -302,7 +303,8 @@ def test_a_photo_that_sees_no_point_stays(tmp_path):
 def test_extreme_focal_lengths_are_used_and_noted(tmp_path, params):
     collection = load_collection(SmallScene(params=params, points=np.array([[0.0, 0, 3]])).write(tmp_path / "scene"))
     assert len(collection.photos) == 4 and collection.photos[0].camera.fx == params[0]
-    assert notes_with(collection, "unusual focal length")
+    (note,) = notes_with(collection, "4 photos of 4 with a focal length that no lens has, so expect a poor scene: photo_0.png (")
+    assert not is_harmless(note)
 
 
 @pytest.mark.parametrize("params", [[np.nan, 150, 80, 60], [150, -150, 80, 60], [150, 150, np.inf, 60], [0, 0, 80, 60]])

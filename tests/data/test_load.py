@@ -1,6 +1,7 @@
 """What a folder holds, and what a user is told who gave another; real collections where they are at hand."""
 
 import os
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -59,6 +60,8 @@ def test_what_lies_around_instead_of_photos_is_named(tmp_path):
     save_photo(tmp_path / "days" / "monday" / "a.jpg")
     with pytest.raises(BadInput, match="days holds no photos and no COLMAP model; there are photos in its folder monday. Name that"):
         find_kind(tmp_path / "days")
+    with pytest.raises(BadInput, match=f"there are photos in its folder {Path('days', 'monday')}. Name that"):
+        find_kind(tmp_path)
     root = SmallScene().write(tmp_path / "scene")
     for model in (root / "sparse" / "0", root / "sparse"):
         with pytest.raises(BadInput, match="holds a COLMAP model, but not the photos.*folder above"):
@@ -117,6 +120,15 @@ def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monke
     assert heard.lines == [f"! 1 photo in {tmp_path} not used: {tmp_path / 'images'} holds as many or more."]
     save_photo(tmp_path / "plan.png")
     assert find_photos(tmp_path) == tmp_path
+
+
+def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, monkeypatch):
+    for name in ("a.jpg", "b.jpg", "day/1.jpg", "day/2.jpg", "day/3.jpg", "day/dark/1.jpg"):
+        save_photo(tmp_path / "photos" / name)
+    monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
+    heard = Heard()
+    prepare.prepared(tmp_path / "photos", tmp_path / "made", heard)
+    assert heard.lines == [f"! 3 photos in {tmp_path / 'photos' / 'day'} not used: subfolders are not searched. Give that folder to use them."]
 
 
 def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_later(tmp_path, monkeypatch):

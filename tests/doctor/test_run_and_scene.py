@@ -9,6 +9,9 @@ import torch
 from click.testing import CliRunner
 
 from core import pipeline
+from core.data import sfm
+from core.data.made import write_mark
+from core.data.prepare import prepared
 from core.doctor import Finding, examine
 from core.doctor.finding import verdict
 from core.errors import BadInput
@@ -227,10 +230,75 @@ def test_photos_without_points_or_cameras(tmp_path):
     assert other.figure == "1 of 5 (IMG_1.HEIC)" and "JPEG" in other.advice
 
 
+def save_photos(folder, count):
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(count):
+        picture = np.random.default_rng(number).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+        assert cv2.imwrite(str(folder / f"{number}.png"), picture)
+
+
+@pytest.mark.parametrize("count, words", [(2, "1 pair to match, up to 1 minute"), (24, "276 pairs to match, up to 2 minutes")])
+def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, words):
+    save_photos(tmp_path, count)
+    findings, heard = examined(tmp_path)
+    assert findings["scene"].meaning == f"photos without cameras; next, `wegs train {tmp_path}` finds them ({words}) and trains"
+    assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 4 things looked at, nothing to do."
+
+
 def test_one_photo_is_too_few_to_find_cameras(tmp_path):
-    for count, advice in ((1, "Add photos of the same place: at least 2"), (2, "`wegs train ")):
-        cv2.imwrite(str(tmp_path / f"{count}.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
-        assert examined(tmp_path)[0]["scene"].advice.startswith(advice)
+    save_photos(tmp_path, 1)
+    assert examined(tmp_path)[0]["scene"].advice.startswith("Add photos of the same place: at least 2")
+
+
+@pytest.mark.parametrize("place", ["old", "keyframes/images", "sensors/records_data/left"])
+def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place):
+    save_photos(tmp_path, 2)
+    save_photos(tmp_path / place, 2)
+    assert "photos elsewhere" not in examined(tmp_path)[0]
+    save_photos(tmp_path / place, 3)
+    found = examined(tmp_path)[0]["photos elsewhere"]
+    assert found.figure == f"3 in {tmp_path / place}, more than the 2 in {tmp_path}" and found.advice.startswith("Give that folder")
+
+
+def mark_as_made(scene, placed, total, focal_px):
+    """As if `placed` of `total` photos of 160 x 120 px had got a place."""
+    lens = {"model": "SIMPLE_PINHOLE", "width": WIDTH, "height": HEIGHT, "params": [focal_px, WIDTH / 2, HEIGHT / 2]}
+    write_mark(scene / sfm.MARK, {})
+    write_mark(scene / sfm.NAMES, {f"/photos/{number}.png": f"{number}.png" for number in range(total)})
+    write_mark(scene / sfm.LENSES, {f"{number}.png": lens for number in range(placed)})
+
+
+@pytest.mark.parametrize(
+    "placed, focal_px, words",
+    [
+        (4, 150.0, "Only 4 of 9 photos could be placed: expect a poor scene. Add photos from in between."),
+        (6, 4000.0, "Only 6 of 9 photos could be placed, and 6 of these with a focal length that no lens has: expect"),
+        (5, 150.0, ""),
+    ],
+)
+def test_a_scene_that_lost_most_of_its_photos_says_so(tmp_path, placed, focal_px, words, monkeypatch):
+    scene = SmallScene().write(tmp_path / "scene")
+    assert "photos placed" not in examined(scene)[0] and not sfm.shortfall(scene)
+    mark_as_made(scene, placed, 9, focal_px)
+    assert sfm.shortfall(scene).startswith(words) and bool(sfm.shortfall(scene)) == bool(words)
+    heard = Heard()
+    prepared(scene, tmp_path / "made", heard)
+    monkeypatch.setattr(sfm, "reconstruct", lambda photos, output, report: output)
+    pipeline.find_cameras(tmp_path / "photos", scene, heard)
+    assert heard.lines == [f"! {sfm.shortfall(scene)}"] * 2 * bool(words) + [f"Next: wegs train {scene}"]
+    found = examined(scene)[0]["photos placed"]
+    assert found.figure == f"{placed} of 9" and bool(found.advice) == bool(words)
+
+
+def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
+    assert "photos placed" not in examined(trained)[0] and "odd focal lengths" not in asked_for(examined(trained)[0])
+    scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)], params=[9e3, 9e3, 80, 60]).write(tmp_path / "poor")
+    mark_as_made(scene, 9, 20, 9e3)
+    run = pipeline.train(scene, small_settings(steps=1, prune_contribution=0.0), tmp_path / "run")
+    findings, _ = examined(run)
+    assert findings["photos placed"].figure == "9 of 20"
+    assert findings["odd focal lengths"].figure.startswith("9 of 9 (photo_0.png: 56.2,") and "add photos from in between" in findings["odd focal lengths"].advice
+    assert {"photos placed", "odd focal lengths"} <= asked_for(findings)
 
 
 # --- the command line

@@ -1,0 +1,90 @@
+"""From matches to cameras and points, by COLMAP's incremental mapping; where that loses most photos, by a second one that guesses less."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pycolmap
+
+from core.data.features import DATABASE, PHOTOS, SEED
+from core.data.placing import is_usual
+from core.errors import BadInput
+from core.report import Report
+
+
+def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
+    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput where there is none.
+
+    COLMAP refines focal lengths from the second photo on. Few photos hold them badly: they run away, the poses with them, and other
+    photos find no place (COLMAP drops such cameras only from models of 20 photos and more). Where fewer than half the photos got a
+    place and a focal length that lenses have, they are mapped again with focal lengths as EXIF says or COLMAP guesses, and refined in
+    the end. This model is taken if it places more, and each with a focal length that lenses have (core/TRIED.md has the figures).
+    """
+    models = _models(work, names, report, refined=True)
+    found = _plausible(models)
+    if 2 * found < len(names):
+        again = _models(work, names, report, refined=False)
+        _refine(again)
+        plausible = _plausible(again)
+        if plausible > found and plausible == again[0].num_reg_images():
+            models = again
+            report.say(
+                f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
+                f"not {found} as with focal lengths refined along the way."
+            )
+    if not models:
+        raise BadInput(
+            f"No cameras could be found: the {len(names)} photos do not overlap enough.",
+            "Add photos of the same place from nearby viewpoints.",
+        )
+    if len(models) > 1:
+        sizes = ", ".join(str(part.num_reg_images()) for part in models)
+        report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
+    return models[0]
+
+
+def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:
+    """What COLMAP makes of the matches, the model with the most photos first. refined: focal lengths are, as photos are added."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_model_size = min(3, len(names))  # COLMAP's 10 would refuse small collections
+    options.random_seed = SEED
+    options.ba_refine_focal_length = refined
+    folder = work / ("models" if refined else "models-again")
+    folder.mkdir()
+    models = pycolmap.incremental_mapping(
+        work / DATABASE,
+        work / PHOTOS,
+        folder,
+        options,
+        initial_image_pair_callback=_counter(report, len(names), 2),
+        next_image_callback=_counter(report, len(names), 3),
+    )
+    return sorted(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
+
+
+def _refine(models: list[pycolmap.Reconstruction]) -> None:
+    """A bundle adjustment of all that the largest model holds, focal lengths included."""
+    for model in models[:1]:
+        config = pycolmap.BundleAdjustmentConfig()
+        for number in model.reg_image_ids():
+            config.add_image(number)
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+        options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+        pycolmap.create_default_bundle_adjuster(options, config, model).solve()  # pycolmap.bundle_adjustment would turn COLMAP's log on
+        model.update_point_3d_errors()
+
+
+def _plausible(models: list[pycolmap.Reconstruction]) -> int:
+    """How many photos have a place in the largest model and a focal length that lenses have."""
+    return sum(is_usual(image.camera) for model in models[:1] for image in model.images.values() if image.has_pose)
+
+
+def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
+    """A callback that counts photos placed; several models may place one twice."""
+    placed = first - 1
+
+    def count() -> None:
+        nonlocal placed
+        placed = min(placed + 1, total)
+        report.progress("Cameras", placed, total)
+
+    return count

@@ -1,0 +1,21 @@
+"""What is said of photos and their cameras when they meet."""
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from core.data.placing import Placing, View
+from core.words import is_harmless
+
+
+@pytest.mark.parametrize("odd, words", [(2, "2 photos with an unusual focal length, used"), (3, "3 photos of 4 with a focal length that no lens has")])
+def test_unusual_focal_lengths_are_harmless_unless_most_are(tmp_path, odd, words):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((60, 80, 3), np.uint8))
+    placing = Placing("missing")
+    for number in range(4):
+        focal_px = 80 * 17.0 if number < odd else 80 * 16.0  # 610 and 580 mm on a frame 36 mm wide
+        lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=80, height=60, params=[focal_px, 40, 30])
+        assert placing.place(View(f"{number}", tmp_path / "a.png", lambda width, height, lens=lens: lens, np.eye(3), np.zeros(3)))
+    (note,) = placing.notes()
+    assert note.startswith(words) and is_harmless(note) == (odd == 2)

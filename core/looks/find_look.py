@@ -33,7 +33,8 @@ def find_appearance(
     that was not trained on better than the encoder does, where its camera is known or found; this takes seconds, which `report` hears of.
 
     Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection,
-    or the file that structure from motion made it of; the name of a look saved in the run; that of a photo of the collection.
+    or the file that structure from motion made it of; the name of a look saved in the run; that of a photo of the
+    collection, without its suffix too where only one is called so.
     A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is near,
     if nothing fits, and for the mask of a look that comes from no photo.
     """

@@ -35,13 +35,13 @@ def test_a_link_to_nothing_takes_its_name():
     Path("runs/plaza").symlink_to("nowhere")
     with new_run(None, "plaza") as folder:
         assert folder == Path("runs/plaza-2")
-    with pytest.raises(BadInput, match="runs/plaza is not a folder"), new_run(Path("runs/plaza"), "plaza"):
+    with pytest.raises(BadInput, match="runs/plaza is not a folder. Write to another folder"), new_run(Path("runs/plaza"), "plaza"):
         pass
 
 
 def test_where_runs_is_a_link_to_nothing_it_is_said():
     Path("runs").symlink_to("nowhere")
-    with pytest.raises(BadInput, match="runs is not a folder"), new_run(None, "plaza"):
+    with pytest.raises(BadInput, match="runs is not a folder. Write to another folder"), new_run(None, "plaza"):
         pass
 
 

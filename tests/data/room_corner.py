@@ -5,6 +5,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from core.data import load_collection
+from core.data.collection import Collection
+from core.data.prepare import prepared
+from core.report import Report
 from tests.data.converted import write_json
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 380.0
@@ -72,3 +76,9 @@ def write_corner(root: Path, count: int = 6, masked: int | None = None) -> Path:
         frames[masked]["mask_path"] = "mask.png"
     write_json(root / "transforms.json", {"fl_x": FOCAL, "frames": frames})
     return root
+
+
+def corner_with_points(folder: Path) -> Collection:
+    """The corner and its points, triangulated, below `folder`; photo 0 is held out."""
+    (folder / "corner").mkdir()
+    return load_collection(prepared(write_corner(folder / "corner"), folder / "points", Report()).root)

@@ -5,19 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.data import load_collection
 from core.data.landmarks import LENGTH, NEAR_PX, NO_POINT, Landmarks, landmarks_of
-from core.data.prepare import prepared
 from core.report import Report
 from core.scene.frame import SceneFrame
-from tests.data.room_corner import write_corner
+from tests.data.room_corner import corner_with_points
 
 
 @pytest.fixture(scope="module")
 def corner(tmp_path_factory):
-    """The corner and its points; photo 0 is held out."""
-    scene = write_corner(tmp_path_factory.mktemp("corner"))
-    return load_collection(prepared(scene, tmp_path_factory.mktemp("runs") / "points", Report()).root)
+    return corner_with_points(tmp_path_factory.mktemp("scene"))
 
 
 @pytest.fixture(scope="module")

@@ -10,18 +10,15 @@ import torch
 from core.data import load_collection
 from core.data.landmarks import landmarks_of
 from core.data.locate import locate
-from core.data.prepare import prepared
 from core.errors import BadInput
 from core.report import Report
-from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
+from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, corner_with_points, take_photo, textures, write_corner
 from tests.heard import Heard
 
 
 @pytest.fixture(scope="module")
 def corner(tmp_path_factory):
-    """The corner and its points; photo 0 is held out."""
-    scene = write_corner(tmp_path_factory.mktemp("corner"))
-    return load_collection(prepared(scene, tmp_path_factory.mktemp("runs") / "points", Report()).root)
+    return corner_with_points(tmp_path_factory.mktemp("scene"))
 
 
 @pytest.fixture(scope="module")

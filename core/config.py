@@ -136,7 +136,7 @@ class Settings:
         "How masks enter the picture loss: weighting the maps, or multiplying the pictures, whose error then teaches them (paper).",
         choices=("weighted", "paper"),
     )
-    mask_regularisation: float = setting(0.00625, "Weight of mean((1 - M)^2) (L_regM).", low=0)
+    mask_regularisation: float = setting(0.00625, "Weight of mean((1 - M)^2) (L_regM); mask_loss=paper takes more, such as 0.15, or masks hide everything.", low=0)
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)

@@ -128,7 +128,7 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
         figure = f"{len(unusable)} of {len(photos)}, such as {example}"
         findings.append(Finding("photos", figure, "cannot be used now, so their looks cannot be baked", fix))
     if added.looks:
-        findings += added.findings(trained.settings.appearance == "full")
+        findings += added.findings(trained.settings)
     if masks:
         findings.append(_masks(masks, facts))
     return findings
@@ -153,8 +153,9 @@ class _Residuals:
         dc = residual[:, 0].double()
         self.total, self.squares = self.total + dc, self.squares + dc**2
 
-    def findings(self, bounded: bool) -> list[Finding]:
-        """bounded: whether the transfer has a bound at all; the affine one has none."""
+    def findings(self, settings: Settings) -> list[Finding]:
+        """settings: of the run."""
+        bounded = settings.appearance == "full"  # the affine transfer has no bound
         share = self.near_bound / self.numbers if bounded else 0.0
         near = f", {100 * share:.3g} % of them near the bound of {self.bound:g}" if bounded else ""
         advice = "Train with a larger residual_bound, or a lower network_rate." if share > AT_BOUND_SHARE else ""
@@ -163,10 +164,17 @@ class _Residuals:
         if self.looks > 1:
             variance = self.squares / self.looks - (self.total / self.looks) ** 2
             spread = float(variance.clamp_min(0).sqrt().mean())
-            advice = "Train with --set appearance=off: plain Gaussians do as well." if spread < SAME_LOOK else ""
+            advice = _if_all_look_alike(settings) if spread < SAME_LOOK else ""
             figure = f"DC coefficients vary by {spread:.3g}"
             findings.append(Finding("looks", figure, "spread between photos, mean over Gaussians", advice))
         return findings
+
+
+def _if_all_look_alike(settings: Settings) -> str:
+    usual = Settings().sh_regularisation
+    if settings.sh_regularisation > usual:  # as that of the paper, under which looks never leave the base
+        return f"sh_regularisation={settings.sh_regularisation:g} holds looks at the base: train with less, such as {usual:g}."
+    return "Train with --set appearance=off: plain Gaussians do as well."
 
 
 def _masks(masks: dict[str, float], facts: dict) -> Finding:

@@ -11,6 +11,7 @@ WINDOW = 11  # px
 SIGMA = 1.5  # px
 C1 = 0.01**2
 C2 = 0.03**2
+PSNR_KIND = "of the mean squared error over all scored pixels and R, G, B of a photo, dB"
 SSIM_KIND = "11 x 11 Gaussian window, sigma 1.5, whole windows only, mean over R, G, B"  # as in nerfbaselines
 
 

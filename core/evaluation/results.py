@@ -11,7 +11,7 @@ from core.appearance import refinement
 from core.atomic import write_json
 from core.data.made import read_mark
 from core.evaluation import LOOKS, PROTOCOLS, lpips
-from core.evaluation.metrics import SSIM_KIND
+from core.evaluation.metrics import PSNR_KIND, SSIM_KIND
 from core.evaluation.protocols import ViewResult
 
 RESULTS = "results.json"
@@ -91,12 +91,14 @@ class Results:
             "scale": self.scale,
             "quantisation": "8 bit",
             "transparent_pixels": "over white" if self.over_white else "not scored",
+            "psnr": PSNR_KIND,
             "ssim": SSIM_KIND,
             "lpips": self.lpips_backbone or f"absent: {lpips.ABSENT}",
             "seed": self.seed,
             "steps": self.steps,
             "training_seconds": self.training_seconds,
             "evaluation_seconds": self.evaluation_seconds,
+            "averaged": "each metric over the photos",
             "means": self.means(),
             "mask_iou": self.mask_iou(),
         }

@@ -54,6 +54,13 @@ def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
     assert asked_for(findings) <= {"looks"}
 
 
+@pytest.mark.parametrize("weight, advice", [(0.1, "sh_regularisation=0.1 holds looks at the base"), (0.001, "appearance=off")])
+def test_looks_that_are_all_one_are_blamed_on_what_holds_them(tmp_path, weight, advice):
+    scene = SmallScene().write(tmp_path / "scene")
+    folder = pipeline.train(scene, small_settings(steps=1, sh_regularisation=weight, network_rate=0.0), tmp_path / "run")
+    assert examined(folder)[0]["looks"].advice.find(advice) >= 0
+
+
 def test_a_run_that_went_wrong_is_told_and_how_to_go_on(trained, tmp_path):
     folder = tmp_path / "run"
     saved = checkpoint.load(checkpoint.newest(trained))

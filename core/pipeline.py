@@ -23,7 +23,7 @@ from core.errors import BadInput, BadSetting, WegsError, command
 from core.evaluation import LOOKS, lpips
 from core.evaluation.protocols import measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of, measured_earlier
-from core.evaluation.sheet import PARTS, picture_sheet, row_of, write_view
+from core.evaluation.sheet import picture_sheet, pictures_kept, row_of, write_view
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks import saved_look
 from core.looks.find_look import find_appearance, find_view
@@ -230,8 +230,7 @@ def export(
     if save_as is not None:
         kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
-    seconds = time.perf_counter() - start
-    report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {seconds:.1f} s")
+    report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
     tell_how_to_look(trained.folder, output, sky and trained.sky > 0, report)
     return output
 
@@ -316,12 +315,11 @@ def evaluate(
         report.warn(f"LPIPS: {lpips.ABSENT}")
     else:
         distance = distance.to(trained.device)
-    kept = trained.folder / PICTURES / protocol
     start = time.perf_counter()
     views, rows, scales = [], [], []
     places = picture_places(photo.name for photo in photos)
     through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
-    with filling(kept, PARTS, force=True) if keep_pictures else nullcontext() as work:
+    with pictures_kept(trained.folder / PICTURES / protocol, protocol) if keep_pictures else nullcontext() as work:
         for photo, (measured, pictures) in through:
             views.append(measured)
             scales.append(measured.width / photo.camera.width)
@@ -332,6 +330,8 @@ def evaluate(
     results = Results(
         protocol=protocol,
         views=tuple(views),
+        run=trained.identity,
+        gaussians=len(trained.splats),
         train_photos=len(trained.collection.split("train")),
         test_photos=len(photos),
         scale=sum(scales) / len(scales),
@@ -345,6 +345,6 @@ def evaluate(
     results.save(trained.folder)
     write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
-    names = [*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[f"{PICTURES}/{protocol}/"] * keep_pictures]
+    names = (*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[f"{PICTURES}/{protocol}/"] * keep_pictures)
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results

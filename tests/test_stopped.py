@@ -92,7 +92,8 @@ def test_an_interrupted_evaluation_leaves_the_pictures_that_were_there(scene, tm
     (pictures / "color" / "sub" / "gone.png").touch()  # a photo of an earlier evaluation
     pipeline.evaluate(folder, refine=False, keep_pictures=True)
     assert sorted(str(path.relative_to(pictures)) for path in pictures.rglob("*.*")) == [
-        f"{part}/photo_{number}.png" for part in ("color", "gt-color") for number in (2, 5)
+        *(f"{part}/photo_{number}.png" for part in ("color", "gt-color") for number in (2, 5)),
+        "info.json",
     ]
 
 

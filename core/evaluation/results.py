@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+import core
 from core.appearance import refinement
 from core.atomic import write_json
 from core.data.made import read_mark
@@ -30,6 +31,7 @@ def file_of(name: str, protocol: str) -> str:
 class Results:
     """What a table may quote, with everything that decides whether two tables may be compared.
 
+    run: its identity, as in config.json. gaussians: of the run, those of the sky among them.
     scale: width of the pictures measured / width of the photos on disk. lpips_backbone: a key of lpips.TRUNKS, or None
     where its weights are absent. training_seconds, evaluation_seconds: wall clock. over_white: photos and renders were laid on
     white, so that transparent pixels count; else they do not.
@@ -37,6 +39,8 @@ class Results:
 
     protocol: str
     views: tuple[ViewResult, ...]
+    run: str
+    gaussians: int
     train_photos: int
     test_photos: int
     scale: float
@@ -84,6 +88,9 @@ class Results:
         """The content of results.json."""
         refined = any("refined" in by_embedding for view in self.views for by_embedding in view.scores.values())
         return {
+            "wegs": core.__version__,
+            "run": self.run,
+            "gaussians": self.gaussians,
             "protocol": self.protocol,
             "protocol_means": PROTOCOLS[self.protocol],
             "refinement": f"embedding and tone, Adam, {refinement.STEPS} steps, rate {refinement.RATE} to 0, L1 of means over cells" if refined else None,

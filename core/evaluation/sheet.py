@@ -1,6 +1,7 @@
 """What to look at of an evaluation: a sheet with a row a photo, photo | render | mask | error; and the pictures one by one."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,12 +9,15 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from core.atomic import filling, write_json
 from core.evaluation import LOOKS
 from core.evaluation.protocols import ViewPictures
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, tile_size, write_png
 
-PARTS = ("color", "gt-color")  # folders of renders and photos, as nerfbaselines names them
+# Folders of renders and photos, and what says how they were made, as nerfbaselines reads them; its names of our protocols.
+PARTS, INFO = ("color", "gt-color"), "info.json"
+NERFBASELINES = {"half": "nerfw", "full": "default"}
 FULL_ERROR = 0.5  # the mean |difference| over the channels that gets the brightest colour
 BLANK = 32  # grey of a tile without a picture
 
@@ -51,6 +55,14 @@ def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.nda
     """All rows below a line of titles, each above a line with its name and its note; RGB."""
     columns = titles(protocol, step, " or ".join(dict.fromkeys(LOOKS[row.embedding] for row in rows)))
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
+
+
+@contextmanager
+def pictures_kept(folder: Path, protocol: str) -> Iterator[Path]:
+    """A temporary folder for `write_view`, whose pictures replace those in `folder` when the block ends well."""
+    with filling(folder, (*PARTS, INFO), force=True) as work:
+        yield work
+        write_json(work / INFO, {"evaluation_protocol": NERFBASELINES[protocol], "dataset_metadata": {"color_space": "srgb"}})
 
 
 def write_view(folder: Path, place: Path, view: ViewPictures) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+import core
 from core.appearance.refinement import STEPS
 from core.errors import BadInput, BadSetting
 from core.evaluation.protocols import View, compare, measure
@@ -179,7 +180,7 @@ def test_truth_is_read_at_the_size_wanted(tmp_path):
 
 
 def results(*views, **changes):
-    made = Results("half", views, 50, len(views), 0.5, None, 7, 1500, 90.0, 4.0)
+    made = Results("half", views, "abc", 9, 50, len(views), 0.5, None, 7, 1500, 90.0, 4.0)
     return dataclasses.replace(made, **changes)
 
 
@@ -190,6 +191,7 @@ def test_results_state_what_decides_whether_they_can_be_compared(tmp_path):
     written = json.loads((tmp_path / "results.json").read_text())
     assert written["protocol"] == "half" and written["scale"] == 0.5 and written["seed"] == 7
     assert written["steps"] == 1500 and written["training_seconds"] == 90.0
+    assert written["wegs"] == core.__version__ and written["run"] == "abc" and written["gaussians"] == 9
     assert written["photos"] == {"train": 50, "test": 2, "measured": 2}
     assert "mean squared error over all scored pixels" in written["psnr"] and written["averaged"] == "each metric over the photos"
     assert "11 x 11 Gaussian" in written["ssim"] and "absent" in written["lpips"] and "128" in written["refinement"]

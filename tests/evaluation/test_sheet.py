@@ -1,13 +1,15 @@
 """The picture sheet: where things stand and what the colours mean."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from core.data.collection import picture_places
 from core.evaluation.protocols import ViewPictures
-from core.evaluation.sheet import BLANK, error_picture, picture_sheet, row_of, titles, write_view
+from core.evaluation.sheet import BLANK, error_picture, picture_sheet, pictures_kept, row_of, titles, write_view
 from core.export.labelled_sheet import GAP_PX, LABEL_PX
 from core.export.pictures import TILE_PX
 
@@ -83,3 +85,12 @@ def test_views_are_kept_one_by_one_under_their_names(tmp_path):
     assert names == ["color/b.png", "color/day/a.png", "gt-color/b.png", "gt-color/day/a.png"]
     assert cv2.imread(str(tmp_path / "color/day/a.png"))[0, 0].tolist() == [25, 50, 100]
     assert cv2.imread(str(tmp_path / "gt-color/b.png")).shape == (5, 4, 3)
+
+
+def test_kept_pictures_say_by_which_protocol_they_were_made_in_the_words_of_nerfbaselines(tmp_path):
+    for protocol, theirs in (("half", "nerfw"), ("full", "default")):
+        with pictures_kept(tmp_path / protocol, protocol) as folder:
+            write_view(folder, Path("a.png"), row(4, 6))
+        info = json.loads((tmp_path / protocol / "info.json").read_text())
+        assert info == {"evaluation_protocol": theirs, "dataset_metadata": {"color_space": "srgb"}}
+        assert (tmp_path / protocol / "gt-color" / "a.png").is_file()

@@ -123,8 +123,8 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     picture = torch.from_numpy(pixels).to(trained.device).permute(2, 0, 1).float().div_(255)
     embedding, tone = read_from_outside(trained, picture)
     source = f"photo {path.name} from outside the collection"
-    if tone is not None:
-        source += f", lit {light_in_words(tone)}"
+    if tone is not None and (light := light_in_words(tone)):
+        source += f", lit unlike any photo of the place ({light})"
     return Appearance(path.stem, source, embedding, tone)
 
 

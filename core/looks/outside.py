@@ -42,7 +42,7 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
 
 
 def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
-    """How a photo that needs this tone, of gains > 0, is lit: "unlike any photo of the place (darker, bluer)"."""
+    """How a photo that needs this tone, of gains > 0, is lit, against those of the place: "darker, bluer", or nothing worth a word."""
     channels = tone.log().mean(dim=0)
     brightness = channels.mean()
     words = []
@@ -50,7 +50,7 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
         words.append("brighter" if brightness > 0 else "darker")
     if channels.max() - brightness > log(PLAIN):
         words.append(TINTS[int(channels.argmax())])
-    return "unlike any photo of the place" + (f" ({', '.join(words)})" if words else "")
+    return ", ".join(words)
 
 
 def _shares(trained: Run) -> Float[Tensor, "2 bands 3"]:

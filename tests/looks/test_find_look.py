@@ -61,12 +61,12 @@ def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
 @pytest.mark.parametrize(
     "place, sky, words",
     [
-        ((0.6, 0.5, 0.5), (0.02, 0.02, 0.02), " (darker)"),
-        ((0.3, 0.4, 0.6), (0.3, 0.4, 0.7), " (darker, bluer)"),
-        ((1.4, 1.2, 1.0), (1.4, 1.3, 1.0), " (brighter, redder)"),
-        ((1.0, 1.3, 1.0), (0.9, 1.2, 0.9), " (greener)"),
+        ((0.6, 0.5, 0.5), (0.02, 0.02, 0.02), "darker"),
+        ((0.3, 0.4, 0.6), (0.3, 0.4, 0.7), "darker, bluer"),
+        ((1.4, 1.2, 1.0), (1.4, 1.3, 1.0), "brighter, redder"),
+        ((1.0, 1.3, 1.0), (0.9, 1.2, 0.9), "greener"),
         ((1.02, 1.0, 0.98), (1.0, 1.0, 1.0), ""),
     ],
 )
 def test_a_light_is_said_in_a_few_words(place, sky, words):
-    assert light_in_words(torch.tensor([place, sky])) == f"unlike any photo of the place{words}"
+    assert light_in_words(torch.tensor([place, sky])) == words

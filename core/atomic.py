@@ -89,10 +89,11 @@ class MadeMeanwhile(BadInput):
 
 
 @contextmanager
-def made(folder: Path) -> Iterator[None]:
-    """Inside, `folder` is there; what had to be made for it vanishes again where nothing is put into it."""
+def made(folder: Path, may_exist: bool = True) -> Iterator[None]:
+    """Inside, `folder` is there; what had to be made for it vanishes again where nothing is put into it. Raises OSError where it cannot be
+    made, or is there and must not be."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=may_exist)
     try:
         yield
     finally:
@@ -162,8 +163,8 @@ def replacing_folder(output: Path) -> Iterator[Path]:
             raise
 
 
-def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> None:
-    """Raise BadInput where `filling` would: asked before the work, not after it."""
+def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:
+    """What `filling` would replace; raises BadInput where it would: asked before the work, not after it."""
     check_folder(folder)
     old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
@@ -171,6 +172,7 @@ def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> None
         raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder, or move them out.")
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
+    return old
 
 
 @contextmanager
@@ -180,8 +182,7 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
     patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has
     files; with `force`, those that match are replaced and others still refused.
     """
-    check_fillable(folder, patterns, force)
-    old = files_in(folder) if folder.exists() else []
+    old = check_fillable(folder, patterns, force)
     with _named(folder), temporary_folder(folder) as work:
         try:
             yield work

@@ -19,10 +19,10 @@ def write_preview(trained: Run, pictures: Sequence[Picture]) -> Path:
     """PREVIEW in the run folder: up to PHOTOS of the training photos, each beside the scene from its camera, in its look and the neutral one."""
     has_looks = trained.settings.appearance != "off"
     columns = ("photo", "the scene in its look", "in the neutral look") if has_looks else ("photo", "the scene")
-    rows = []
+    neutral, rows = bake(trained, find_appearance(trained, NEUTRAL)), []
     for picture in spread_over(pictures, PHOTOS):
-        looks = [find_appearance(trained, word) for word in (*[picture.photo.name] * has_looks, NEUTRAL)]
-        drawn = (trained.rasterizer.render(bake(trained, look), picture.camera, trained.backdrop).image for look in looks)
+        own = [bake(trained, find_appearance(trained, picture.photo.name))] if has_looks else []
+        drawn = (trained.rasterizer.render(look, picture.camera, trained.backdrop).image for look in (*own, neutral))
         rows.append((picture.photo.name, [tile(pixels) for pixels in (picture.pixels, *map(to_8_bit, drawn))]))
     write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))
     return path

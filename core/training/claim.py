@@ -1,9 +1,10 @@
 """One training a run folder: it is taken before the work begins, so that trainings begun together do not share one."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from core.atomic import made
 from core.errors import BadInput, not_made
 from core.lock import taken
 from core.training import run
@@ -15,14 +16,10 @@ def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterat
 
     Raises BadInput like run.choose_folder, and for a folder that cannot be made or is held by another training.
     """
-    folder, made = _make(output, scene_name, force)
-    try:
-        with held(folder):
-            yield folder
-    finally:
-        for path in made:
-            with suppress(OSError):  # what holds files stays
-                path.rmdir()
+    with ExitStack() as stack:
+        folder = _make(stack, output, scene_name, force)
+        stack.enter_context(held(folder))
+        yield folder
 
 
 @contextmanager
@@ -34,14 +31,13 @@ def held(folder: Path) -> Iterator[None]:
         yield
 
 
-def _make(output: Path | None, scene_name: str, force: bool) -> tuple[Path, list[Path]]:
-    """The folder of a new run, and the folders that had to be made for it, innermost first."""
+def _make(stack: ExitStack, output: Path | None, scene_name: str, force: bool) -> Path:
+    """The folder of a new run, `made` for as long as the stack lasts."""
     while True:
         folder = run.choose_folder(output, scene_name, force)
-        missing = [path for path in (folder, *folder.parents) if not path.exists()]
         try:
-            folder.mkdir(parents=True, exist_ok=output is not None)
-            return folder, missing
+            stack.enter_context(made(folder, may_exist=output is not None))
+            return folder
         except OSError as problem:
             if output is None and isinstance(problem, FileExistsError) and Path(problem.filename) == folder:
                 continue  # a training begun at the same time was faster: the next name

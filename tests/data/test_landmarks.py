@@ -3,22 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from core.data.landmarks import LENGTH, NEAR_PX, NO_POINT, Landmarks, landmarks_of
 from core.report import Report
 from core.scene.frame import SceneFrame
-from tests.data.room_corner import corner_with_points
-
-
-@pytest.fixture(scope="module")
-def corner(tmp_path_factory):
-    return corner_with_points(tmp_path_factory.mktemp("scene"))
-
-
-@pytest.fixture(scope="module")
-def known(corner):
-    return landmarks_of(corner, Report())
 
 
 def test_every_feature_of_the_training_photos_is_kept_and_what_it_shows(corner, known):

@@ -12,18 +12,8 @@ from core.data.landmarks import landmarks_of
 from core.data.locate import locate
 from core.errors import BadInput
 from core.report import Report
-from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, corner_with_points, take_photo, textures, write_corner
+from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
 from tests.heard import Heard
-
-
-@pytest.fixture(scope="module")
-def corner(tmp_path_factory):
-    return corner_with_points(tmp_path_factory.mktemp("scene"))
-
-
-@pytest.fixture(scope="module")
-def known(corner):
-    return landmarks_of(corner, Report())
 
 
 @pytest.fixture(scope="module")

@@ -90,7 +90,7 @@ def compared(trained: Run, photo: Photo) -> tuple[float, float, float]:
     counted = torch.stack(counted).all(dim=0) if counted else None
     picture = view.picture.permute(2, 0, 1)
     embedding = trained.model.embedding_from_outside(picture)
-    looks = (trained.model.within_reach(embedding), None), read_from_outside(trained, picture)
+    looks = (trained.reach.nearest(embedding), None), read_from_outside(trained, picture)
     images = (trained.rasterizer.render(bake(trained, Appearance("", "", *look)), view.camera).image for look in looks)
     return trained.model.reach(embedding), *(psnr(quantised(image), view.picture, counted) for image in images)
 

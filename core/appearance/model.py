@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from core.appearance.encoder import PhotoEncoder, PlainMask, shrink
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
+from core.appearance.reach import Reach
 from core.appearance.sh_transfer import SHTransfer
 from core.config import Settings
 from core.errors import BadInput, BadSetting
@@ -17,7 +18,6 @@ from core.scene.splats import Splats
 from core.threads import one_torch_thread
 
 TABLE_SPREAD = 1.0  # of GLO embeddings at the start, that of an encoder's
-WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what training photos share
 MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos,
 LEAST_WINDOW = 64  # and this many steps: over fewer, the exposure jitter of single photos shows in the neutral look
 
@@ -75,7 +75,7 @@ class AppearanceModel(nn.Module):
         """The look of a photo of the collection ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
 
         photo: its row in `photo_names`, or None for one that was not trained on. The embedding of such a photo is held
-        `within_reach`. A GLO table knows nothing of it: its embedding is the mean, the place to start a refinement. Without
+        within `reach`. A GLO table knows nothing of it: its embedding is the mean, the place to start a refinement. Without
         appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
         """
         if photo is not None and not 0 <= photo < len(self.photo_names):
@@ -86,7 +86,7 @@ class AppearanceModel(nn.Module):
             if self.encoder is not None:
                 embedding, mask = self.encoder(picture, masked=True)
                 if embedding is not None and photo is None:
-                    embedding = self.within_reach(embedding)
+                    embedding = self.reach.nearest(embedding)
             if self.embedding_table is not None and photo is not None:
                 embedding = self.embedding_table[photo]
             if isinstance(self.mask_network, PlainMask):
@@ -147,36 +147,10 @@ class AppearanceModel(nn.Module):
         given = base.sh, base.means, embedding, latents
         return base.with_sh(self.sh_transfer.added(*given) if adds else self.transfer(*given)[0])
 
-    @torch.no_grad()
-    def reach(self, embedding: Float[Tensor, " e"]) -> float:
-        """How far an embedding lies from the training photos' mean, of which the farthest lies at 1; 0 before any is met.
-
-        In units of the ellipsoid that they span: its axes are their principal ones, weak ones lengthened.
-        """
-        if not self.remembered or not len(self.met_embeddings):
-            return 0.0
-        met = self.met_embeddings.double()
-        centre = met.mean(dim=0)
-        # All axes are needed where photos are fewer; else that would make a matrix of photos times photos.
-        _, strengths, axes = torch.linalg.svd(met - centre, full_matrices=len(met) < met.shape[1])
-        lengths = strengths.new_zeros(len(axes))
-        lengths[: len(strengths)] = strengths
-        lengths = lengths.clamp_min(max(WEAK_AXIS * float(strengths[0]), 1e-12))  # a single photo has none
-        farthest, distance = (((away @ axes.T) / lengths).norm(dim=-1).max() for away in (met - centre, embedding.double() - centre))
-        return float((distance / farthest.clamp_min(1e-12)).float())  # rounded, so that the farthest lies at 1 exactly
-
-    @torch.no_grad()
-    def within_reach(self, embedding: Float[Tensor, " e"], farthest: float = 1.0) -> Float[Tensor, " e"]:
-        """The embedding, moved toward the training photos' mean to where `farthest` times their `reach` ends; one inside stays as it is.
-
-        Beyond it the SH transfer was never asked, and makes up colours: a night photo among eight of daylight lay at six times
-        their reach, and turned a white church green. Of figures of held-out photos it changes no more than 0.02 dB (plaza, Liberty).
-        """
-        reach = self.reach(embedding)
-        if reach <= farthest:
-            return embedding
-        centre = self.met_embeddings.double().mean(dim=0)
-        return (centre + (embedding.double() - centre) * (farthest / reach)).to(embedding.dtype)
+    @property
+    def reach(self) -> Reach:
+        """Where looks may lie: everywhere before the first photo is met, and where no encoder gives them."""
+        return Reach.of(self.met_embeddings if self.remembered else self.met_embeddings[:0])
 
     @torch.no_grad()
     def remember(self, embedding: Float[Tensor, " e"], photo: int) -> None:

@@ -12,9 +12,10 @@ from torch import Tensor
 from core.threads import threads_for_blocks
 
 STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; the rate falls to zero along half a cosine
+BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # as Adam's authors have them
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
 CELLS = 40  # along the longer side: a photo is compared with its render in means over cells
-FARTHEST = 2.0  # times the reach of training photos; see AppearanceModel.within_reach
+FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
 
 
 class Refined(NamedTuple):
@@ -24,7 +25,7 @@ class Refined(NamedTuple):
     tone: Float[Tensor, "2 3"]
 
 
-Render = Callable[[Float[Tensor, " e"], Float[Tensor, "2 3"]], Float[Tensor, "h w 3"]]
+Render = Callable[[Float[Tensor, " e"], Float[Tensor, "2 3"] | None], Float[Tensor, "h w 3"]]  # of embedding and tone
 Bound = Callable[[Float[Tensor, " e"]], Float[Tensor, " e"]]
 
 
@@ -48,21 +49,35 @@ def refinement(
     with torch.enable_grad(), threads_for_blocks():
         if not render(embedding, torch.ones_like(gains)).requires_grad:
             return
-    optimizer = torch.optim.Adam([{"params": [embedding], "rate": RATE}, {"params": [gains], "rate": TONE_RATE}])
+    learning = _Learning(embedding, RATE), _Learning(gains, TONE_RATE)
     best, least = None, float("inf")
     for step in range(STEPS + 1):
-        for group in optimizer.param_groups:
-            group["lr"] = group["rate"] * (1 + cos(pi * step / STEPS)) / 2
-        optimizer.zero_grad()
         with torch.enable_grad(), threads_for_blocks():
             loss = _cell_means(render(embedding, gains.exp()) - picture, valid).abs().mean()
-            loss.backward()
+            gradients = torch.autograd.grad(loss, (embedding, gains), materialize_grads=True)
         if float(loss.detach()) < least or best is None:
             best, least = Refined(embedding.detach().clone(), gains.detach().exp()), float(loss.detach())
         yield best
-        optimizer.step()
         with torch.no_grad():
+            for one, gradient in zip(learning, gradients):
+                one.step(gradient, share=(1 + cos(pi * step / STEPS)) / 2)
             embedding.copy_(bound(embedding))
+
+
+class _Learning:
+    """Adam (Kingma & Ba 2015) for one tensor. torch's own would import its compiler, which takes as long as half of a refinement."""
+
+    def __init__(self, value: Tensor, rate: float):
+        self.value, self.rate, self.count = value, rate, 0
+        self.first, self.second = torch.zeros_like(value), torch.zeros_like(value)
+
+    def step(self, gradient: Tensor, share: float) -> None:
+        """Move the value, in place, at `share` of the rate."""
+        self.count += 1
+        self.first.lerp_(gradient, 1 - BETA_1)
+        self.second.lerp_(gradient**2, 1 - BETA_2)
+        first, second = self.first / (1 - BETA_1**self.count), self.second / (1 - BETA_2**self.count)
+        self.value -= share * self.rate * first / (second.sqrt() + EPSILON)
 
 
 def _cell_means(difference: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None) -> Float[Tensor, "1 3 rows columns"]:

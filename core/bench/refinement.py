@@ -61,14 +61,14 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
 
 def _course(subject: Subject, protocol: str, view: View) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
-    fit = fit_of(subject, view, protocol)
+    fit, render = fit_of(subject, view, protocol), subject.seen_by(view.camera)
     next(refining(subject, fit), None)  # unmeasured: the first of all loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()
     for step, look in enumerate(refining(subject, fit)):
         seconds += time.perf_counter() - since
         if step in MEASURED:
             with torch.no_grad():
-                image = metrics.quantised(subject.render(look.embedding, view.camera, look.tone))
+                image = metrics.quantised(render(look.embedding, look.tone))
             part = None if view.valid is None else view.valid[:, fit.scored]
             psnr = metrics.psnr(image[:, fit.scored], fit.photo[:, fit.scored], part)
             first = course[0]["psnr"] if course else psnr

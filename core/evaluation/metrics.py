@@ -2,7 +2,8 @@
 
 import math
 
-import torch
+import cv2
+import numpy as np
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -40,24 +41,21 @@ def ssim(
     """
     if min(image.shape[:2]) < WINDOW:
         return None
-    offsets = torch.arange(WINDOW, dtype=torch.float64, device=image.device) - WINDOW // 2
-    taps = torch.exp(-(offsets**2) / (2 * SIGMA**2))
-    taps = taps / taps.sum()
+    taps, rim = cv2.getGaussianKernel(WINDOW, SIGMA), WINDOW // 2
+    whole = slice(rim, -rim), slice(rim, -rim)
 
-    def blur(planes: Tensor) -> Tensor:
-        rows = F.conv2d(planes[:, None], taps.view(1, 1, WINDOW, 1))
-        return F.conv2d(rows, taps.view(1, 1, 1, WINDOW))[:, 0]
+    def blur(picture: np.ndarray) -> np.ndarray:
+        return cv2.sepFilter2D(picture, cv2.CV_64F, taps, taps)[whole]
 
-    x, y = (picture.double().permute(2, 0, 1) for picture in (image, photo))
+    x, y = (picture.detach().double().cpu().numpy() for picture in (image, photo))
     x_mean, y_mean = blur(x), blur(y)
     variances = blur(x * x) - x_mean**2 + blur(y * y) - y_mean**2
     covariance = blur(x * y) - x_mean * y_mean
     similarity = (2 * x_mean * y_mean + C1) * (2 * covariance + C2)
     similarity = similarity / ((x_mean**2 + y_mean**2 + C1) * (variances + C2))
-    if valid is None:
-        return float(similarity.mean())
-    rim = F.max_pool2d((~valid).double()[None], WINDOW, stride=1)[0]
-    return float(similarity[:, rim == 0].mean()) if bool((rim == 0).any()) else None
+    if valid is not None:
+        similarity = similarity[cv2.erode(valid.cpu().numpy().astype(np.uint8), np.ones((WINDOW, WINDOW)))[whole] > 0]
+    return float(similarity.mean()) if similarity.size else None
 
 
 def mask_iou(mask: Float[Tensor, "h w"], static: Bool[Tensor, "H W"]) -> float:

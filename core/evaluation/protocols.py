@@ -62,7 +62,7 @@ def fit_of(subject: Subject, view: View, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Refined]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    return refinement(lambda embedding, tone: subject.render(embedding, fit.camera, tone), subject.bound, fit.start, fit.region, fit.valid)
+    return refinement(subject.seen_by(fit.camera), subject.bound, fit.start, fit.region, fit.valid)
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,10 @@ def measure(
         if protocol == "half":
             against["clean_right"] = (against["clean"][0], None, scored)
     scores: dict[str, dict[str, Scores]] = {name: {} for name in against}
+    render = subject.seen_by(view.camera)
     for whose, (embedding, tone) in looks.items():
         with torch.no_grad():
-            image = metrics.quantised(subject.render(embedding, view.camera, tone))
+            image = metrics.quantised(render(embedding, tone))
         for name, (truth, valid, columns) in against.items():
             part = None if valid is None else valid[:, columns]
             scores[name][whose] = compare(image[:, columns], truth[:, columns], part, lpips)

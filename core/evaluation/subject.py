@@ -5,6 +5,7 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float
 from torch import Tensor
 
+from core.appearance.refinement import Render
 from core.scene.camera import Camera
 
 
@@ -18,8 +19,8 @@ class Subject(Protocol):
     def mask(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "h4 w4"] | None:
         """What is static in a picture (1) and what is not (0), of any size, or None without a network that says so."""
 
-    def render(self, embedding: Float[Tensor, " e"], camera: Camera, tone: Float[Tensor, "2 3"] | None = None) -> Float[Tensor, "H W 3"]:
-        """The view in a look; differentiable in the tone, and in the embedding if looks follow it at all."""
+    def seen_by(self, camera: Camera) -> Render:
+        """What renders its view in any look; differentiable in the tone, and in the embedding if looks follow it at all."""
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""

@@ -27,18 +27,18 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     nearest is taken off, and the embedding is moved within reach. Where transparent pixels are empty space it is moved without a tone:
     what such a photo shows around the object is no sky of the run.
     """
-    model, picture = trained.model, shrink(picture, trained.settings.encoder_side_px)
+    model, reach, picture = trained.model, trained.reach, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
-    if trained.is_cut_out or model.reach(embedding) <= 1:
-        return model.within_reach(embedding), None
+    if trained.is_cut_out or reach.distance(embedding) <= 1:
+        return reach.nearest(embedding), None
     shares = _shares(trained)
     whole = tone_between(shares, band_means(picture))
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
     embeddings = [model.embedding_from_outside(taken_off(picture, tone, shares)) for tone in tones]
-    reaches = [model.reach(embedding) for embedding in embeddings]
-    nearest = min(range(TRIES), key=lambda number: (reaches[number], -number))  # all of it for a black photo, whatever is taken off
-    chosen = next((number for number in range(TRIES) if reaches[number] <= 1), nearest)
-    return model.within_reach(embeddings[chosen]), tones[chosen]
+    distances = [reach.distance(embedding) for embedding in embeddings]
+    nearest = min(range(TRIES), key=lambda number: (distances[number], -number))  # all of it for a black photo, whatever is taken off
+    chosen = next((number for number in range(TRIES) if distances[number] <= 1), nearest)
+    return reach.nearest(embeddings[chosen]), tones[chosen]
 
 
 def light_in_words(tone: Float[Tensor, "2 3"]) -> str:

@@ -85,7 +85,7 @@ def refined(
 ) -> Appearance | None:
     """The look refined against what `camera` sees in it, [0, 1]; None where looks follow no embedding."""
     best = None
-    steps = refinement(lambda embedding, tone: trained.render(embedding, camera, tone), trained.bound, look.embedding, pixels, valid, look.tone)
+    steps = refinement(trained.seen_by(camera), trained.bound, look.embedding, pixels, valid, look.tone)
     for step, best in enumerate(steps):
         report.progress("Refinement", step, STEPS)
     return None if best is None else replace(look, embedding=best.embedding, tone=best.tone)

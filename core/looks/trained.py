@@ -12,6 +12,8 @@ import core.rasterizer
 from core import device
 from core.appearance import refinement
 from core.appearance.model import AppearanceModel
+from core.appearance.reach import Reach
+from core.appearance.refinement import Render
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
@@ -70,18 +72,28 @@ class Run:
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""
-        return self.model.within_reach(embedding, refinement.FARTHEST)
+        return self.reach.nearest(embedding, refinement.FARTHEST)
 
-    def render(self, embedding: Float[Tensor, " e"], camera: Camera, tone: Float[Tensor, "2 3"] | None = None) -> Float[Tensor, "H W 3"]:
-        """The view in a look, as of its bake; differentiable in the tone, and in the embedding if looks follow it at all."""
+    def seen_by(self, camera: Camera) -> Render:
+        """What renders its view in any look, as of its bake; differentiable in the tone, and in the embedding if looks follow it at all."""
         visible = self.rasterizer.visible(self.splats, camera)
-        seen = self.splats[visible.rows].detached()
+        base = self.splats[visible.rows].detached()
         latents = None if self.latents is None else self.latents[visible.rows].detach()
-        sh, _ = self.model.transfer(seen.sh, seen.means, embedding, latents)
-        seen = seen.with_sh(sh)
-        if tone is not None:
-            seen = toned(seen, tone, int((visible.rows >= len(self.splats) - self.sky).sum()))
-        return self.rasterizer.render(seen, camera, self.backdrop, pairs=visible.pairs).image
+        sky = int((visible.rows >= len(self.splats) - self.sky).sum())
+
+        def render(embedding: Float[Tensor, " e"], tone: Float[Tensor, "2 3"] | None) -> Float[Tensor, "H W 3"]:
+            sh, _ = self.model.transfer(base.sh, base.means, embedding, latents)
+            seen = base.with_sh(sh)
+            if tone is not None:
+                seen = toned(seen, tone, sky)
+            return self.rasterizer.render(seen, camera, self.backdrop, pairs=visible.pairs).image
+
+        return render
+
+    @cached_property
+    def reach(self) -> Reach:
+        """Where its looks may lie."""
+        return self.model.reach
 
     @cached_property
     def sizes(self) -> Sizes:
@@ -142,7 +154,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> Run:
         model.load_state_dict(saved.part("model"))
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
-    model.eval()
+    model.eval().requires_grad_(False)
     return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model)
 
 

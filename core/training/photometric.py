@@ -12,6 +12,8 @@ definition, in any dtype on any device; float32 goes through core.training.photo
 from copy import copy
 from typing import NamedTuple
 
+import cv2
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
@@ -37,9 +39,16 @@ def window(dtype: torch.dtype = torch.float64) -> Float[Tensor, " 11"]:
 
 def blur(planes: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
     """The planes convolved with the Gaussian window, zeros beyond the picture."""
-    taps = window(planes.dtype).to(planes.device)
-    rows = F.conv2d(planes[:, None], taps.view(1, 1, WINDOW, 1), padding=(RADIUS, 0))
-    return F.conv2d(rows, taps.view(1, 1, 1, WINDOW), padding=(0, RADIUS))[:, 0]
+    taps = window(planes.dtype)
+    if planes.dtype == torch.float32 and planes.device.type == "cpu" and not planes.requires_grad:
+        # The same but for a last bit, in a twentieth of the time: photos that do not fit into the cache are blurred at every step.
+        along = taps.numpy()
+        blurred = [cv2.sepFilter2D(plane, -1, along, along, borderType=cv2.BORDER_CONSTANT) for plane in planes.numpy()]
+        return torch.from_numpy(np.stack(blurred))
+    count = len(planes)
+    taps = taps.to(planes.device).expand(count, 1, WINDOW)
+    rows = F.conv2d(planes[None], taps[..., None], padding=(RADIUS, 0), groups=count)  # a batch of planes would take ten times as long
+    return F.conv2d(rows, taps[:, :, None], padding=(0, RADIUS), groups=count)[0]
 
 
 class Emptiness(NamedTuple):

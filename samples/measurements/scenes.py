@@ -13,15 +13,16 @@ from core.scene.camera import Camera
 from core.scene.splats import Splats
 
 STEP_GAUSSIANS, STEP_SIZE_PX, STEP_PHOTOS = 30_000, (324, 210), 10
+USUAL_SIZE_PX = (555, 360)  # as large as real photos are trained on a CPU, core.config.AUTO_PIXELS
 GARDEN_GAUSSIANS, GARDEN_SIZE_PX = 140_000, (648, 420)
 DEGREE, COEFFICIENTS = 3, 16  # of the garden and of what is baked; steps have the default degree
 BAKED = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)  # the defaults, for a scene that needs all
 
 
-def plaza(scale: float) -> Collection:
-    """The sample's wide photos, seen at another size, and points strewn around its SfM points."""
+def plaza(scale: float, size_px: tuple[int, int]) -> Collection:
+    """The sample's wide photos, seen at another size, and points strewn around its SfM points. size_px: of the photos at scale 1."""
     sample = load_collection(Path(__file__).parents[1] / "plaza")
-    size = [round(side * scale**0.5) for side in STEP_SIZE_PX]
+    size = [round(side * scale**0.5) for side in size_px]
     wide = [photo for photo in sample.split("train") if photo.camera.width > photo.camera.height][:STEP_PHOTOS]
     photos = tuple(replace(photo, camera=photo.camera.resized(*size)) for photo in wide)  # decoded to fit the camera
     random = np.random.default_rng(0)

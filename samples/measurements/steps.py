@@ -7,21 +7,21 @@ import torch
 
 from core.config import Settings
 from core.training.trainer import Trainer
-from samples.measurements.scenes import STEP_GAUSSIANS, plaza
+from samples.measurements.scenes import STEP_GAUSSIANS, STEP_SIZE_PX, plaza
 from samples.measurements.stopwatch import Stopwatch
 
 WARM_UP, STEPS = 100, 60  # the first steps turn the haze of a fresh scene into surfaces
 
 
-def trainer_of(scale: float, appearance: str, transients: str) -> Trainer:
+def trainer_of(scale: float, appearance: str, transients: str, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
     """A Trainer in the middle of its run: full size, masks at work."""
-    return trainer_with(scale, Settings(appearance=appearance, transients=transients, sh_degree=1))
+    return trainer_with(scale, Settings(appearance=appearance, transients=transients, sh_degree=1), size_px)
 
 
-def trainer_with(scale: float, settings: Settings) -> Trainer:
+def trainer_with(scale: float, settings: Settings, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
     """The same with these settings, but for those that decide about sizes."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
-    trainer = Trainer(plaza(scale), settings.changed(resolution=1, max_gaussians=most), Path())
+    trainer = Trainer(plaza(scale, size_px), settings.changed(resolution=1, max_gaussians=most), Path())
     trainer.done = trainer.settings.steps // 2
     return trainer
 

@@ -9,6 +9,7 @@ import torch
 from core import rasterizer
 from core.awake import cores_awake
 from samples.measurements.drawing import draw, garden_of
+from samples.measurements.scenes import STEP_SIZE_PX, USUAL_SIZE_PX
 from samples.measurements.steps import WARM_UP, trainer_of
 from samples.measurements.stopwatch import Stopwatch, spread
 
@@ -18,13 +19,17 @@ ONE, *MORE = WAYS
 
 
 def measure_threads(scale: float) -> dict:
-    """Picture and gradients of the garden, and whole steps with everything on; speed-ups are of the wall time."""
+    """Picture and gradients of the garden, and whole steps with everything on, of two sizes; speed-ups are of the wall time."""
     scene, camera = garden_of(scale)
-    backend, trainer = rasterizer.create("cpu"), trainer_of(scale, "full", "on")
-    for _ in range(math.ceil(WARM_UP * scale)):
-        trainer.step()
+    backend = rasterizer.create("cpu")
+    works = {"rasterizer": lambda: draw(backend, scene, camera)}
+    for size_px in (STEP_SIZE_PX, USUAL_SIZE_PX):
+        trainer = trainer_of(scale, "full", "on", size_px)
+        for _ in range(math.ceil(WARM_UP * scale)):
+            trainer.step()
+        works["step of {} x {}".format(*size_px)] = trainer.step
     parts, facts = {}, {}
-    for name, work in (("rasterizer", lambda: draw(backend, scene, camera)), ("step", trainer.step)):
+    for name, work in works.items():
         measured = in_turns(work, math.ceil(TURNS * scale))
         parts |= {f"{name}, {way}": figures for way, figures in measured.items()}
         for way in MORE:

@@ -239,8 +239,8 @@ def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypa
     farthest = (met - met.mean(dim=0)).norm(dim=1).max()
     assert farthest / 2 < held.norm() < 1.5 * farthest < away.norm() / 4
     assert torch.allclose(given(given(outside)), given(outside), atol=1e-5)
-    assert max(map(model.reach, met)) == 1 and model.reach(outside) > 4
-    assert model.reach(given(outside)) == pytest.approx(1, abs=1e-5)
+    assert max(map(model.reach.distance, met)) == 1 and model.reach.distance(outside) > 4
+    assert model.reach.distance(given(outside)) == pytest.approx(1, abs=1e-5)
     model.remember(outside, 0)  # a photo like it was met: now it is within reach
     assert torch.allclose(given(outside), outside, atol=1e-4)
 

@@ -39,10 +39,13 @@ class Flat:
     def bound(self, embedding):
         return embedding
 
-    def render(self, embedding, camera, tone=None):
-        self.cameras.append(camera)
-        colour = embedding if self.follows else embedding.detach()
-        return (colour if tone is None else colour * tone[0]).expand(camera.height, camera.width, 3)
+    def seen_by(self, camera):
+        def render(embedding, tone):
+            self.cameras.append(camera)
+            colour = embedding if self.follows else embedding.detach()
+            return (colour if tone is None else colour * tone[0]).expand(camera.height, camera.width, 3)
+
+        return render
 
 
 def halves(left, right):

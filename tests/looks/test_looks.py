@@ -115,7 +115,7 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     wanted = torch.from_numpy(cv2.imread(str(night))[..., ::-1].copy())
     shown, without = (rendered(trained, each) for each in (look, replace(look, tone=None)))
     assert (shown - wanted).abs().mean() < 0.25 * (without - wanted).abs().mean()
-    assert trained.model.reach(look.embedding) <= 1 + 1e-5
+    assert trained.reach.distance(look.embedding) <= 1 + 1e-5
     assert look.source.startswith("photo 0.15.png from outside the collection, lit unlike any photo of the place (darker), ")
 
     kept = saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
@@ -134,7 +134,7 @@ def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
     paths = [darkened(photo, tmp_path, gain) for gain in (1.0, 0.3, 0.15, 0.05, 0.0)]
     looks = [find_appearance(trained, str(path)) for path in paths]
     assert looks[0].tone is None
-    assert all(trained.model.reach(look.embedding) <= 1 + 1e-5 for look in looks)
+    assert all(trained.reach.distance(look.embedding) <= 1 + 1e-5 for look in looks)
     strengths = [1.0 if look.tone is None else float(look.tone.mean()) for look in looks]
     assert sorted(strengths, reverse=True) == strengths and strengths[-1] < 0.1
     picture = torch.from_numpy(cv2.imread(str(paths[1]))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
@@ -147,7 +147,7 @@ def test_around_an_object_cut_out_of_empty_space_no_photo_tells_a_tone(trained, 
     night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)
     cut_out = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
     look = find_appearance(cut_out, str(night), refine=False)
-    assert look.tone is None and trained.model.reach(look.embedding) <= 1 + 1e-5
+    assert look.tone is None and trained.reach.distance(look.embedding) <= 1 + 1e-5
     assert look.source == "photo 0.15.png from outside the collection"
 
 

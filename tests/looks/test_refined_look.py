@@ -45,7 +45,7 @@ def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.94 and 0.95 were seen, after seconds of training
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
     assert heard.steps[-1] == (128, 128)
-    assert trained.model.reach(encoded.embedding) <= 1 + 1e-5 and trained.model.reach(refined.embedding) <= 2 + 1e-5
+    assert trained.reach.distance(encoded.embedding) <= 1 + 1e-5 and trained.reach.distance(refined.embedding) <= 2 + 1e-5
     twice = [find_appearance(trained, "1.png", refine=refine) for refine in (False, True)]
     assert torch.equal(twice[0].embedding, twice[1].embedding) and twice[0].source == twice[1].source
 
@@ -130,8 +130,8 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
         shown = replace(look, tone=tone)
         baked = trained.rasterizer.render(bake(trained, shown), camera, trained.backdrop).image
-        torch.testing.assert_close(trained.render(look.embedding, camera, tone), baked, rtol=0, atol=1e-5)
+        torch.testing.assert_close(trained.seen_by(camera)(look.embedding, tone), baked, rtol=0, atol=1e-5)
     embedding = look.embedding.clone().requires_grad_()
-    trained.render(embedding, camera).sum().backward()
+    trained.seen_by(camera)(embedding, None).sum().backward()
     assert embedding.grad.abs().max() > 0
     assert trained.splats.means.grad is None and all(weight.grad is None for weight in trained.model.encoder.parameters())

@@ -173,6 +173,13 @@ def test_the_window_sums_to_one_away_from_the_rim():
     torch.testing.assert_close(inside, torch.ones_like(inside), rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("shape", [(3, 40, 61), (1, 4, 30), (3, 1, 1)], ids=str)
+def test_a_photo_is_blurred_as_what_has_a_gradient_is(shape):
+    planes = torch.rand(*shape[:2], shape[2] + 2, generator=torch.Generator().manual_seed(1))[:, :, 1:-1]  # rows that do not follow each other
+    true = blur(planes.double())
+    assert (blur(planes) - true).abs().max() < 5e-7 and (blur(planes.clone().requires_grad_()) - true).abs().max() < 5e-7
+
+
 @pytest.mark.parametrize("masked", [False, True], ids=["whole", "invalid-pixels"])
 def test_a_photo_over_a_colour_is_the_photo_composed_with_it(masked):
     _, colours, empty, valid = example(30, 24, masked=masked)

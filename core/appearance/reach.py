@@ -1,0 +1,55 @@
+"""How far looks may lie from those of the training photos.
+
+Farther out the SH transfer was never asked, and makes up colours: a night photo among eight of daylight lay at six times the reach, and
+turned a white church green. Of figures of held-out photos this changes no more than 0.02 dB (plaza, Liberty).
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what training photos share
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The ellipsoid around the mean of the training photos' embeddings that the farthest of them lies on, float64.
+
+    axes: its principal ones, as rows, and lengths: in what ratio they are, weak ones lengthened. size: by what all lengths are multiplied.
+    """
+
+    centre: Float[Tensor, " e"]
+    axes: Float[Tensor, "a e"]
+    lengths: Float[Tensor, " a"]
+    size: Float[Tensor, ""]
+
+    @staticmethod
+    @torch.no_grad()
+    def of(met: Float[Tensor, "k e"]) -> "Reach":
+        """What these embeddings reach; where there is none of them, everything."""
+        met = met.double()
+        if not len(met):
+            return Reach(met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(()))
+        away = met - met.mean(dim=0)
+        # All axes are needed where photos are fewer; else that would make a matrix of photos times photos.
+        _, strengths, axes = torch.linalg.svd(away, full_matrices=len(met) < met.shape[1])
+        lengths = strengths.new_zeros(len(axes))
+        lengths[: len(strengths)] = strengths
+        lengths = lengths.clamp_min(max(WEAK_AXIS * float(strengths[0]), 1e-12))  # a single photo has none
+        return Reach(met.mean(dim=0), axes, lengths, ((away @ axes.T) / lengths).norm(dim=-1).max().clamp_min(1e-12))
+
+    @torch.no_grad()
+    def distance(self, embedding: Float[Tensor, " e"]) -> float:
+        """How far it lies from the mean, where the farthest of the training photos lies at 1."""
+        along = (embedding.double() - self.centre) @ self.axes.T
+        return float(((along / self.lengths).norm() / self.size).float())  # rounded, so that the farthest lies at 1 exactly
+
+    @torch.no_grad()
+    def nearest(self, embedding: Float[Tensor, " e"], farthest: float = 1.0) -> Float[Tensor, " e"]:
+        """The embedding, moved toward the mean until its distance is no more than `farthest`; one that is nearer stays as it is."""
+        distance = self.distance(embedding)
+        if distance <= farthest:
+            return embedding
+        return (self.centre + (embedding.double() - self.centre) * (farthest / distance)).to(embedding.dtype)

@@ -20,10 +20,10 @@ import torch
 
 from core.data import load_collection
 from core.data.collection import Collection, Photo
-from core.data.landmarks import landmarks_of
 from core.data.locate import locate
 from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refining
+from core.looks.refined_look import landmarks_of_run
 from core.looks.trained import Run, load_run
 from core.measuring import held_out_view
 from core.report import QUIET
@@ -40,7 +40,7 @@ def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""
     trained = load_run(run.find_run(run_folder))
     collection = load_collection(trained.collection.root)
-    landmarks = landmarks_of(collection, QUIET)
+    landmarks = landmarks_of_run(trained, QUIET)
     rows = []
     for photo in collection.split("test"):
         found = locate(photo.path, landmarks, QUIET)

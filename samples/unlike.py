@@ -92,7 +92,7 @@ def compared(trained: Run, photo: Photo) -> tuple[float, float, float]:
     embedding = trained.model.embedding_from_outside(picture)
     looks = (trained.reach.nearest(embedding), None), read_from_outside(trained, picture)
     images = (trained.rasterizer.render(bake(trained, Appearance("", "", *look)), view.camera).image for look in looks)
-    return trained.model.reach(embedding), *(psnr(quantised(image), view.picture, counted) for image in images)
+    return trained.reach.distance(embedding), *(psnr(quantised(image), view.picture, counted) for image in images)
 
 
 if __name__ == "__main__":

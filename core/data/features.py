@@ -13,7 +13,7 @@ from core.report import Report
 from core.scene.camera import Camera
 
 LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
-FEATURES = 8192  # at most, a photo
+FEATURES = 8192  # at most, of a photo whose camera is known
 LEAST_PHOTOS = 2
 JPEG_QUALITY = 95  # of the copies that features are looked for in, and of undistorted photos
 SEED = 0
@@ -58,10 +58,10 @@ def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
     path.write_bytes(cv2.imencode(kind, pixels, flags)[1].tobytes())  # a full disk raises here, where imwrite says False
 
 
-def extract(work: Path, names: list[str], report: Report, masks: Path | None = None) -> None:
+def extract(work: Path, names: list[str], report: Report, masks: Path | None = None, most: int = FEATURES) -> None:
     """SIFT features of the photos in work/photos into the database, each photo with a camera of its own.
 
-    masks: a folder of pictures NAME.png that are black where there shall be none.
+    masks: a folder of pictures NAME.png that are black where there shall be none. most: features of a photo.
     """
     reading = pycolmap.ImageReaderOptions()
     if masks is not None:
@@ -69,7 +69,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
-    options.sift.max_num_features = FEATURES
+    options.sift.max_num_features = most
     size = max(2, -(-len(names) // BATCHES))
     for start in range(0, len(names), size):
         batch = names[start : start + size]
@@ -90,12 +90,14 @@ def match(
 ) -> None:
     """Matches of the pairs of photos into the database.
 
-    verify: keep those that one epipolar geometry explains, which is estimated; without it all that look alike stay.
+    verify: keep those that one epipolar geometry explains, which is estimated, and add those that it leads to: of the features
+    near its lines alone more are most similar (core/TRIED.md, "Guided matches"). Without it all that look alike stay.
     ratio: of the differences to the most and the second most similar feature; matches have a smaller one (Lowe 2004, 7.1).
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
     options.skip_geometric_verification = not verify
+    options.guided_matching = verify
     options.sift.max_ratio = ratio
     lines = [f"{first} {second}" for first, second in pairs]
     size = max(8, -(-len(lines) // BATCHES))

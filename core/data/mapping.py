@@ -17,7 +17,7 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
     COLMAP refines focal lengths from the second photo on. Few photos hold them badly: they run away, the poses with them, and other
     photos find no place (COLMAP drops such cameras only from models of 20 photos and more). Where fewer than half the photos got a
     place and a focal length that lenses have, they are mapped again with focal lengths as EXIF says or COLMAP guesses, and refined in
-    the end. This model is taken if it places more, and each with a focal length that lenses have (core/TRIED.md has the figures).
+    the end. This model is taken if it has more such photos, and more points (core/TRIED.md has the figures).
     """
     models = _models(work, names, report, refined=True)
     found = _plausible(models)
@@ -25,7 +25,7 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
         again = _models(work, names, report, refined=False)
         _refine(again)
         plausible = _plausible(again)
-        if plausible > found and plausible == again[0].num_reg_images():
+        if plausible > found and _points(again) > _points(models):
             models = again
             report.say(
                 f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
@@ -76,6 +76,11 @@ def _refine(models: list[pycolmap.Reconstruction]) -> None:
 def _plausible(models: list[pycolmap.Reconstruction]) -> int:
     """How many photos have a place in the largest model and a focal length that lenses have."""
     return sum(is_usual(image.camera) for model in models[:1] for image in model.images.values() if image.has_pose)
+
+
+def _points(models: list[pycolmap.Reconstruction]) -> int:
+    """How many the largest model has."""
+    return sum(model.num_points3D() for model in models[:1])
 
 
 def _counter(report: Report, total: int, first: int) -> Callable[[], None]:

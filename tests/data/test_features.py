@@ -1,0 +1,42 @@
+"""Features of photos and their matches."""
+
+import cv2
+import pycolmap
+import pytest
+
+from core.data.features import DATABASE, PHOTOS, extract, match
+from core.report import QUIET
+from tests.data.room_corner import cameras, take_photo, textures
+
+NAMES = ["000001.jpg", "000002.jpg"]
+
+
+@pytest.fixture
+def work(tmp_path):
+    """Two photos of the room's corner."""
+    (tmp_path / PHOTOS).mkdir()
+    pictures = textures()
+    for name, (rotation, centre) in zip(NAMES, cameras(2), strict=True):
+        assert cv2.imwrite(str(tmp_path / PHOTOS / name), take_photo(rotation, centre, pictures))
+    return tmp_path
+
+
+def found(work):
+    """How many matches of the two photos look alike, and how many of all an epipolar geometry explains."""
+    database = pycolmap.Database.open(str(work / DATABASE))
+    first, second = (database.read_image_with_name(name).image_id for name in NAMES)
+    return len(database.read_matches(first, second)), len(database.read_two_view_geometry(first, second).inlier_matches)
+
+
+def test_epipolar_lines_lead_to_more_matches(work):
+    extract(work, NAMES, QUIET)
+    match(work, [tuple(NAMES)], QUIET)
+    alike, explained = found(work)
+    assert explained > 1.05 * alike > 50  # of those that look alike alone fewer are explained, never more
+
+
+def test_no_photo_has_more_features_than_asked_for(work):
+    extract(work, NAMES, QUIET, most=40)
+    database = pycolmap.Database.open(str(work / DATABASE))
+    # Of 1,000. COLMAP takes all of the last size of features that it begins.
+    assert all(0 < database.num_keypoints_for_image(image.image_id) < 100 for image in database.read_all_images())

@@ -90,8 +90,8 @@ def match(
 ) -> None:
     """Matches of the pairs of photos into the database.
 
-    verify: keep those that one epipolar geometry explains, which is estimated, and add those that it leads to: of the features
-    near its lines alone more are most similar (core/TRIED.md, "Guided matches"). Without it all that look alike stay.
+    verify: keep those that one epipolar geometry explains, which is estimated, and add those that are found along its lines (guided
+    matching; core/TRIED.md has the figures). Without it all that look alike stay.
     ratio: of the differences to the most and the second most similar feature; matches have a smaller one (Lowe 2004, 7.1).
     """
     options = pycolmap.FeatureMatchingOptions()

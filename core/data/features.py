@@ -1,5 +1,7 @@
 """SIFT features of photos and their matches, by pycolmap on a CPU, in parts that tell of progress."""
 
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -18,7 +20,7 @@ LEAST_PHOTOS = 2
 JPEG_QUALITY = 95  # of the copies that features are looked for in, and of undistorted photos
 SEED = 0
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
-BATCHES = 24  # features and matches are computed in so many parts, to tell of progress and to notice Ctrl-C
+PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the folder of work
 HALF = 128  # of 255, of emptiness: features are looked for where less of a pixel is empty
 
@@ -70,19 +72,17 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
     options.sift.max_num_features = most
-    size = max(2, -(-len(names) // BATCHES))
-    for start in range(0, len(names), size):
-        batch = names[start : start + size]
+    for done, part in _parts(names, least=2):
         pycolmap.extract_features(
             work / DATABASE,
             work / PHOTOS,
-            batch,
+            part,
             pycolmap.CameraMode.PER_IMAGE,
             reading,
             extraction_options=options,
             device=pycolmap.Device.cpu,
         )
-        report.progress("Features", start + len(batch), len(names))
+        report.progress("Features", done, len(names))
 
 
 def match(
@@ -100,13 +100,21 @@ def match(
     options.guided_matching = verify
     options.sift.max_ratio = ratio
     lines = [f"{first} {second}" for first, second in pairs]
-    size = max(8, -(-len(lines) // BATCHES))
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
-    for start in range(0, len(lines), size):
-        batch = lines[start : start + size]
-        (work / "pairs.txt").write_text("\n".join(batch) + "\n", encoding="utf-8")
+    for done, part in _parts(lines, least=8):
+        (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
         pycolmap.match_image_pairs(
             work / DATABASE, matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu
         )
-        report.progress("Matches", start + len(batch), len(lines))
+        report.progress("Matches", done, len(lines))
+
+
+def _parts(items: list[str], least: int) -> Iterator[tuple[int, list[str]]]:
+    """The items in parts of at least so many, of a size that takes PART_S to work on; and how many there were with each."""
+    done, size = 0, least
+    while done < len(items):
+        part, since = items[done : done + size], time.monotonic()
+        done += len(part)
+        yield done, part
+        size = max(least, min(2 * size, int(size * PART_S / max(time.monotonic() - since, 1e-3))))

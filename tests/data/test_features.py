@@ -4,6 +4,7 @@ import cv2
 import pycolmap
 import pytest
 
+from core.data import features
 from core.data.features import DATABASE, PHOTOS, extract, match
 from core.report import QUIET
 from tests.data.room_corner import cameras, take_photo, textures
@@ -40,3 +41,16 @@ def test_no_photo_has_more_features_than_asked_for(work):
     database = pycolmap.Database.open(str(work / DATABASE))
     # Of 1,000. COLMAP takes all of the last size of features that it begins.
     assert all(0 < database.num_keypoints_for_image(image.image_id) < 100 for image in database.read_all_images())
+
+
+@pytest.mark.parametrize("cost_s, sizes", [(0.01, [8, 16, 32, 64, 80]), (1.0, [8, 8, 8]), (0.2, [8, 15, 15, 15])])
+def test_parts_take_as_long_as_one_waits_for_progress(monkeypatch, cost_s, sizes):
+    now = 0.0
+    monkeypatch.setattr(features.time, "monotonic", lambda: now)
+    items = [str(number) for number in range(sum(sizes))]
+    met = []
+    for done, part in features._parts(items, least=8):
+        now += cost_s * len(part)
+        met.append(part)
+        assert done == sum(map(len, met))
+    assert [len(part) for part in met] == sizes and [item for part in met for item in part] == items

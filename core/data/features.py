@@ -72,6 +72,8 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
     options.sift.max_num_features = most
+    if names:
+        _number(work, names)
     for done, part in _parts(names, least=2):
         pycolmap.extract_features(
             work / DATABASE,
@@ -83,6 +85,13 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
             device=pycolmap.Device.cpu,
         )
         report.progress("Features", done, len(names))
+
+
+def _number(work: Path, names: list[str]) -> None:
+    """Give the photos numbers in their order; else they get them as threads finish with them, and mapping depends on the numbers."""
+    with pycolmap.Database.open(work / DATABASE):
+        pass  # there is one now
+    pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)
 
 
 def match(
@@ -99,13 +108,19 @@ def match(
     options.skip_geometric_verification = not verify
     options.guided_matching = verify
     options.sift.max_ratio = ratio
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = SEED  # else each thread draws on
     lines = [f"{first} {second}" for first, second in pairs]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
     for done, part in _parts(lines, least=8):
         (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
         pycolmap.match_image_pairs(
-            work / DATABASE, matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu
+            work / DATABASE,
+            matching_options=options,
+            pairing_options=pairing,
+            verification_options=verification,
+            device=pycolmap.Device.cpu,
         )
         report.progress("Matches", done, len(lines))
 

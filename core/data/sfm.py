@@ -45,7 +45,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
 
     The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), MARK, NAMES, LENSES and what lists of held-out
-    photos there are. It appears whole or not at all. Two runs differ slightly, as COLMAP's threads do.
+    photos there are. It appears whole or not at all. Two runs give the same up to core.data.mapping.REPEATABLE
+    photos; of more they differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a place are left out and named.
 

@@ -1,6 +1,7 @@
 """Features of photos and their matches."""
 
 import cv2
+import numpy as np
 import pycolmap
 import pytest
 
@@ -41,6 +42,17 @@ def test_no_photo_has_more_features_than_asked_for(work):
     database = pycolmap.Database.open(str(work / DATABASE))
     # Of 1,000. COLMAP takes all of the last size of features that it begins.
     assert all(0 < database.num_keypoints_for_image(image.image_id) < 100 for image in database.read_all_images())
+
+
+def test_photos_are_numbered_in_their_order_however_long_they_take(tmp_path):
+    (tmp_path / PHOTOS).mkdir()
+    names = [f"{number:06d}.jpg" for number in range(1, 7)]
+    for number, name in enumerate(names):
+        noise = np.random.default_rng(number).integers(0, 256, (1200, 1600, 3) if number % 2 == 0 else (48, 64, 3), np.uint8)
+        assert cv2.imwrite(str(tmp_path / PHOTOS / name), noise)
+    extract(tmp_path, names, QUIET, most=100)
+    database = pycolmap.Database.open(str(tmp_path / DATABASE))
+    assert [database.read_image_with_name(name).image_id for name in names] == [1, 2, 3, 4, 5, 6]
 
 
 @pytest.mark.parametrize("cost_s, sizes", [(0.01, [8, 16, 32, 64, 80]), (1.0, [8, 8, 8]), (0.2, [8, 15, 15, 15])])

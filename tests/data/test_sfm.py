@@ -87,6 +87,15 @@ def test_cameras_are_found_again(tmp_path):
         assert np.argmin(apart) == index
 
 
+def test_the_same_photos_give_the_same_scene(tmp_path):
+    (tmp_path / "photos").mkdir()
+    pictures = textures()
+    for number, (rotation, centre) in enumerate(cameras(5)):
+        assert cv2.imwrite(str(tmp_path / "photos" / f"{number}.jpg"), take_photo(rotation, centre, pictures))
+    first, second = (reconstruct(tmp_path / "photos", tmp_path / name, Report()) / "sparse" / "0" for name in ("first", "second"))
+    assert all((first / path.name).read_bytes() == path.read_bytes() for path in second.iterdir())
+
+
 def test_photos_that_do_not_overlap(tmp_path):
     for seed in range(3):
         noise_photo(tmp_path / f"{seed}.jpg", seed)

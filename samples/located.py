@@ -74,7 +74,8 @@ def scores(trained: Run, photo: Photo, found: Camera) -> list[float]:
     looks = [(fits[0].start, None), *(list(refining(trained, fit))[-1] for fit in fits)]
     scored = fits[0].scored
     valid = None if view.valid is None else view.valid[:, scored]
-    pictures = (trained.seen_by(view.camera)(embedding, tone) for embedding, tone in looks)
+    render = trained.seen_by(view.camera)
+    pictures = (render(embedding, tone) for embedding, tone in looks)
     return [psnr(quantised(picture)[:, scored], fits[0].photo[:, scored], valid) for picture in pictures]
 
 

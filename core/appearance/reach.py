@@ -32,13 +32,14 @@ class Reach:
         met = met.double()
         if not len(met):
             return Reach(met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(()))
-        away = met - met.mean(dim=0)
+        centre = met.mean(dim=0)
+        away = met - centre
         # All axes are needed where photos are fewer; else that would make a matrix of photos times photos.
         _, strengths, axes = torch.linalg.svd(away, full_matrices=len(met) < met.shape[1])
         lengths = strengths.new_zeros(len(axes))
         lengths[: len(strengths)] = strengths
         lengths = lengths.clamp_min(max(WEAK_AXIS * float(strengths[0]), 1e-12))  # a single photo has none
-        return Reach(met.mean(dim=0), axes, lengths, ((away @ axes.T) / lengths).norm(dim=-1).max().clamp_min(1e-12))
+        return Reach(centre, axes, lengths, ((away @ axes.T) / lengths).norm(dim=-1).max().clamp_min(1e-12))
 
     @torch.no_grad()
     def distance(self, embedding: Float[Tensor, " e"]) -> float:

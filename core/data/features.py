@@ -72,9 +72,8 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
     options.sift.max_num_features = most
-    if names:
-        _number(work, names)
     for done, part in _parts(names, least=2):
+        _number(work, part)
         pycolmap.extract_features(
             work / DATABASE,
             work / PHOTOS,
@@ -88,7 +87,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
 
 
 def _number(work: Path, names: list[str]) -> None:
-    """Give the photos numbers in their order; else they get them as threads finish with them, and mapping depends on the numbers."""
+    """Give the photos the next numbers in their order; else they get them as threads finish with them, and mapping depends on the numbers."""
     with pycolmap.Database.open(work / DATABASE):
         pass  # there is one now
     pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)

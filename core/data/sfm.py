@@ -37,7 +37,7 @@ JPEG_SUFFIXES = (".jpg", ".jpeg")
 MARK = "photos.json"  # in a scene: the files it was made of
 NAMES = "names.json"  # in a scene: what it calls the photos of those files
 LENSES = "lenses.json"  # in a scene: through which lens each of its photos was taken, before it was undistorted
-FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, at a third of the time (core/TRIED.md)
+FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
 LENS = {"model", "width", "height", "params"}  # what is known of each
 
 

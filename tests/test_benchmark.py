@@ -11,7 +11,7 @@ import torch
 from click.testing import CliRunner
 
 from core import rasterizer
-from core.appearance.transfer_kernel import _ThroughHidden
+from core.appearance.transfer_mlp import _ThroughHidden
 from core.config import Settings
 from core.rasterizer.cpu.backend import _Render
 from core.training.photometric_kernel import _Photometric

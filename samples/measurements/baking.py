@@ -9,7 +9,7 @@ import torch
 
 from core import export
 from core.appearance.model import AppearanceModel
-from core.appearance.transfer_kernel import ROWS
+from core.appearance.transfer_mlp import ROWS
 from core.scene.splats import Splats
 from core.threads import in_parallel
 from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE

@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch.func import functional_call
 
-from core.appearance import sh_transfer, transfer_kernel
+from core.appearance import sh_transfer, transfer_mlp
 from core.appearance.sh_transfer import SHTransfer
-from core.appearance.transfer_kernel import ROWS, plain_mlp
+from core.appearance.transfer_mlp import ROWS, plain_mlp
 from core.errors import BadInput
 from core.threads import threads_for_blocks
 from tests.small import whole_settings
@@ -196,8 +196,8 @@ def test_uses_the_fast_path_for_float32_only(monkeypatch):
 
 def test_hidden_layers_are_kept_only_for_a_way_back(monkeypatch):
     transfer, kept = transfer_of(), []
-    honest = transfer_kernel._evaluated
-    monkeypatch.setattr(transfer_kernel, "_evaluated", lambda *given: kept.append(honest(*given)) or kept[-1])
+    honest = transfer_mlp._evaluated
+    monkeypatch.setattr(transfer_mlp, "_evaluated", lambda *given: kept.append(honest(*given)) or kept[-1])
     transfer(**inputs_of(transfer, 5))
     with torch.no_grad():
         transfer(**inputs_of(transfer, 5))
@@ -236,9 +236,9 @@ def test_chunks_and_the_whole_agree(monkeypatch):
     model = SHTransfer(whole_settings()).double()
     sh, means, embedding = torch.randn(50, 4, 3).double(), torch.randn(50, 3).double(), torch.randn(16).double()
     outcomes, calls = [], []
-    for limit in (transfer_kernel.CHUNK_BYTES, 20_000):
-        monkeypatch.setattr(transfer_kernel, "CHUNK_BYTES", limit)
-        monkeypatch.setattr(transfer_kernel, "plain_mlp", lambda *arguments: calls.append(len(arguments[0])) or plain_mlp(*arguments))
+    for limit in (transfer_mlp.CHUNK_BYTES, 20_000):
+        monkeypatch.setattr(transfer_mlp, "CHUNK_BYTES", limit)
+        monkeypatch.setattr(transfer_mlp, "plain_mlp", lambda *arguments: calls.append(len(arguments[0])) or plain_mlp(*arguments))
         base = sh.clone().requires_grad_()
         output = model(base, means, embedding)
         outcomes.append([output, *torch.autograd.grad((output**2).sum(), [base, *model.parameters()])])

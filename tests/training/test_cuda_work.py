@@ -40,7 +40,7 @@ def trainer(tmp_path, monkeypatch):
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     # The kernels that tensors on a GPU go to.
-    monkeypatch.setattr("core.appearance.transfer_kernel.encoded_places", places_cuda.encoded_places)
+    monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", places_cuda.encoded_places)
     monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
     monkeypatch.setattr("core.training.objective.photometric", photometric_cuda.photometric_fused)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread

@@ -10,7 +10,7 @@ import torch
 
 from core.appearance.matrix_product import ANY, ZERO, has_avx512, multiply
 from core.appearance.sh_transfer import SHTransfer
-from core.appearance.transfer_blocks import differentiate_hidden, differentiate_output, evaluate
+from core.appearance.transfer_kernels import differentiate_hidden, differentiate_output, evaluate
 from tests.afresh import afresh
 from tests.small import whole_settings
 

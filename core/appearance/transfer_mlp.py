@@ -4,7 +4,7 @@ h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i), y = bound * tanh((h_n 
 in two parts: `learned` columns, which receive a gradient and may also skip to the output, and the encoded places of the Gaussians,
 which do neither.
 
-Blocks of ROWS rows are what threads share; `transfer_blocks` computes them. A row's result does not depend on what it is evaluated
+Blocks of ROWS rows are what threads share; `transfer_kernels` computes them. A row's result does not depend on what it is evaluated
 with, so bakes equal live renders bit for bit. Weight gradients are summed a block at a time and then in the order of
 the blocks: the same for any number of threads.
 """
@@ -22,7 +22,7 @@ from torch.utils.checkpoint import checkpoint
 
 from core.appearance.encoding import encoded_places
 from core.appearance.matrix_product import PANEL, TILE_ROWS, room_for
-from core.appearance.transfer_blocks import STRIP, differentiate_hidden, differentiate_output, evaluate, padded
+from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, padded
 from core.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.appearance.attention import LAST_LAYER_GAIN, STATIC_LOGIT, rectified
-from core.appearance.encoding import encode, encoded_size
+from core.appearance.positional_encoding import encode, encoded_size
 
 PHOTO_SIZE = 32  # learned numbers a photo
 WIDTH = 64

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.encoding import encode, encoded_size
+from core.appearance.positional_encoding import encode, encoded_size
 from core.appearance.transfer_mlp import HiddenLayers, OutputLayer, blockwise_mlp, blockwise_sum, chunked_mlp
 from core.config import Settings
 from core.errors import BadInput

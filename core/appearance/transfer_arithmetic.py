@@ -49,7 +49,7 @@ def bound_softly(values, bound, base, output):
 
 @part
 def encode_places(means, octaves, encoded):
-    """encoding.encode(encoding.contract(means), octaves) of float32 means (n, 3), transposed into `encoded` (columns, >= n) float32.
+    """positional_encoding.encode(contract(means), octaves) of float32 means (n, 3), transposed into `encoded` (columns, >= n) float32.
 
     Sine and cosine of pi x follow from those of pi x / 2 as an octave follows from the one below it. A loop runs along the
     Gaussians and does one thing, so that the compiler makes vectors of it.

@@ -10,8 +10,8 @@ padded but not transposed. Buffers have padded columns too, which stay zero.
 
 import numpy as np
 
-from core.appearance.encoding import encoded_size
 from core.appearance.matrix_product import ANY, PANEL, TILE_ROWS, ZERO, multiply, room_for
+from core.appearance.positional_encoding import encoded_size
 from core.appearance.transfer_arithmetic import bound_softly, encode_places
 from core.compiled import kernel, part
 

@@ -20,8 +20,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.utils.checkpoint import checkpoint
 
-from core.appearance.encoding import encoded_places
 from core.appearance.matrix_product import PANEL, TILE_ROWS, room_for
+from core.appearance.positional_encoding import encoded_places
 from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, padded
 from core.threads import in_parallel
 
@@ -59,7 +59,7 @@ def plain_mlp(
 ) -> Float[Tensor, "n out"]:
     """The definition: any dtype, any device, differentiable by autograd but for the means. Outputs lie in [-bound, bound].
 
-    means: scene frame. octaves: of the encoding of the contracted means, see core.appearance.encoding.
+    means: scene frame. octaves: of the encoding of the contracted means, see core.appearance.positional_encoding.
     """
     linear = torch.addmm  # a bias, or what is already there, plus a product: one kernel on a GPU
     hidden = linear(hidden_layers.first_bias, encoded_places(means, octaves), hidden_layers.place_weight.T)

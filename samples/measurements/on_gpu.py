@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 
 from core import export, rasterizer
-from core.appearance import places_cuda
+from core.appearance import positional_encoding_cuda
 from core.appearance.model import AppearanceModel
 from core.config import LEAST, Settings, preset
 from core.export.ply import read_ply
@@ -31,7 +31,7 @@ PAPER_GAUSSIANS, PAPER_STEPS_TIMED = 300_000, 1000  # strewn over the sample, in
 WARM_UP, TIMES, STEPS = 5, 25, 50
 KERNEL_MODULES = (
     *(project, bin, blend_forward, blend_backward, project_backward),
-    *(adam_cuda, photometric_cuda, places_cuda),
+    *(adam_cuda, photometric_cuda, positional_encoding_cuda),
 )
 MISSING = "gsplat is not installed: `pip install gsplat` compiles it on this machine"
 Line = tuple[str, str, str]

@@ -5,9 +5,9 @@ import torch
 
 from core.appearance.attention import ChannelAttention, MaskUNet
 from core.appearance.encoder import PhotoEncoder
-from core.appearance.encoding import encode
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
+from core.appearance.positional_encoding import encode
 from tests.small import whole_settings
 
 # fast_mode projects on random directions: one pair of evaluations instead of one a number.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from core.appearance.encoding import contract, encode, encoded_size
+from core.appearance.positional_encoding import contract, encode, encoded_size
 from core.appearance.transfer_arithmetic import bound_softly, encode_places
 from tests.afresh import afresh
 

@@ -14,7 +14,7 @@ import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
-from core.appearance import places_cuda
+from core.appearance import positional_encoding_cuda
 from core.launch import FUSED, LAUNCH
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.training import adam_cuda, photometric_cuda
@@ -28,7 +28,7 @@ KERNELS = {  # with the options that they are launched with
     blend_backward.add_up: {"num_warps": 1, **LAUNCH},
     project_backward.project_backward: {"num_warps": project_backward.WARPS, **LAUNCH},
     adam_cuda.update: FUSED,
-    places_cuda.encode_places: FUSED,
+    positional_encoding_cuda.encode_places: FUSED,
     photometric_cuda.blur_products_down: FUSED,
     photometric_cuda.blur_down: FUSED,
     photometric_cuda.compare: FUSED,

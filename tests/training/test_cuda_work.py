@@ -28,7 +28,7 @@ MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 365, 75  # of a step, and of L_regTS, which
 @pytest.fixture
 def trainer(tmp_path, monkeypatch):
     """In the middle of a run on DEVICE by the kernels of a GPU, everything on."""
-    from core.appearance import places_cuda
+    from core.appearance import positional_encoding_cuda
     from core.rasterizer.cuda.backend import CudaRasterizer
     from core.training import adam_cuda, photometric_cuda
 
@@ -40,7 +40,7 @@ def trainer(tmp_path, monkeypatch):
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     # The kernels that tensors on a GPU go to.
-    monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", places_cuda.encoded_places)
+    monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", positional_encoding_cuda.encoded_places)
     monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
     monkeypatch.setattr("core.training.objective.photometric", photometric_cuda.photometric_fused)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread

@@ -44,7 +44,7 @@ def encoded_places(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "
     """encode(contract(means), octaves): the centres (scene frame) as the SH transfer takes them; without a gradient."""
     means = means.detach()
     if means.device.type == "cuda" and means.dtype == torch.float32:
-        from core.appearance import places_cuda  # Triton, which is there with a GPU only
+        from core.appearance import positional_encoding_cuda  # Triton, which is there with a GPU only
 
-        return places_cuda.encoded_places(means, octaves)
+        return positional_encoding_cuda.encoded_places(means, octaves)
     return encode(contract(means), octaves)

@@ -5,7 +5,7 @@ from math import pi
 import pytest
 import torch
 
-from core.appearance.encoding import contract, encode, encoded_size
+from core.appearance.positional_encoding import contract, encode, encoded_size
 
 
 @pytest.mark.parametrize("octaves", [0, 1, 2, 4, 7])
@@ -41,11 +41,11 @@ def test_contract_keeps_everything_in_range():
 def test_the_kernel_of_a_gpu_encodes_the_same_places():
     """By Triton's interpreter where there is no GPU."""
     pytest.importorskip("triton", reason="Triton is not installed")
-    from core.appearance import places_cuda
+    from core.appearance import positional_encoding_cuda
 
     device = "cuda" if torch.cuda.is_available() else "cpu"
     means = torch.randn(300, 3) * torch.logspace(-3, 3, 300)[:, None]
     means[0] = 0
-    found = places_cuda.encoded_places(means.to(device), 4).cpu().double()
+    found = positional_encoding_cuda.encoded_places(means.to(device), 4).cpu().double()
     # Rounding of the angle and its sine, doubled by each octave.
     assert torch.allclose(found, encode(contract(means.double()), 4), rtol=0, atol=2**4 * 8 * torch.finfo(torch.float32).eps)

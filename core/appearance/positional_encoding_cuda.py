@@ -1,4 +1,4 @@
-"""The encoded places of Gaussians on a GPU: core.appearance.encoding in one launch, where plain torch takes thirty."""
+"""The encoded places of Gaussians on a GPU: core.appearance.positional_encoding in one launch, where plain torch takes thirty."""
 
 import math
 
@@ -7,7 +7,7 @@ import triton.language as tl
 from jaxtyping import Float
 from torch import Tensor
 
-from core.appearance.encoding import encoded_size
+from core.appearance.positional_encoding import encoded_size
 from core.launch import FUSED, blocks
 
 BLOCK = 128  # Gaussians a program, one a thread
@@ -35,7 +35,7 @@ def encode_places(means, places, count, OCTAVES: tl.constexpr, BLOCK: tl.constex
 
 
 def encoded_places(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
-    """`encoding.encoded_places` for float32 on a GPU."""
+    """`positional_encoding.encoded_places` for float32 on a GPU."""
     places = means.new_empty(len(means), encoded_size(3, octaves))
     encode_places[blocks(len(means), BLOCK)](means.contiguous(), places, len(means), OCTAVES=octaves, BLOCK=BLOCK, **FUSED)
     return places

@@ -4,7 +4,7 @@ the loop         trainer, schedule, guards, held_out
 what is decided  needs, evidence, sightings
 photos           pictures, backdrop, jitter
 losses           objective, photometric (_kernel, _cuda), transients, losses, gauge
-Gaussians        gaussians, densify, adam (_cuda)
+Gaussians        initialisation, gaussians, densify, adam (_cuda)
 networks         networks
 on disk          run, checkpoint, claim, masks
 for the user     tell, interrupt, full_memory

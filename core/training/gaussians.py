@@ -2,24 +2,15 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from core.config import Settings
-from core.data.collection import Collection, astray
-from core.scene.harmonics import coefficient_count, dc_of_colour
+from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 from core.training.adam import Moved, adam_rows
 
-INITIAL_OPACITY = 0.1  # 3DGS
 REST_BAND_SHARE = 1 / 20  # 3DGS: bands above DC learn twenty times slower
-LONE_SPACING = 0.1  # scene units: of a point without another
-LEAST_SCALE = 1e-5  # scene units: of points that coincide
-SKY_OPACITY = 0.99
-SKY_MARGIN = 4.0  # the dome is at least so many times as far off as the farthest camera
-SKY_FLATNESS = 0.01  # thickness of a dome Gaussian over its width
 MOMENTS = ("first", "second")
 
 
@@ -165,67 +156,3 @@ def learning_rates(settings: Settings, mean_rate: float, latent_rate: float) -> 
         "sh": sh.flatten(),
         "latents": torch.full((settings.latent_size,), latent_rate),
     }
-
-
-def initial_gaussians(collection: Collection, settings: Settings, generator: torch.Generator) -> Gaussians:
-    """Gaussians at the SfM points, as 3DGS starts, and the dome of the sky behind them."""
-    points, colours = collection.points, collection.point_colours
-    room = max(settings.max_gaussians // 2, 1)  # the other half is for growth
-    if len(points) > room:
-        chosen = np.sort(torch.randperm(len(points), generator=generator)[:room].numpy())
-        points, colours = points[chosen], colours[chosen]
-    distances = cKDTree(points).query(points, k=min(4, len(points)))[0].reshape(len(points), -1)[:, 1:]
-    spacing = np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), LONE_SPACING)
-    scales = np.clip(spacing, LEAST_SCALE, settings.largest_scale / 2)  # a lonely point must not start as haze over everything
-    parts = [
-        _isotropic(points, scales, colours, np.full(len(points), INITIAL_OPACITY), settings.sh_degree),
-    ]
-    sky = 0
-    if settings.sky == "dome":
-        parts.append(sky_dome(collection, settings))
-        sky = len(parts[-1])
-    parameters = Splats.concatenate(parts).tensors()
-    if settings.latent_size and settings.appearance == "full":
-        parameters["latents"] = torch.zeros(len(parameters["means"]), settings.latent_size)
-    return Gaussians.of(parameters, sky)
-
-
-def sky_dome(collection: Collection, settings: Settings) -> Splats:
-    """Opaque discs on a sphere around scene and cameras: a sky that is made of Gaussians is in every exported file.
-
-    Spread by the Fibonacci lattice. A disc is as wide as the lattice is spaced: so many overlap that less than 1e-3 of what
-    is behind shines through.
-    """
-    count = settings.sky_gaussians
-    # Around a camera that stands a million units off by mistake a dome would have holes: log scales are clamped.
-    centres = np.stack([photo.camera.centre for photo in collection.photos])[~astray(collection.photos)]
-    farthest = float(np.linalg.norm(centres, axis=1).max())
-    radius = max(settings.sky_radius, SKY_MARGIN * farthest)
-    index = np.arange(count) + 0.5
-    height = 1.0 - 2.0 * index / count
-    angle = np.pi * (1.0 + np.sqrt(5.0)) * index
-    ring = np.sqrt(1.0 - height**2)
-    normals = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
-    width = radius * np.sqrt(4.0 * np.pi / count)
-    colours = np.broadcast_to(collection.point_colours.mean(axis=0), normals.shape)
-    dome = _isotropic(normals * radius, np.full(count, width), colours, np.full(count, SKY_OPACITY), settings.sh_degree)
-    # The rotation that turns z into the normal n: the half-way quaternion (1 + n_z, -n_y, n_x, 0).
-    half_way = np.stack([1 + normals[:, 2], -normals[:, 1], normals[:, 0], np.zeros(count)], axis=1)
-    dome.quaternions = torch.nn.functional.normalize(torch.from_numpy(half_way).float(), dim=1)
-    dome.log_scales[:, 2] += float(np.log(SKY_FLATNESS))
-    return dome
-
-
-def _isotropic(means, scales, colours, opacities, degree: int) -> Splats:
-    rows = len(means)
-    sh = torch.zeros(rows, coefficient_count(degree), 3)
-    sh[:, 0] = dc_of_colour(torch.from_numpy(np.array(colours, dtype=np.float32)))
-    quaternions = torch.zeros(rows, 4)
-    quaternions[:, 0] = 1
-    return Splats(
-        means=torch.from_numpy(np.asarray(means, dtype=np.float32)).contiguous(),
-        quaternions=quaternions,
-        log_scales=torch.from_numpy(np.log(scales).astype(np.float32))[:, None].repeat(1, 3),
-        logit_opacities=torch.logit(torch.from_numpy(np.asarray(opacities, dtype=np.float32))),
-        sh=sh,
-    )

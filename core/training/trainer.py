@@ -25,8 +25,9 @@ from core.scene.splats import Splats
 from core.threads import beside, threads_for_blocks
 from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule
 from core.training.backdrop import is_cut_out, looks_for_empty
-from core.training.gaussians import Gaussians, initial_gaussians, learning_rates
+from core.training.gaussians import Gaussians, learning_rates
 from core.training.guards import StepFacts
+from core.training.initialisation import initial_gaussians
 from core.training.jitter import draw_gain, jittered
 from core.training.objective import Drawn, Objective
 from core.training.photometric import Target

@@ -8,7 +8,8 @@ from core.errors import BadInput
 from core.scene.quaternions import rotations
 from core.training import checkpoint, densify, guards, losses, schedule
 from core.training.adam import Moved, adam_rows, plain_adam_rows
-from core.training.gaussians import Gaussians, initial_gaussians
+from core.training.gaussians import Gaussians
+from core.training.initialisation import initial_gaussians
 from tests.small import ring_camera, small_collection, small_settings, whole_settings
 
 

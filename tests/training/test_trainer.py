@@ -10,7 +10,7 @@ import torch
 
 from core.errors import BadInput
 from core.training import checkpoint
-from core.training.gaussians import initial_gaussians
+from core.training.initialisation import initial_gaussians
 from core.training.trainer import Trainer
 from tests.small import damage, small_collection, small_settings
 

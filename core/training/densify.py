@@ -81,7 +81,7 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
     gaussians.keep(~bad)
 
 
-def prune_faint(gaussians: Gaussians, largest: Tensor, share: float) -> None:
+def prune_by_contribution(gaussians: Gaussians, largest: Tensor, share: float) -> None:
     """Remove Gaussians whose largest contribution to any view (N,) is below `share`, but keep at least LEAST_KEPT of all, the strongest."""
     solid = gaussians.solid
     least = solid - int((1 - LEAST_KEPT) * solid)

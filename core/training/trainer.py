@@ -94,7 +94,7 @@ class Trainer:
         self.optimizer = networks.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.device)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
-        self.grow_at, self.drop_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
+        self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
         self.seconds = 0.0
@@ -272,8 +272,8 @@ class Trainer:
         before = self.gaussians.solid
         if self.done in self.grow_at:
             self.control_density()
-        if self.done in self.drop_at:
-            self.drop_unneeded()
+        if self.done in self.prune_at:
+            self.prune_by_contribution()
         return [guards.ALL_GONE] if before and not self.gaussians.solid else []
 
     def control_density(self) -> None:
@@ -284,12 +284,12 @@ class Trainer:
         allowed = round(settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
         densify.grow(self.gaussians, allowed - self.gaussians.solid, self.generator)
 
-    def drop_unneeded(self) -> None:
+    def prune_by_contribution(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
         self.foreseen = None
         cameras = [picture.camera for picture in self.pictures]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
-        densify.prune_faint(self.gaussians, largest, self.settings.prune_contribution)
+        densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""

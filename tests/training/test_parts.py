@@ -82,12 +82,12 @@ def test_a_quarter_stays_whatever_it_contributes_and_no_more_than_that_of_the_fa
     largest = torch.zeros(len(gaussians))
     largest[: round(reaching * solid)] = torch.linspace(0.15, 0.05, round(reaching * solid))
     strong = int((largest >= 0.1).sum())
-    densify.prune_faint(gaussians, largest, 0.1)
+    densify.prune_by_contribution(gaussians, largest, 0.1)
     quarter = solid - int(0.75 * solid)
     assert gaussians.solid == max(strong, quarter) and gaussians.sky == len(means) - solid
     assert torch.equal(gaussians.parameters["means"][: gaussians.solid], means[: gaussians.solid])  # the strongest
     gaussians.keep(torch.zeros(len(gaussians), dtype=torch.bool))
-    densify.prune_faint(gaussians, torch.zeros(len(gaussians)), 0.1)
+    densify.prune_by_contribution(gaussians, torch.zeros(len(gaussians)), 0.1)
     assert gaussians.solid == 0
 
 

@@ -28,15 +28,15 @@ STEPS = 255.0
 class Evidence:
     """What the photos say; None where they say too little.
 
-    differ: spread of a point's colour over the photos, 8-bit steps. remain: the same after a gain and an offset for each photo and
-    channel, its tone. facing: share, up to 1, of what remains that the viewing direction explains. strange: share of places that
-    look unlike what photos from nearly the same place show.
+    colour_spread: of a point over the photos, 8-bit steps. spread_beyond_tone: the same after a gain and an offset for each photo and
+    channel, its tone. view_dependence: share, up to 1, of the latter that the viewing direction explains. strange_share: of places, those
+    that look unlike what photos from nearly the same place show.
     """
 
-    differ: float | None = None
-    remain: float | None = None
-    facing: float | None = None
-    strange: float | None = None
+    colour_spread: float | None = None
+    spread_beyond_tone: float | None = None
+    view_dependence: float | None = None
+    strange_share: float | None = None
 
 
 def gather_evidence(points: np.ndarray, pictures: Sequence[Picture]) -> Evidence:
@@ -48,10 +48,10 @@ def gather_evidence(points: np.ndarray, pictures: Sequence[Picture]) -> Evidence
     base, tones = fit_tones(matched)
     left = matched.colour - in_tone(tones, matched.photo, base[matched.point])
     return Evidence(
-        differ=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
-        remain=shared_spread(matched, left),
-        facing=facing_share(matched, left),
-        strange=strange_share(places, places.colour - in_tone(tones, places.photo, base[places.point])),
+        colour_spread=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
+        spread_beyond_tone=shared_spread(matched, left),
+        view_dependence=view_dependence(matched, left),
+        strange_share=strange_share(places, places.colour - in_tone(tones, places.photo, base[places.point])),
     )
 
 
@@ -115,7 +115,7 @@ def shared_spread(sightings: Sightings, difference: np.ndarray) -> float:
     return STEPS * max(shared, 0.0) ** 0.5
 
 
-def facing_share(sightings: Sightings, difference: np.ndarray) -> float | None:
+def view_dependence(sightings: Sightings, difference: np.ndarray) -> float | None:
     """The share of the differences (N, 3) that a colour linear in the viewing direction explains, chance taken off.
 
     Over the points with FEWEST_VIEWS; None if there are not FEWEST_CLOSEST sightings of such points. SS_explained minus

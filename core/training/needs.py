@@ -15,13 +15,13 @@ from core.training.pictures import Picture
 
 # 8-bit steps. Against no looks, the exposure mode (zero-shot, half protocol, held-out training photos) lost 1.9 dB at 3.6
 # (fountain) and 0.1 at 5.1 (calm plaza with gains of 4 %), and won 0.1 at 9.2 (gains of 9 %).
-LEAST_DIFFERENCE = 6.0
+LEAST_COLOUR_SPREAD = 6.0
 # 8-bit steps. At the error of in-the-wild runs (20 dB, 25 steps) as much unexplained costs less than 0.1 dB.
-LEAST_REMAINDER = 3.5
-LEAST_STRANGE = 0.015  # columns and corners make 0.5 to 1 % of calm photos (plaza) look so, crowds in the same light 3.7 %
+LEAST_SPREAD_BEYOND_TONE = 3.5
+LEAST_STRANGE_SHARE = 0.015  # columns and corners make 0.5 to 1 % of calm photos (plaza) look so, crowds in the same light 3.7 %
 # Degree 1 against 0 on held-out training photos, dB: + 0.3 at 90 % (fountain), + 0.2 at 59 % (kermit), 0 at 33 % (calm plaza), 0
 # to + 0.4 at 21 % (Liberty), 0 to - 0.5 at 4 % (plaza).
-LEAST_FACING = 0.1
+LEAST_VIEW_DEPENDENCE = 0.1
 TOO_FEW = "the photos are too few, or share too few points, to tell"
 USUAL_DEGREE = 1  # where nothing can be said; higher degrees ask for more views of a point than tracks are long
 
@@ -70,37 +70,37 @@ def budget(pictures: Sequence[Picture]) -> dict[str, int]:
 
 def appearance(evidence: Evidence) -> Decision:
     """off, exposure or full."""
-    if evidence.differ is None:
+    if evidence.colour_spread is None:
         return Decision("appearance", "full", None, f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out")
-    steps = f"a point's colour differs by {evidence.differ:.1f} of 255 between photos"
-    if evidence.differ < LEAST_DIFFERENCE:
-        return Decision("appearance", "off", evidence.differ, f"{steps}, less than {LEAST_DIFFERENCE:g}")
-    rest = f"{steps}; a gain and offset a photo leave {evidence.remain:.1f}"
-    if evidence.remain < LEAST_REMAINDER:
-        return Decision("appearance", "exposure", evidence.remain, f"{rest}, less than {LEAST_REMAINDER:g}")
-    return Decision("appearance", "full", evidence.remain, rest)
+    steps = f"a point's colour differs by {evidence.colour_spread:.1f} of 255 between photos"
+    if evidence.colour_spread < LEAST_COLOUR_SPREAD:
+        return Decision("appearance", "off", evidence.colour_spread, f"{steps}, less than {LEAST_COLOUR_SPREAD:g}")
+    rest = f"{steps}; a gain and offset a photo leave {evidence.spread_beyond_tone:.1f}"
+    if evidence.spread_beyond_tone < LEAST_SPREAD_BEYOND_TONE:
+        return Decision("appearance", "exposure", evidence.spread_beyond_tone, f"{rest}, less than {LEAST_SPREAD_BEYOND_TONE:g}")
+    return Decision("appearance", "full", evidence.spread_beyond_tone, rest)
 
 
 def transients(evidence: Evidence) -> Decision:
     """off or on."""
-    if evidence.strange is None:
-        why = TOO_FEW if evidence.differ is None else f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby, too few to tell"
+    if evidence.strange_share is None:
+        why = TOO_FEW if evidence.colour_spread is None else f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby, too few to tell"
         return Decision("transients", "on", None, f"{why} whether there are passers-by; `--transients off` leaves masks out")
-    share = f"{evidence.strange:.1%} of the places look unlike what photos from nearby show there"
-    if evidence.strange < LEAST_STRANGE:
-        return Decision("transients", "off", evidence.strange, f"{share}, less than {LEAST_STRANGE:.1%}")
-    return Decision("transients", "on", evidence.strange, share)
+    share = f"{evidence.strange_share:.1%} of the places look unlike what photos from nearby show there"
+    if evidence.strange_share < LEAST_STRANGE_SHARE:
+        return Decision("transients", "off", evidence.strange_share, f"{share}, less than {LEAST_STRANGE_SHARE:.1%}")
+    return Decision("transients", "on", evidence.strange_share, share)
 
 
 def sh_degree(evidence: Evidence) -> Decision:
     """0 or 1."""
-    if evidence.facing is None:
+    if evidence.view_dependence is None:
         why = f"too few points are seen by {FEWEST_VIEWS} photos to tell whether colours depend on the viewing direction"
         return Decision("sh_degree", USUAL_DEGREE, None, why)
-    share = f"the viewing direction explains {evidence.facing:.0%} of what colours differ by within a look"
-    if evidence.facing < LEAST_FACING:
-        return Decision("sh_degree", 0, evidence.facing, f"{share}, less than {LEAST_FACING:.0%}")
-    return Decision("sh_degree", 1, evidence.facing, share)
+    share = f"the viewing direction explains {evidence.view_dependence:.0%} of what colours differ by within a look"
+    if evidence.view_dependence < LEAST_VIEW_DEPENDENCE:
+        return Decision("sh_degree", 0, evidence.view_dependence, f"{share}, less than {LEAST_VIEW_DEPENDENCE:.0%}")
+    return Decision("sh_degree", 1, evidence.view_dependence, share)
 
 
 def _of_renders(name: str) -> Decision:

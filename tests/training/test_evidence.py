@@ -7,13 +7,13 @@ import pytest
 
 from core.training.evidence import (
     Evidence,
-    facing_share,
     fit_tones,
     gather_evidence,
     in_tone,
     shared_spread,
     strange_share,
     tones_of,
+    view_dependence,
 )
 from core.training.pictures import Pictures, Sizes
 from core.training.sightings import NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
@@ -107,12 +107,12 @@ def test_the_share_of_the_viewing_direction(random, strength, noise, low, high):
     made = sightings(random)
     shine = strength * np.einsum("ni,ni->n", made.towards, random.normal(size=(POINTS, 3))[made.point])[:, None]
     difference = (shine + noise * random.normal(size=(len(made), 3))) / 255
-    assert low <= facing_share(made, difference) <= high
+    assert low <= view_dependence(made, difference) <= high
 
 
 def test_points_that_few_photos_see_say_nothing_of_directions(random):
     made = sightings(random)
-    assert facing_share(made[made.photo < 6], np.ones((6 * POINTS, 3))) is None
+    assert view_dependence(made[made.photo < 6], np.ones((6 * POINTS, 3))) is None
 
 
 # --- passers-by
@@ -188,10 +188,10 @@ def test_too_few_points_give_no_figures(tmp_path):
     collection = known_collection(tmp_path, photos=6)
     pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
     few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in pictures]
-    assert gather_evidence(collection.points, few).differ is None
+    assert gather_evidence(collection.points, few).colour_spread is None
     none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in pictures]
     assert gather_evidence(collection.points, none) == Evidence()
-    assert gather_evidence(collection.points, pictures[:1]).differ is None
+    assert gather_evidence(collection.points, pictures[:1]).colour_spread is None
 
 
 def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
@@ -201,7 +201,7 @@ def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
     seen = [shared] * 5 + [own]
     pictures = [replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s))) for p, s in zip(pictures, seen, strict=True)]
     found = gather_evidence(collection.points, pictures)
-    assert found == gather_evidence(collection.points, pictures[:5]) and found.differ is not None
+    assert found == gather_evidence(collection.points, pictures[:5]) and found.colour_spread is not None
 
 
 def test_figures_do_not_change_from_call_to_call(tmp_path):

@@ -51,9 +51,9 @@ def test_each_part_is_kept_where_photos_need_it(tmp_path, change, expected):
 def test_a_wild_collection_keeps_everything():
     taken = decisions(load_collection(SAMPLE))
     assert values(taken) == ("full", "on")
-    assert taken["sh_degree"].figure < 0.6 * needs.LEAST_FACING  # 4 %: light changes far more than the viewing direction
-    assert taken["appearance"].figure > 3 * needs.LEAST_REMAINDER  # 12.9
-    assert taken["transients"].figure > 2 * needs.LEAST_STRANGE  # 4.9 %
+    assert taken["sh_degree"].figure < 0.6 * needs.LEAST_VIEW_DEPENDENCE  # 4 %: light changes far more than the viewing direction
+    assert taken["appearance"].figure > 3 * needs.LEAST_SPREAD_BEYOND_TONE  # 12.9
+    assert taken["transients"].figure > 2 * needs.LEAST_STRANGE_SHARE  # 4.9 %
 
 
 @pytest.mark.parametrize("name", ["sacre_coeur", "statue_of_liberty"])
@@ -65,8 +65,8 @@ def test_real_wild_collections_keep_everything(name):
 def test_a_real_calm_collection_needs_no_looks_and_no_masks():
     taken = decisions(load_collection(real("fountain")))
     assert values(taken) == ("off", "off") and taken["sh_degree"].value == 1
-    assert taken["appearance"].figure < 0.7 * needs.LEAST_DIFFERENCE  # 3.6: the camera's own exposure wanders
-    assert taken["transients"].figure < 0.1 * needs.LEAST_STRANGE
+    assert taken["appearance"].figure < 0.7 * needs.LEAST_COLOUR_SPREAD  # 3.6: the camera's own exposure wanders
+    assert taken["transients"].figure < 0.1 * needs.LEAST_STRANGE_SHARE
 
 
 def test_a_real_calm_collection_in_other_exposures_needs_these_alone():
@@ -88,18 +88,18 @@ def test_too_little_to_judge_by_keeps_everything_and_says_so(tmp_path):
 
 def test_figures_on_either_side_of_a_bound_decide():
     def evidence(**figures):
-        return Evidence(**{"differ": 20.0, "remain": 9.0, "facing": 0.9, "strange": 0.1} | figures)
+        return Evidence(**{"colour_spread": 20.0, "spread_beyond_tone": 9.0, "view_dependence": 0.9, "strange_share": 0.1} | figures)
 
-    for seen, why in ((evidence(strange=None), "fewer than 300 places"), (Evidence(), "the photos are too few, or share too few points, to tell")):
+    for seen, why in ((evidence(strange_share=None), "fewer than 300 places"), (Evidence(), "the photos are too few, or share too few points, to tell")):
         taken = needs.transients(seen)
         assert taken.value == "on" and why in taken.because and "whether there are passers-by; `--transients off` leaves masks out" in taken.because
     assert "to tell whether their light differs; `--appearance off` leaves looks out" in needs.appearance(Evidence()).because
-    assert needs.appearance(evidence(differ=needs.LEAST_DIFFERENCE - 0.01)).value == "off"
-    assert needs.appearance(evidence(remain=needs.LEAST_REMAINDER - 0.01)).value == "exposure"
+    assert needs.appearance(evidence(colour_spread=needs.LEAST_COLOUR_SPREAD - 0.01)).value == "off"
+    assert needs.appearance(evidence(spread_beyond_tone=needs.LEAST_SPREAD_BEYOND_TONE - 0.01)).value == "exposure"
     assert needs.appearance(evidence()).value == "full"
-    assert needs.transients(evidence(strange=needs.LEAST_STRANGE - 0.001)).value == "off"
-    assert needs.transients(evidence(strange=needs.LEAST_STRANGE)).value == "on"
-    assert needs.sh_degree(evidence(facing=needs.LEAST_FACING - 0.01)).value == 0
+    assert needs.transients(evidence(strange_share=needs.LEAST_STRANGE_SHARE - 0.001)).value == "off"
+    assert needs.transients(evidence(strange_share=needs.LEAST_STRANGE_SHARE)).value == "on"
+    assert needs.sh_degree(evidence(view_dependence=needs.LEAST_VIEW_DEPENDENCE - 0.01)).value == 0
     assert needs.sh_degree(evidence()).value == 1
 
 

@@ -10,19 +10,26 @@ from typing import Any
 
 from core.errors import BadSetting
 
-AUTO = "auto"  # the word for: decided from the data before training (core.training.needs)
-UNDECIDED = -1  # what stands for that word where a setting is a number
-LEAST = {"steps": 3000, "max_gaussians": 40_000}  # of what follows the size of a collection
-# How it follows. Steps a photo, until they are as many as FIRST_STEPS: 6,000 and 40,000 Gaussians in place of 3,000 and 30,000 brought, on
-# held-out training photos of plaza (43 left) and Liberty (65 left), 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS; 9,000
-# and 60,000 only 0.02 / 0.00 LPIPS more, and cost 0.2 / 0.8 dB zero-shot: the encoder then knows its photos by heart. So it does when the 8
-# photos of Sacre-Coeur are seen 750 times each in place of 375: - 0.2 / - 0.6 dB.
-FIRST_VISITS, FIRST_STEPS = 120, 6000
-# Steps and Gaussians a photo of many: 76 and 506 in place of 38 and 253, with twice the embedding and the transfer's width, brought on held-out
-# ones of 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. Pixels of all photos together a Gaussian: 2.6 times as many
-# Gaussians brought nothing on 65 photos of Liberty at full size.
-VISITS, GAUSSIANS_A_PHOTO, PIXELS_A_GAUSSIAN = 70, 465, 500
+AUTO = "auto"  # decided from the photos before training (core.training.needs)
+UNDECIDED = -1  # the same, for a setting that is a number
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
+LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
+# 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left) and Liberty (65 left),
+# 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB
+# zero-shot: the encoder then knows its photos by heart. So it does when the 8 photos of Sacre-Coeur are seen 750 times each instead of 375:
+# - 0.2 / - 0.6 dB.
+STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
+# 76 steps and 506 Gaussians per photo instead of 38 and 253, with twice the embedding and the transfer's width, gained on held-out ones of
+# 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 2.6 times as many Gaussians per pixel gained nothing on 65 photos
+# of Liberty at full size.
+STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
+
+
+def budget(photos: int, pixels: int) -> dict[str, int]:
+    """What `auto` makes of steps and max_gaussians for so many photos, of so many pixels together."""
+    steps = max(min(STEPS_PER_PHOTO * photos, STEPS_FOR_FEW), STEPS_PER_PHOTO_OF_MANY * photos)
+    wanted = {"steps": steps, "max_gaussians": max(pixels // PIXELS_PER_GAUSSIAN, GAUSSIANS_PER_PHOTO * photos)}
+    return {name: max(least, wanted[name]) for name, least in LEAST.items()}
 
 
 def setting(
@@ -49,8 +56,8 @@ class Settings:
 
     steps: int = setting(
         UNDECIDED,
-        f"Training steps; every schedule is a fraction of them. auto: {FIRST_VISITS} per photo, at least {LEAST['steps']} and at most "
-        f"{FIRST_STEPS}; {VISITS} per photo where that is more.",
+        f"Training steps; every schedule is a fraction of them. auto: {STEPS_PER_PHOTO} per photo, at least {LEAST['steps']} and at most "
+        f"{STEPS_FOR_FEW}; {STEPS_PER_PHOTO_OF_MANY} per photo where that is more.",
         low=1,
         auto=True,
         section="The run",
@@ -67,8 +74,8 @@ class Settings:
     all_photos: bool = setting(False, "Train on the held-out photos, too: a better scene, but nothing is left to measure it on.")
     max_gaussians: int = setting(
         UNDECIDED,
-        f"Upper limit on the number of Gaussians, not counting the sky. auto: one per {PIXELS_A_GAUSSIAN} pixels of all photos "
-        f"together, or {GAUSSIANS_A_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']}.",
+        f"Upper limit on the number of Gaussians, not counting the sky. auto: one per {PIXELS_PER_GAUSSIAN} pixels of all photos "
+        f"together, or {GAUSSIANS_PER_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']}.",
         low=1,
         auto=True,
     )

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from core.config import FIRST_STEPS, FIRST_VISITS, GAUSSIANS_A_PHOTO, LEAST, PIXELS_A_GAUSSIAN, VISITS, Settings
+from core.config import Settings, budget
 from core.training.backdrop import is_cut_out
 from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
 from core.training.pictures import Picture
@@ -48,7 +48,8 @@ def decide(
     """
     empty = is_cut_out(settings) or any(picture.empty is not None for picture in pictures)
     settings = settings.changed(transparency="empty" if empty else "unseen")
-    settings = settings.decided(**budget(pictures), sky="none" if empty else "dome")
+    pixels = sum(picture.camera.width * picture.camera.height for picture in pictures)
+    settings = settings.decided(**budget(len(pictures), pixels), sky="none" if empty else "dome")
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
         return settings.decided(), ()
@@ -58,14 +59,6 @@ def decide(
         taken |= {name: _of_renders(name) for name in ("appearance", "transients") if taken[name].figure is None}
     decided = settings.decided(**{name: decision.value for name, decision in taken.items()})
     return decided, tuple(taken[name] for name in asked)
-
-
-def budget(pictures: Sequence[Picture]) -> dict[str, int]:
-    """How long a collection is trained and how many Gaussians it may have, by its photos and their pixels together."""
-    pixels = sum(picture.camera.width * picture.camera.height for picture in pictures)
-    steps = max(min(FIRST_VISITS * len(pictures), FIRST_STEPS), VISITS * len(pictures))
-    wanted = {"steps": steps, "max_gaussians": max(pixels // PIXELS_A_GAUSSIAN, GAUSSIANS_A_PHOTO * len(pictures))}
-    return {name: max(least, wanted[name]) for name, least in LEAST.items()}
 
 
 def appearance(evidence: Evidence) -> Decision:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from core import pipeline
+from core import config, pipeline
 from core.config import Settings, preset
 from core.data import load_collection
 from core.training import checkpoint, needs, run
@@ -123,10 +123,10 @@ def test_steps_and_gaussians_follow_photos_and_pixels_unless_given():
         return decided.steps, decided.max_gaussians
 
     assert sizes(1, 100) == sizes(20, 768) == (3000, 40_000)
-    assert sizes(40, 100) == (40 * needs.FIRST_VISITS, 40_000)
+    assert sizes(40, 100) == (40 * config.STEPS_PER_PHOTO, 40_000)
     assert sizes(52, 768) == sizes(85, 100) == (6000, 40_000)
-    assert sizes(200, 100) == (200 * needs.VISITS, 200 * needs.GAUSSIANS_A_PHOTO)
-    assert sizes(50, 8000) == (6000, 50 * 8000 * 100 // needs.PIXELS_A_GAUSSIAN)
+    assert sizes(200, 100) == (200 * config.STEPS_PER_PHOTO_OF_MANY, 200 * config.GAUSSIANS_PER_PHOTO)
+    assert sizes(50, 8000) == (6000, 50 * 8000 * 100 // config.PIXELS_PER_GAUSSIAN)
     assert sizes(200, 8000, steps=5, max_gaussians=7) == (5, 7)
 
 

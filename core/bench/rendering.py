@@ -118,7 +118,7 @@ def choices(splats: Splats, cameras: list[Camera], full: bool) -> Iterator[Choic
     kernels = (name for name in core.rasterizer.BACKENDS if name != DEFINITION and name not in core.rasterizer.ON_GPU)
     for backend in (DEFINITION, *kernels):
         tiled = None if backend == DEFINITION else backend
-        is_auto = backend == core.rasterizer.AUTO["cpu"]
+        is_auto = backend == "cpu"  # what `auto` stands for there
         for label, share in ALPHAS.items():
             if full or share in (1.0, COARSER_ALPHA) or tiled is None:
                 way = Way(tiled, replace(plain, alpha_min=share * ALPHA_MIN))

@@ -2,6 +2,7 @@
 
 from importlib import import_module
 
+from core.config import AUTO
 from core.errors import BadSetting
 from core.rasterizer.contract import BLACK, Colour, Rasterizer, Rendering, Visible
 
@@ -11,16 +12,15 @@ BACKENDS = {
     "cpu": "core.rasterizer.cpu.backend:CpuRasterizer",
     "cuda": "core.rasterizer.cuda.backend:CudaRasterizer",
 }
-AUTO = {"cpu": "cpu", "cuda": "cuda"}  # what `auto` stands for, by the kind of device that the tensors are on
 ON_GPU = ("cuda",)  # take tensors on a GPU only; all others take them on a CPU
 
 
 def create(name: str, device: str = "cpu") -> Rasterizer:
-    """The backend called `name`, a key of BACKENDS or `auto`, for tensors on a `device` of the kind "cpu" or "cuda".
+    """The backend `name`, a key of BACKENDS or `auto` (the one named like the device), for tensors on a "cpu" or "cuda" `device`.
 
     Raises BadSetting for another name, another device, and for a backend that lacks what it needs on this machine.
     """
-    name = AUTO[device] if name == "auto" else name
+    name = device if name == AUTO else name
     if name not in BACKENDS:
         raise BadSetting(f"There is no backend {name!r}.", f"Choose one of: {', '.join(BACKENDS)}.")
     module, attribute = BACKENDS[name].split(":")
@@ -38,4 +38,4 @@ def create(name: str, device: str = "cpu") -> Rasterizer:
     return backend
 
 
-__all__ = ["AUTO", "BACKENDS", "BLACK", "ON_GPU", "Colour", "Rasterizer", "Rendering", "Visible", "create"]
+__all__ = ["BACKENDS", "BLACK", "ON_GPU", "Colour", "Rasterizer", "Rendering", "Visible", "create"]

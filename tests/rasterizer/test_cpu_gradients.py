@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core.rasterizer.cpu import backend, harmonics, project, project_backward
-from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, SUM_G, SUM_GE, SUM_GEE, SUM_GEY, SUM_GY, SUM_GYY
+from core.rasterizer.cpu.blend_backward import SLOT_COLUMNS, SUM_G, SUM_GE, SUM_GEE, SUM_GEY, SUM_GY, SUM_GYY
 from core.scene.harmonics import basis as torch_basis
 from tests.afresh import afresh
 from tests.rasterizer.scenes import camera, in_world
@@ -48,7 +48,7 @@ def test_ellipse(beside):
         return -0.5 * np.sum(weights * (c / determinant * e**2 + dy**2 / c))
 
     e, dy, _, _ = moments(offset, quaternion, log_scales)
-    sums = np.zeros(SLOT_WIDTH)
+    sums = np.zeros(SLOT_COLUMNS)
     for column, terms in ((SUM_G, 1), (SUM_GE, e), (SUM_GEE, e**2), (SUM_GY, dy), (SUM_GEY, e * dy), (SUM_GYY, dy**2)):
         sums[column] = np.sum(weights * terms)
     to_quaternion, to_log_scales, to_probe = np.zeros((1, 4)), np.zeros((1, 3)), np.zeros((1, 2))

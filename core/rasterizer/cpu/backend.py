@@ -13,7 +13,7 @@ from core.rasterizer import inputs
 from core.rasterizer.contract import BLACK, Colour, Rendering, Visible, jacobian_limits
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
-from core.rasterizer.cpu.blend_backward import SLOT_WIDTH, blend_backward
+from core.rasterizer.cpu.blend_backward import SLOT_COLUMNS, blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
 from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
@@ -22,7 +22,7 @@ from core.scene.splats import Splats
 from core.threads import in_parallel, threads
 
 # A Gaussian in a tile costs 12 bytes in the forward pass (entry, drawn chunks) and 36 in the backward one (slot).
-BYTES_A_PAIR = 12 + 4 * SLOT_WIDTH
+BYTES_A_PAIR = 12 + 4 * SLOT_COLUMNS
 MEMORY_BUDGET = 4 << 30  # bytes for all tile lists of one picture
 NOTHING = np.empty((0, 2), dtype=np.float32)
 
@@ -82,7 +82,7 @@ class _Render(torch.autograd.Function):
     def backward(ctx, image_gradient, _):
         image, *parameters = ctx.saved_tensors
         lists = ctx.lists
-        slot_gradients = np.empty((len(lists.entries), SLOT_WIDTH), dtype=np.float32)
+        slot_gradients = np.empty((len(lists.entries), SLOT_COLUMNS), dtype=np.float32)
         drawn = image.detach().numpy(), image_gradient.contiguous().numpy()
         blended = lists.tile_starts, lists.entries, lists.footprints, lists.drawn_chunks
         on_all_tiles(lists, lambda *walk: blend_backward(*walk, *blended, *drawn, slot_gradients))
@@ -105,7 +105,7 @@ class _Render(torch.autograd.Function):
 class TileLists:
     """What lies between projection and blending, kept for the backward pass.
 
-    footprints: (N, footprint.WIDTH) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64.
+    footprints: (N, footprint.COLUMNS) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64.
     tile_starts: (tiles + 1,) int64. entries: (pairs, 2) int32, Gaussian and slot. drawn_chunks: (pairs,) uint32, of
     each slot.
     """
@@ -121,7 +121,7 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
     """Project the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
     count = len(arrays[0])
     tiles = -(-camera.width // footprint.TILE) * -(-camera.height // footprint.TILE)
-    footprints = np.empty((count, footprint.WIDTH), dtype=np.float32)
+    footprints = np.empty((count, footprint.COLUMNS), dtype=np.float32)
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)
     view = arguments_of(camera)

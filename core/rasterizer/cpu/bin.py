@@ -95,7 +95,7 @@ def fill_lists(from_behind, order, footprints, slot_starts, tile_starts, size, e
     for position in range(first_position, last_position, step):
         # The order jumps about in memory.
         ahead = order[min(max(position + step * AHEAD, 0), len(order) - 1)]
-        prefetch(footprints, ahead * footprint.WIDTH)
+        prefetch(footprints, ahead * footprint.COLUMNS)
         prefetch(slot_starts, ahead)
         i = np.int64(order[position])  # as `add_to_loads` has it, or all that follows would be compiled for int32 too
         slot = slot_starts[i]

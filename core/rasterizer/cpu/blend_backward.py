@@ -49,14 +49,14 @@ STATE = 5 * LANES
 # A row of the slots' gradients. With g = alpha dL/d alpha and e = dx - slope dy, sums over the pixels of a tile of:
 SUM_G, SUM_GE, SUM_GEE, SUM_GY, SUM_GEY, SUM_GYY = 0, 1, 2, 3, 4, 5  # g, g e, g e^2, g dy, g e dy, g dy^2
 SUM_RED, SUM_GREEN, SUM_BLUE = 6, 7, 8  # w v
-SLOT_WIDTH = 9
+SLOT_COLUMNS = 9
 
 
 @exact_kernel
 def blend_backward(
     taken, first, step, tile_starts, entries, footprints, drawn_chunks, image, image_gradient, slot_gradients,
 ):  # fmt: skip
-    """Write the slots' gradients (slots, SLOT_WIDTH) wherever drawn_chunks (slots,) is not zero, from dL/d(image).
+    """Write the slots' gradients (slots, SLOT_COLUMNS) wherever drawn_chunks (slots,) is not zero, from dL/d(image).
 
     Takes tiles as `blend_forward` does.
     """
@@ -76,9 +76,9 @@ def blend_backward(
             for entry in range(begin, end):
                 # As in the forward pass; here a third of the time, as the slots are jumped about in as well.
                 ahead = min(entry + BATCH, len(entries) - 1)
-                prefetch(footprints, entries[ahead, SPLAT] * footprint.WIDTH)
+                prefetch(footprints, entries[ahead, SPLAT] * footprint.COLUMNS)
                 prefetch(drawn_chunks, entries[ahead, SLOT])
-                prefetch(slot_gradients, entries[ahead, SLOT] * SLOT_WIDTH)
+                prefetch(slot_gradients, entries[ahead, SLOT] * SLOT_COLUMNS)
                 at = (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, entries[entry, SPLAT], centre_x, centre_y, terms, at)
             for entry in range(begin, end):

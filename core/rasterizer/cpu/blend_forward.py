@@ -72,7 +72,7 @@ def blend_forward(
             for entry in range(begin, end):
                 # What the next batch will need: the lists jump about in memory, and waiting for it took a fifth of the time.
                 ahead = min(entry + BATCH, len(entries) - 1)
-                prefetch(footprints, entries[ahead, SPLAT] * footprint.WIDTH)
+                prefetch(footprints, entries[ahead, SPLAT] * footprint.COLUMNS)
                 prefetch(drawn_chunks, entries[ahead, SLOT])
                 i, at = entries[entry, SPLAT], (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, i, centre_x, centre_y, terms, at)

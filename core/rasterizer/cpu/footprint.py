@@ -28,7 +28,7 @@ RED, GREEN, BLUE = 6, 7, 8
 # The ellipse alpha >= ALPHA_MIN: half its height; half its width on the row through its centre; how far below its
 # centre it reaches furthest to the right, which is how far above it reaches furthest to the left. All px.
 HALF_HEIGHT, HALF_WIDTH, LEAN = 9, 10, 11
-WIDTH = 12
+COLUMNS = 12
 
 # Rounding of centres far outside the picture. Generous bounds cost a test, narrow ones a pixel.
 SLACK_PX = 0.01

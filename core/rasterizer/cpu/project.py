@@ -17,7 +17,7 @@ from core.rasterizer.contract import (
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
-from core.rasterizer.cpu.tuples import cross, dot, row, scaled, subtract
+from core.rasterizer.cpu.vectors import cross, dot, row, scaled, subtract
 from core.scene.splats import QUATERNION_MIN_NORM2
 from core.simd import fetch_add
 
@@ -199,7 +199,7 @@ def project(
     counter, means, quaternions, log_scales, logit_opacities, sh, probe, rotation, centre, lens, limits, size,
     footprints, depths, tile_counts, tile_loads,
 ):  # fmt: skip
-    """Write the footprints (N, WIDTH) of the Gaussians and their depths (N,) float32.
+    """Write the footprints (N, footprint.COLUMNS) of the Gaussians and their depths (N,) float32.
 
     tile_counts: (N,) int32, the number of tiles that each touches. Of the culled only this is written, a zero.
     tile_loads: (tiles,) int32, this thread's own, to which it adds how many of its Gaussians touch each tile.

@@ -7,7 +7,7 @@ import numpy as np
 from core.compiled import kernel, part
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.blend_backward import (
-    SLOT_WIDTH,
+    SLOT_COLUMNS,
     SUM_BLUE,
     SUM_G,
     SUM_GE,
@@ -31,7 +31,7 @@ from core.rasterizer.cpu.project import (
     scales_of,
     slopes_of,
 )
-from core.rasterizer.cpu.tuples import add, dot, row, scaled, subtract
+from core.rasterizer.cpu.vectors import add, dot, row, scaled, subtract
 from core.simd import fetch_add
 
 
@@ -47,7 +47,7 @@ def project_backward(
     """
     count = len(means)
     basis = np.empty(16)
-    sums = np.empty(SLOT_WIDTH)
+    sums = np.empty(SLOT_COLUMNS)
     while True:
         begin = fetch_add(counter, 0, BLOCK)
         if begin >= count:
@@ -76,7 +76,7 @@ def add_up(begin, end, drawn_chunks, slot_gradients, sums):
     for slot in range(begin, end):
         if drawn_chunks[slot] != 0:
             drawn = True
-            for k in range(SLOT_WIDTH):
+            for k in range(SLOT_COLUMNS):
                 sums[k] += slot_gradients[slot, k]
     return drawn
 

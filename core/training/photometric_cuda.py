@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.launch import FUSED
+from core.triton_launch import FUSED
 from core.training import photometric
 
 BLOCK = 128  # pixels a program, one a thread

@@ -15,18 +15,18 @@ from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
 from core.appearance import positional_encoding_cuda
-from core.launch import FUSED, LAUNCH
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.training import adam_cuda, photometric_cuda
+from core.triton_launch import FUSED, UNFUSED
 
 KERNELS = {  # with the options that they are launched with
-    project.find_visible: {"num_warps": project.WARPS, **LAUNCH},
-    project.project: {"num_warps": project.WARPS, **LAUNCH},
-    bin.list_tiles: {"num_warps": bin.WARPS, **LAUNCH},
-    blend_forward.blend_forward: {"num_warps": blend_forward.WARPS, **LAUNCH},
-    blend_backward.blend_backward: {"num_warps": blend_backward.WARPS, **LAUNCH},
-    blend_backward.add_up: {"num_warps": 1, **LAUNCH},
-    project_backward.project_backward: {"num_warps": project_backward.WARPS, **LAUNCH},
+    project.find_visible: {"num_warps": project.WARPS, **UNFUSED},
+    project.project: {"num_warps": project.WARPS, **UNFUSED},
+    bin.list_tiles: {"num_warps": bin.WARPS, **UNFUSED},
+    blend_forward.blend_forward: {"num_warps": blend_forward.WARPS, **UNFUSED},
+    blend_backward.blend_backward: {"num_warps": blend_backward.WARPS, **UNFUSED},
+    blend_backward.add_up: {"num_warps": 1, **UNFUSED},
+    project_backward.project_backward: {"num_warps": project_backward.WARPS, **UNFUSED},
     adam_cuda.update: FUSED,
     positional_encoding_cuda.encode_places: FUSED,
     photometric_cuda.blur_products_down: FUSED,

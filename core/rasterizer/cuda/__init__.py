@@ -7,7 +7,7 @@ precision of consumer cards is 64 times slower.
 
 No kernel uses atomics: a tile writes its sums to slots of its own, which are then added up a Gaussian at a time, so
 pictures and gradients are the same bits in every run on one machine. Fused multiply-adds are never left to the
-compiler's choice (LAUNCH in launch.py): kernels that have to agree, as counting tiles and listing them, or blending
+compiler's choice (UNFUSED in triton_launch.py): kernels that have to agree, as counting tiles and listing them, or blending
 forward and backward, could otherwise round differently. Loops are written with `while`: the interpreter of Triton 3.6
 cannot take the bound of a `range` from a tensor under NumPy 2.4. Constants stand on the right of tensors: in the interpreter
 of later ones `constant * tensor` is a constant that no function of Triton takes.

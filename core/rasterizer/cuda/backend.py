@@ -8,7 +8,6 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadSetting
-from core.launch import LAUNCH, blocks, interpreted
 from core.rasterizer import inputs
 from core.rasterizer.contract import BLACK, Colour, Rendering, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
@@ -17,6 +16,7 @@ from core.rasterizer.cuda.footprint import COLUMNS, TILE
 from core.rasterizer.cuda.view import view_of
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.triton_launch import UNFUSED, blocks, interpreted
 
 SLOT_COLUMNS = blend_backward.SLOT_COLUMNS.value
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
@@ -45,7 +45,7 @@ class CudaRasterizer:
         found = torch.empty(2, len(splats), dtype=torch.int32, device=splats.means.device)
         project.find_visible[blocks(len(splats), project.BLOCK)](
             *parameters, view_of(camera, found.device), found, len(splats),
-            COEFFICIENTS=splats.sh.shape[1], BLOCK=project.BLOCK, num_warps=project.WARPS, **LAUNCH,
+            COEFFICIENTS=splats.sh.shape[1], BLOCK=project.BLOCK, num_warps=project.WARPS, **UNFUSED,
         )  # fmt: skip
         count, pairs = found.sum(dim=1).cpu().tolist()  # the one time that the host waits for the device
         return Visible(torch.nonzero_static(found[0], size=count).squeeze(1), pairs)
@@ -100,19 +100,19 @@ class _Render(torch.autograd.Function):
         blend_backward.blend_backward[(len(ctx.tile_ends),)](
             lists.tile_starts, ctx.tile_ends, lists.entry_splats, lists.entry_slots, prepared.footprints,
             image.detach(), image_gradient.contiguous(), slot_gradients,
-            prepared.columns, width, height, num_warps=blend_backward.WARPS, **LAUNCH,
+            prepared.columns, width, height, num_warps=blend_backward.WARPS, **UNFUSED,
         )  # fmt: skip
         sums = torch.empty(count, SLOT_COLUMNS, device=device)
         if count:  # a grid cannot be empty
             blend_backward.add_up[(count,)](
-                lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **LAUNCH
+                lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **UNFUSED
             )
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
         probe_gradient = torch.empty(count if ctx.probed else 0, 2, device=device)
         project_backward.project_backward[blocks(count, project_backward.BLOCK)](
             *parameters, prepared.view, prepared.footprints, prepared.tile_counts, sums, *gradients, probe_gradient, count,
             COEFFICIENTS=parameters[-1].shape[1], PROBED=ctx.probed, BLOCK=project_backward.BLOCK,
-            num_warps=project_backward.WARPS, **LAUNCH,
+            num_warps=project_backward.WARPS, **UNFUSED,
         )  # fmt: skip
         return None, None, probe_gradient if ctx.probed else None, None, *gradients
 
@@ -148,7 +148,7 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pair
     tile_counts = torch.empty(count, dtype=torch.int32, device=device)
     project.project[blocks(count, project.BLOCK)](
         *parameters, depths if probe is None else probe, view, footprints, depths, tile_counts, count,
-        COEFFICIENTS=parameters[-1].shape[1], PROBED=probe is not None, BLOCK=project.BLOCK, num_warps=project.WARPS, **LAUNCH,
+        COEFFICIENTS=parameters[-1].shape[1], PROBED=probe is not None, BLOCK=project.BLOCK, num_warps=project.WARPS, **UNFUSED,
     )  # fmt: skip
     order, slot_starts = front_to_back(depths, tile_counts)
     slots = int(slot_starts[-1]) if pairs is None else pairs
@@ -174,7 +174,7 @@ def draw(
         lists.tile_starts, lists.entry_splats, lists.entry_slots, prepared.footprints,
         image, transmittance, tile_ends, transmittance if strongest is None else strongest,
         prepared.columns, camera.width, camera.height, *map(float, background),
-        RECORD=strongest is not None, num_warps=blend_forward.WARPS, **LAUNCH,
+        RECORD=strongest is not None, num_warps=blend_forward.WARPS, **UNFUSED,
     )  # fmt: skip
     return image, transmittance, tile_ends
 

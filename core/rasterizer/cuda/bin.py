@@ -14,10 +14,10 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from core.launch import LAUNCH, blocks
 from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.footprint import touched_columns, touched_rows
 from core.rasterizer.cuda.view import HEIGHT, WIDTH
+from core.triton_launch import UNFUSED, blocks
 
 BLOCK, WARPS = 128, 4  # Gaussians a program, one a thread
 TILES_OF_16_BITS = 2**15 - 1
@@ -94,7 +94,7 @@ def tile_lists(
     owners = torch.zeros(slots, dtype=torch.int32, device=order.device)
     list_tiles[blocks(len(order), BLOCK)](
         order, slot_starts, footprints, view, slot_tiles, owners, len(order), columns,
-        BLOCK=BLOCK, num_warps=WARPS, **LAUNCH,
+        BLOCK=BLOCK, num_warps=WARPS, **UNFUSED,
     )  # fmt: skip
     sorted_tiles, entry_slots = torch.sort(slot_tiles, stable=True)
     tile_starts = torch.searchsorted(sorted_tiles, torch.arange(tiles + 1, dtype=key, device=order.device))

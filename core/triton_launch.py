@@ -1,10 +1,10 @@
-"""How Triton kernels are launched. Imported where CUDA is asked for, as Triton is."""
+"""How Triton kernels are launched. Like Triton, imported only where CUDA is asked for."""
 
 import triton
 
-# Explicit, as the default differs between versions of Triton. The rasterizer's are not fused, see its package's
-# docstring: a fused multiply-add where the source says tl.fma, and nowhere else.
-LAUNCH = {"enable_fp_fusion": False}
+# Explicit, as the default differs between versions of Triton. UNFUSED, for the rasterizer: a fused multiply-add where the source
+# says tl.fma, and nowhere else; core.rasterizer.cuda says why.
+UNFUSED = {"enable_fp_fusion": False}
 FUSED = {"enable_fp_fusion": True}
 
 

@@ -3,7 +3,7 @@
 the loop         trainer, schedule, guards, held_out
 what is decided  needs, evidence, sightings
 photos           pictures, backdrop, jitter
-losses           objective, photometric (_kernel, _cuda), transients, losses, gauge
+losses           objective, photometric (_cpu, _cuda), mask_loss, losses, gauge
 Gaussians        initialisation, gaussians, densify, adam (_cuda)
 networks         networks
 on disk          run, checkpoint, claim, masks

@@ -12,9 +12,10 @@ from core.config import Settings
 from core.rasterizer import Rasterizer, Visible
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training import losses, transients
+from core.training import losses
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians
+from core.training.mask_loss import mask_loss
 from core.training.photometric import Target, photometric, photometric_of_mask, photometric_paper
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
@@ -69,7 +70,7 @@ class Objective:
             return photometric_of_mask(image, target, shown, settings.ssim_weight) + settings.mask_regularisation * ((1 - mask) ** 2).mean()
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
-        return transients.mask_loss(mask, image, target.planes, settings.mask_regularisation)
+        return mask_loss(mask, image, target.planes, settings.mask_regularisation)
 
     def residual(self, residual: Float[Tensor, "v c 3"] | None) -> tuple[Tensor, Tensor | None, Tensor]:
         """L_regSH, its gradient and the residual's size, as `losses.residual_loss` has them."""

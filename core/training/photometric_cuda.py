@@ -1,6 +1,6 @@
 """The picture loss of core.training.photometric, fused, for float32 on a GPU: two launches forward and two backward.
 
-The same as photometric_kernel: the first pass forms the windowed means that depend on the render, the error, and the derivatives
+The same as photometric_cpu: the first pass forms the windowed means that depend on the render, the error, and the derivatives
 of SSIM by those means; the backward pass blurs the derivatives, because the window is its own adjoint:
 
     dL/dx = w (1 - s) sign(x - y) / (3 V) + blur(D_mean) + 2 x blur(D_square) + y blur(D_product)
@@ -17,8 +17,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.triton_launch import FUSED
 from core.training import photometric
+from core.triton_launch import FUSED
 
 BLOCK = 128  # pixels a program, one a thread
 RADIUS, WINDOW = tl.constexpr(photometric.RADIUS), tl.constexpr(photometric.WINDOW)
@@ -123,7 +123,7 @@ def combine(blurred, x, y, weights, taps, factor, gradient, share, scale, height
         tl.store(gradient + 3 * pixel + channel, slope * tl.load(factor), mask=known)
 
 
-def photometric_fused(
+def photometric_cuda(
     image: Float[Tensor, "h w 3"],
     target: photometric.Target,
     weight: Float[Tensor, "h w"] | None,

@@ -42,7 +42,7 @@ def trainer(tmp_path, monkeypatch):
     # The kernels that tensors on a GPU go to.
     monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", positional_encoding_cuda.encoded_places)
     monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
-    monkeypatch.setattr("core.training.objective.photometric", photometric_cuda.photometric_fused)
+    monkeypatch.setattr("core.training.objective.photometric", photometric_cuda.photometric_cuda)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread
     with elsewhere(), kernels():
         settings = small_settings(mask_start=0.0, mask_apply=0.0, geometry_from=0.0, **SIZES)

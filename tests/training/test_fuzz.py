@@ -7,10 +7,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.training import densify, guards, losses, transients
+from core.training import densify, guards, losses, mask_loss
 from core.training.adam import Moved, adam_rows, plain_adam_rows
 from core.training.gaussians import Gaussians
-from core.training.photometric import Target, photometric, photometric_definition, photometric_paper
+from core.training.photometric import Target, photometric, photometric_paper, plain_photometric
 from tests.small import ring_camera, small_settings
 
 FINITE = [0.0, -0.0, 1e-45, -1e-38, 0.5, 1.0, -1e3, 1e9, -1e18, 3e38]
@@ -30,7 +30,7 @@ def picture(spoilt=()) -> torch.Tensor:
 @given(
     spoilt=st.lists(st.tuples(spots, st.sampled_from(FINITE + POISON)), max_size=4),
     level=st.sampled_from([None, 0.0, 1.0]),
-    function=st.sampled_from([photometric, photometric_definition, photometric_paper]),
+    function=st.sampled_from([photometric, plain_photometric, photometric_paper]),
 )
 def test_a_finite_picture_loss_has_a_finite_gradient(spoilt, level, function):
     """And a render that is not finite never has a finite loss: the step is skipped."""
@@ -54,7 +54,7 @@ def test_a_finite_picture_loss_has_a_finite_gradient(spoilt, level, function):
 def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
     mask = torch.full((1, 3, 4), level).requires_grad_()
     photo = torch.zeros(3, 9, 11)
-    transients.mask_loss(mask, picture(spoilt), photo, 0.05).backward()
+    mask_loss.mask_loss(mask, picture(spoilt), photo, 0.05).backward()
     assert torch.isfinite(mask.grad).all()
     weights = losses.pixel_weights(mask, 9, 11, mean)
     assert torch.isfinite(weights).all() and (weights <= 1).all()

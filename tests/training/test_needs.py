@@ -168,14 +168,14 @@ def test_a_calm_collection_trains_as_plain_3dgs_bit_for_bit(calm, tmp_path):
 
 
 def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_path, monkeypatch):
-    from core.training import losses, transients
+    from core.training import losses, objective
 
     def never(*_):
         raise AssertionError("a loss of a part that is off was computed")
 
     for name in ("pixel_weights", "transient_rows", "residual_norm"):
         monkeypatch.setattr(losses, name, never)
-    monkeypatch.setattr(transients, "mask_loss", never)
+    monkeypatch.setattr(objective, "mask_loss", never)
     trainer = trained(calm, tmp_path / "run", Settings(steps=20, sh_degree=0, **SMALL))
     assert not list(trainer.model.parameters()) and trainer.optimizer is None
     tensors = checkpoint.load(checkpoint.newest(trainer.folder)).tensors

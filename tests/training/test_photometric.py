@@ -9,14 +9,14 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.training import photometric_kernel
+from core.training import photometric_cpu
 from core.training.photometric import (
     Target,
     blur,
     photometric,
-    photometric_definition,
     photometric_of_mask,
     photometric_paper,
+    plain_photometric,
 )
 from tests.afresh import afresh
 
@@ -63,7 +63,7 @@ def test_the_kernel_equals_the_definition(size, masked, weighted):
     weight = weight if weighted else None
     loss, gradient = run(photometric, image, Target(photo, valid), weight)
     double = None if weight is None else weight.double()
-    true = run(photometric_definition, image.double(), Target(photo.double(), valid), double)
+    true = run(plain_photometric, image.double(), Target(photo.double(), valid), double)
     torch.testing.assert_close(loss.double(), true[0], rtol=0, atol=ERROR_TOLERANCE)
     scale = float(true[1].abs().max())
     torch.testing.assert_close(gradient.double(), true[1], rtol=0, atol=GRADIENT_TOLERANCE * scale)
@@ -73,7 +73,7 @@ def test_the_kernel_equals_the_definition(size, masked, weighted):
 def test_the_kernel_with_one_term_alone(ssim_weight):
     image, photo, weight, _ = example(20, 30)
     _, gradient = run(photometric, image, Target(photo), weight, ssim_weight)
-    _, true = run(photometric_definition, image.double(), Target(photo.double()), weight.double(), ssim_weight)
+    _, true = run(plain_photometric, image.double(), Target(photo.double()), weight.double(), ssim_weight)
     torch.testing.assert_close(gradient.double(), true, rtol=0, atol=GRADIENT_TOLERANCE * float(true.abs().max()))
 
 
@@ -99,7 +99,7 @@ def test_a_mask_learns_by_finite_differences_of_the_papers_loss_and_the_image_do
 
 def test_ssim_is_that_of_an_explicit_window():
     image, photo, _, _ = example(9, 14)
-    loss = photometric_definition(image.double(), Target(photo.double()), None, 1.0)
+    loss = plain_photometric(image.double(), Target(photo.double()), None, 1.0)
     offsets = torch.arange(-5.0, 6.0, dtype=torch.float64)
     window = torch.exp(-(offsets[:, None] ** 2 + offsets**2) / (2 * 1.5**2))
     window = (window / window.sum())[None, None]
@@ -163,7 +163,7 @@ def test_any_number_of_threads_gives_the_same_bits():
 def test_the_papers_reading_multiplies_the_pictures():
     image, photo, mask, _ = example(30, 24)
     loss, gradient = run(photometric_paper, image, Target(photo), mask)
-    multiplied = run(photometric_definition, image * mask[..., None], Target(photo * mask[..., None]), None)
+    multiplied = run(plain_photometric, image * mask[..., None], Target(photo * mask[..., None]), None)
     torch.testing.assert_close(loss, multiplied[0], rtol=1e-6, atol=1e-7)  # one formula, two orders of rounding
     assert not gradient[mask == 0].any()
 
@@ -213,7 +213,7 @@ def test_loops_are_vectorised(loop):
     features = llvmlite.binding.get_host_cpu_features()
     if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
         pytest.skip("says something of AVX2 only")
-    function = getattr(photometric_kernel, loop)
+    function = getattr(photometric_cpu, loop)
     (assembly,) = afresh(function, LOOPS[loop]).inspect_asm().values()
     packed = re.findall(r"vfn?m(?:add|sub)\d+ps\s.*[yz]mm", assembly)
     assert len(packed) >= 4  # what the shortest of these loops needs

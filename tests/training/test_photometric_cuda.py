@@ -3,12 +3,12 @@
 import pytest
 import torch
 
-from core.training.photometric import Target, photometric_definition
+from core.training.photometric import Target, plain_photometric
 from tests.training.test_photometric import ERROR_TOLERANCE, GRADIENT_TOLERANCE, example, run
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from core.training.photometric_cuda import photometric_fused
+from core.training.photometric_cuda import photometric_cuda
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 
@@ -21,9 +21,9 @@ def test_the_kernels_equal_the_definition(size, masked):
         image[~valid] = torch.nan
     weight = weight if masked else None
     given = [None if part is None else part.to(DEVICE) for part in (image, photo, weight, valid)]
-    loss, gradient = (part.cpu().double() for part in run(photometric_fused, given[0], Target(given[1], given[3]), given[2]))
+    loss, gradient = (part.cpu().double() for part in run(photometric_cuda, given[0], Target(given[1], given[3]), given[2]))
     double = None if weight is None else weight.double()
-    true = run(photometric_definition, image.double(), Target(photo.double(), valid), double)
+    true = run(plain_photometric, image.double(), Target(photo.double(), valid), double)
     torch.testing.assert_close(loss, true[0], rtol=0, atol=ERROR_TOLERANCE)
     torch.testing.assert_close(gradient, true[1], rtol=0, atol=GRADIENT_TOLERANCE * float(true[1].abs().max()))
 
@@ -32,7 +32,7 @@ def test_the_kernels_equal_the_definition(size, masked):
 def test_the_kernels_with_one_term_alone(ssim_weight):
     image, photo, _, _ = example(12, 13)
     target = Target(photo.to(DEVICE))
-    ours = [part.cpu().double() for part in run(photometric_fused, image.to(DEVICE), target, None, ssim_weight)]
-    true = run(photometric_definition, image.double(), Target(photo.double()), None, ssim_weight)
+    ours = [part.cpu().double() for part in run(photometric_cuda, image.to(DEVICE), target, None, ssim_weight)]
+    true = run(plain_photometric, image.double(), Target(photo.double()), None, ssim_weight)
     torch.testing.assert_close(ours[0], true[0], rtol=0, atol=ERROR_TOLERANCE)
     torch.testing.assert_close(ours[1], true[1], rtol=0, atol=GRADIENT_TOLERANCE * float(true[1].abs().max()))

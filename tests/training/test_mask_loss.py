@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.training import transients
+from core.training import mask_loss
 
 HEIGHT, WIDTH, CELL = 48, 64, 4
 STRANGER = slice(6, 9), slice(3, 6)  # cells
@@ -31,7 +31,7 @@ def best_mask(image: torch.Tensor, photo: torch.Tensor) -> torch.Tensor:
     optimizer = torch.optim.SGD([mask], lr=5e3)
     for _ in range(60):
         optimizer.zero_grad()
-        transients.mask_loss(mask, image.permute(1, 2, 0), photo, SETTLED).backward()
+        mask_loss.mask_loss(mask, image.permute(1, 2, 0), photo, SETTLED).backward()
         optimizer.step()
         with torch.no_grad():
             mask.clamp_(0, 1)
@@ -63,8 +63,8 @@ def test_another_light_hides_nothing_and_hides_no_stranger(change):
 
 @pytest.mark.parametrize("picture", [torch.zeros(3, 12, 16), torch.full((3, 12, 16), 0.7)], ids=["black", "of one colour"])
 def test_colours_that_determine_no_map_are_left_or_met(picture):
-    torch.testing.assert_close(transients.retoned(picture, picture), picture)
-    moved = transients.retoned(picture, picture + 0.1)
+    torch.testing.assert_close(mask_loss.retoned(picture, picture), picture)
+    moved = mask_loss.retoned(picture, picture + 0.1)
     assert torch.isfinite(moved).all() and float((moved - picture - 0.1).abs().max()) < 1e-3
 
 
@@ -80,16 +80,16 @@ def test_a_photo_that_is_not_learnt_yet_is_judged_by_its_own_errors():
     photo = torch.rand(3, HEIGHT // CELL, WIDTH // CELL, generator=generator)
     photo = photo.repeat_interleave(CELL, dim=1).repeat_interleave(CELL, dim=2)
     mask = best_mask(place(), photo)
-    assert float((mask < 0.95).float().mean()) < 1 - transients.USUAL + 0.01
+    assert float((mask < 0.95).float().mean()) < 1 - mask_loss.USUAL + 0.01
 
 
 def test_the_gradient_is_right():
     generator = torch.Generator().manual_seed(0)
     mask, image, photo = (torch.rand(shape, generator=generator).double() for shape in ((1, 3, 4), (12, 16, 3), (3, 12, 16)))
-    assert torch.autograd.gradcheck(lambda mask: transients.mask_loss(mask, image, photo, 0.1), mask.requires_grad_())
+    assert torch.autograd.gradcheck(lambda mask: mask_loss.mask_loss(mask, image, photo, 0.1), mask.requires_grad_())
 
 
 def test_quantiles_are_torchs():
     values = torch.rand(7, 11, generator=torch.Generator().manual_seed(0))
-    for share in (0.0, 0.5, transients.USUAL, 1.0):
-        torch.testing.assert_close(transients.quantile(values, share), torch.quantile(values, share))
+    for share in (0.0, 0.5, mask_loss.USUAL, 1.0):
+        torch.testing.assert_close(mask_loss.quantile(values, share), torch.quantile(values, share))

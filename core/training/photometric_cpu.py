@@ -28,7 +28,7 @@ _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _THIRD = np.float32(0.5), np.float32(1 / 3)
 
 
-def photometric_fast(
+def photometric_cpu(
     image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
 ) -> Float[Tensor, ""]:
     """`core.training.photometric.photometric` for float32 on the CPU."""

@@ -140,8 +140,8 @@ class Trainer:
         index = self._next_photo()
         self.order.pop()
         usual = guards.usual_loss(index, self.last_losses)
-        drawn = self._draw(index, progress)
-        on_the_way = self._learn(drawn, usual, progress)
+        drawn = self._forward(index, progress)
+        on_the_way = self._backward(drawn, usual, progress)
         self.done += 1
         self._look_ahead()
         facts = StepFacts(*on_the_way.arrived())
@@ -163,8 +163,8 @@ class Trainer:
             messages=tuple(messages),
         )
 
-    def _draw(self, index: int, progress: float) -> Drawn:
-        """Forward pass: the photo's view in its look. The encoder runs in parallel with the projection, L_regSH with the rasterizer."""
+    def _forward(self, index: int, progress: float) -> Drawn:
+        """The photo's view in its look. The encoder runs in parallel with the projection, L_regSH with the rasterizer."""
         settings = self.settings
         self.model.zero_grad()
         camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
@@ -182,9 +182,11 @@ class Trainer:
         image = self.rasterizer.render(seen, camera, behind, probe, visible.pairs).image
         return Drawn(camera, target, look, embedding, visible, leaves, seen, probe, image, residual, regularising, gauge_loss)
 
-    def _learn(self, drawn: Drawn, usual: float, progress: float) -> OnTheWay:
-        """Backward pass and updates, which an invalid step does not get; the StepFacts, on their way from the device. Networks and Gaussians are
-        updated in parallel."""
+    def _backward(self, drawn: Drawn, usual: float, progress: float) -> OnTheWay:
+        """The gradients, and the updates of networks and Gaussians, in parallel; an invalid step gets neither.
+
+        Returns the step's StepFacts, still on their way from the device.
+        """
         judging = beside(lambda: self.objective.mask(drawn, progress))
         picture_loss = self.objective.picture(drawn, progress, self.mask_mean)
         rendered_loss = picture_loss + self.objective.transient(drawn, progress, self.done)
@@ -261,6 +263,7 @@ class Trainer:
         return f"Step {self.done} {outcome}: its {fault} (photo {name})."
 
     def _next_photo(self) -> int:
+        """The photo that the next step takes off `order`; on a GPU it is asked for twice, see `_look_ahead`."""
         if not self.order:
             self.order = torch.randperm(len(self.pictures), generator=self.generator).tolist()
         return self.order[-1]

@@ -107,7 +107,7 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     collection = crowded(tmp_path / "scene", (20, 120, 240))
     trainer = Trainer(with_masks(collection, tmp_path / "scene" / "masks"), small_settings(), tmp_path)
     target = trainer.pictures.target(0, 1)[1]
-    drawn = trainer._draw(0, 0.9)
+    drawn = trainer._forward(0, 0.9)
     image = torch.full((HEIGHT, WIDTH, 3), 0.4)
     losses = []
     for value, place in ((0.4, HIDDEN), (1.0, HIDDEN), (1.0, np.s_[:10, :10])):

@@ -12,14 +12,14 @@ from core.training.photometric import photometric_of_mask
 
 def test_a_mask_is_taught_from_its_time_on(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6)
-    drawn = trainer._draw(0, 0.0)
+    drawn = trainer._forward(0, 0.0)
     taught = [float(trainer.objective.mask(drawn, progress).detach()) for progress in (0.0, 0.19, 0.2, 0.9)]
     assert taught[:2] == [0, 0] and taught[2] == taught[3] > 0
 
 
 def test_the_papers_mask_is_taught_by_the_pictures_error(trainer_of):
     trainer = trainer_of(mask_loss="paper", mask_start=0.0, mask_regularisation=0.5)
-    drawn = trainer._draw(0, 0.0)
+    drawn = trainer._forward(0, 0.0)
     mask = drawn.look.mask
     shown = losses.enlarged(mask, *drawn.image.shape[:2])
     expected = photometric_of_mask(drawn.image, drawn.target, shown, trainer.settings.ssim_weight) + 0.5 * ((1 - mask) ** 2).mean()
@@ -30,7 +30,7 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of):
     """Beside what reaches it by the embedding."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0)
     bias = trainer.model.encoder.unet.up_2.bias
-    drawn = trainer._draw(0, 0.5)
+    drawn = trainer._forward(0, 0.5)
     drawn.embedding.grad = torch.randn(drawn.embedding.shape, generator=torch.Generator().manual_seed(2))
     (by_embedding,) = torch.autograd.grad(drawn.look.embedding, bias, drawn.embedding.grad, retain_graph=True)
     (by_loss,) = torch.autograd.grad(trainer.objective.mask(drawn, 0.5), bias, retain_graph=True)

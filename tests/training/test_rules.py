@@ -47,7 +47,7 @@ def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
 def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6, transient_regularisation=1e-3)
     trainer.gaussians.parameters["logit_opacities"].zero_()
-    drawn = trainer._draw(0, 0.0)
+    drawn = trainer._forward(0, 0.0)
     seen, camera = drawn.seen.detached(), drawn.camera
     drawn = replace(drawn, look=Look(trainer.model.mean_embedding, torch.zeros(1, 9, 12)))
     front = trainer.rasterizer.contributions(seen, camera)

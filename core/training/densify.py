@@ -14,7 +14,7 @@ from core.training.gaussians import Gaussians
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
 SPLIT_SHRINK = 1.6  # 3DGS
 LEAST_KEPT = 1 / 4  # of the Gaussians, whatever they contribute: after few steps none are opaque yet
-GRADIENT_FLOOR = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
+GRADIENT_THRESHOLD = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
 
 
 def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int, taken: Tensor) -> None:
@@ -41,8 +41,8 @@ def plain_gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, wid
     """The definition of `gather`, on any device."""
     scale = sent(torch.tensor([width / 2, height / 2]), rows.device)
     # norm(dim=1) of so few columns takes three times as long
-    pull = (probe_gradient * scale).square().sum(dim=1).sqrt()
-    gaussians.gradient_sum.index_add_(0, rows, torch.where(taken, pull, 0))
+    size = (probe_gradient * scale).square().sum(dim=1).sqrt()
+    gaussians.gradient_sum.index_add_(0, rows, torch.where(taken, size, 0))
     gaussians.seen.index_add_(0, rows, taken.float().expand(len(rows)))
 
 
@@ -92,21 +92,21 @@ def prune_by_contribution(gaussians: Gaussians, largest: Tensor, share: float) -
 
 
 def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
-    """Clone or split the Gaussians that the pictures pull most, at most `budget` of them.
+    """Clone or split the Gaussians with the largest screen-space gradients, at most `budget` of them.
 
     A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
     The gathered statistics start anew.
     """
     solid = gaussians.solid
-    pull = gaussians.gradient_sum / gaussians.seen.clamp_min(1)
-    pull[solid:] = 0
+    gradient = gaussians.gradient_sum / gaussians.seen.clamp_min(1)
+    gradient[solid:] = 0
     gaussians.gradient_sum.zero_()
     gaussians.seen.zero_()
-    count = min(budget, int((pull > GRADIENT_FLOOR).sum()))
+    count = min(budget, int((gradient > GRADIENT_THRESHOLD).sum()))
     if count <= 0:
         return
     # A stable order makes ties, and with them whole runs, reproducible.
-    chosen = torch.sort(pull, descending=True, stable=True).indices[:count].sort().values
+    chosen = torch.sort(gradient, descending=True, stable=True).indices[:count].sort().values
     born = {name: tensor[chosen].clone() for name, tensor in gaussians.parameters.items()}
     large = born["log_scales"].amax(dim=1) > torch.tensor(SPLIT_SCALE).log()
     split, places = chosen[large], born["means"][large]

@@ -40,7 +40,7 @@ def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
     Asked before the minutes of measuring.
     """
     check_folder(folder)
-    old = there(folder, names)
+    old = figure_files(folder, names)
     if old and not force:
         raise BadInput(f"{old[0]} exists.", "Add --force to replace it, or choose another -o.")
 
@@ -70,7 +70,7 @@ def save(figure: Figure, folder: Path) -> list[Path]:
     return paths
 
 
-def there(folder: Path, names: tuple[str, ...]) -> list[Path]:
+def figure_files(folder: Path, names: tuple[str, ...]) -> list[Path]:
     """The files in `folder` of figures of these names."""
     return [path for name in names for suffix in SUFFIXES if (path := folder / (name + suffix)).exists()]
 

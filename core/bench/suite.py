@@ -19,6 +19,8 @@ from core.evaluation import PROTOCOLS
 from core.looks.find_look import find_appearance
 from core.looks.trained import Run, bake, load_run
 from core.report import Report
+from core.scene.camera import Camera
+from core.scene.splats import Splats
 from core.training import run
 from core.training.trainer import Trainer
 
@@ -127,7 +129,7 @@ def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bo
         except BadInput as problem:  # photos that are gone, say: the histories need none
             report.warn(f"Nothing is drawn of the refinement: {problem}")
     drawn = {figure.name for figure in figures}
-    if old := files.there(folders[0] / CURVES, tuple(name for name in FIGURES if name not in drawn)):
+    if old := files.figure_files(folders[0] / CURVES, tuple(name for name in FIGURES if name not in drawn)):
         for path in old:
             path.unlink()
         report.say(f"{folders[0] / CURVES}: removed {', '.join(path.name for path in old)}, of an earlier call")
@@ -188,7 +190,7 @@ def _follows_a_look(trained: Run, report: Report) -> bool:
 
 def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
     splats, cameras = small_scene.rendering_scene()
-    title = f"Rendering the built-in scene: {_words(len(splats), splats.degree, cameras)}"
+    title = f"Rendering the built-in scene: {_words(splats, cameras)}"
     return rendering_figure(splats, cameras, "rendering", title, 0, report, size.budget, full)
 
 
@@ -196,12 +198,12 @@ def _rendering_of(trained: Run, size: Size, full: bool, report: Report) -> Figur
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, find_appearance(trained, "neutral")).map(Tensor.cpu)  # that figure is of a CPU
-    title = f"Rendering {trained.folder.name}: {_words(len(splats), splats.degree, cameras)}"
+    title = f"Rendering {trained.folder.name}: {_words(splats, cameras)}"
     return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget, full)
 
 
-def _words(gaussians: int, degree: int, cameras: list) -> str:
-    return f"{gaussians} Gaussians of degree {degree}, {cameras[0].width} x {cameras[0].height} px"
+def _words(splats: Splats, cameras: list[Camera]) -> str:
+    return f"{len(splats)} Gaussians of degree {splats.degree}, {cameras[0].width} x {cameras[0].height} px"
 
 
 # --- what is trained

@@ -84,7 +84,7 @@ class ReferenceRasterizer:
         colours = colour(splats.sh[rows], projection.directions)
         centres = projection.centres if probe is None else projection.centres + probe[rows]
 
-        light = colours.new_tensor(background)
+        behind = colours.new_tensor(background)
         pictures, transmittances = [], []
         for pixels in pixel_chunks(camera, len(rows), centres):
             # A checkpoint keeps only the inputs and blends again in the backward pass: memory for one chunk at a time.
@@ -95,7 +95,7 @@ class ReferenceRasterizer:
                 projection.conics,
                 projection.opacities,
                 colours,
-                light,
+                behind,
                 use_reentrant=False,
             )
             pictures.append(picture)

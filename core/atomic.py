@@ -58,7 +58,7 @@ def check_file(path: Path) -> None:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """What the system refuses while `path` is written, as an error that names it."""
+    """Turn what the system refuses while `path` is written into an error that names it."""
     try:
         yield
     except OSError as problem:
@@ -90,8 +90,8 @@ class MadeMeanwhile(BadInput):
 
 @contextmanager
 def made(folder: Path, may_exist: bool = True) -> Iterator[None]:
-    """Inside, `folder` is there; what had to be made for it vanishes again where nothing is put into it. Raises OSError where it cannot be
-    made, or is there and must not be."""
+    """Make `folder` for the block, with its parents; those of them that are still empty at the end are removed. Raises OSError if it cannot be
+    made, or exists though it must not."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=may_exist)
     try:
@@ -164,7 +164,7 @@ def replacing_folder(output: Path) -> Iterator[Path]:
 
 
 def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:
-    """What `filling` would replace; raises BadInput where it would: asked before the work, not after it."""
+    """What `filling` would replace; raises BadInput where `filling` would, but before the work."""
     check_folder(folder)
     old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]

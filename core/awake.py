@@ -3,7 +3,7 @@
 A virtual core without work is given back to the host, and comes back late and with cold caches. In a training step threads wait
 for each other a hundred times, mostly for the interpreter lock and only for moments; on two virtual cores that was
 a tenth to a sixth of the wall time. So each core gets a process of Linux's lowest class, SCHED_IDLE, that loops without doing anything:
-it runs where nothing else wants to and makes way at once for what does. (A thread in place of the process could be put aside while it
+it runs where nothing else wants to and makes way at once for what does. (A thread instead of the process could be suspended while it
 holds the interpreter lock.)
 """
 
@@ -32,7 +32,7 @@ while os.getppid() == int(sys.argv[1]):
 
 @contextmanager
 def cores_awake() -> Iterator[None]:
-    """Keep every core of this machine awake meanwhile, if it has few, all of them virtual and all for our threads. A decorator too."""
+    """Keep every core of this machine awake meanwhile, where that is `worthwhile`. Also a decorator."""
     # A process group of their own: Ctrl-C is not for them. No session of their own: Linux shares time between sessions first.
     command, nowhere = [sys.executable, "-I", "-S", "-c", BUSY_LOOP, str(os.getpid())], subprocess.DEVNULL
     loops = []
@@ -48,9 +48,9 @@ def cores_awake() -> Iterator[None]:
 
 
 def worthwhile(wanted: int) -> bool:
-    """Whether `wanted` threads have as many virtual cores to themselves, few of them, under Linux.
+    """Whether this is Linux on at most FEW virtual cores, one for each of the `wanted` threads.
 
-    A container that is allowed less time than its cores have would pay for the busy loops with time for work.
+    Not in a container whose processor time is limited to less than its cores have: the busy loops would use up time for work.
     """
     if not hasattr(os, "SCHED_IDLE") or not 1 < wanted <= FEW or len(os.sched_getaffinity(0)) != wanted:
         return False
@@ -65,12 +65,12 @@ def _virtual() -> bool:
 
 
 def _allowed() -> float:
-    """The cores' worth of time that its control groups, and those above them, leave to this process."""
+    """How many cores' worth of time the control groups of this process, and those above them, leave it."""
     return min(map(_quota, _groups()))
 
 
 def _groups() -> list[Path]:
-    """The folders of the control groups, of the second version and of the first, that have a say in this process's time."""
+    """The folders of the control groups (version 2 and 1) that may limit this process's time."""
     groups = [CONTROL_GROUPS, CONTROL_GROUPS / "cpu"]  # in a container its own are often shown as the topmost
     with suppress(OSError, ValueError):
         for line in MEMBERSHIP.read_text().splitlines():

@@ -22,7 +22,7 @@ def chosen(device: str, backend: str) -> torch.device:
         )
     if device != "cuda" and (device != AUTO or backend == "cpu" or not can_use_gpu()):
         return CPU
-    # Else cuDNN rounds what it convolves to 10 bits (TF32), and SSIM takes variances as small differences of such sums.
+    # Otherwise cuDNN rounds what it convolves to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of such sums.
     torch.backends.cudnn.allow_tf32 = False
     return torch.device("cuda", torch.cuda.current_device())
 
@@ -33,12 +33,12 @@ def can_use_gpu() -> bool:
 
 
 def sent(tensor: Tensor, device: torch.device) -> Tensor:
-    """A few numbers of the host's, on `device`, without waiting for it: from pinned memory a copy to a GPU only joins the queue."""
+    """A small tensor of the host's copied to `device` without waiting: from pinned memory the copy only joins the GPU's queue."""
     return (tensor.pin_memory() if device.type == "cuda" else tensor).to(device, non_blocking=True)
 
 
 class OnTheWay:
-    """Numbers that a device is still computing, asked for without waiting; `arrived` waits, if they have not come by then."""
+    """Numbers that a device is still computing, requested without waiting for them; only `arrived` waits, if they have not come by then."""
 
     def __init__(self, numbers: Tensor):
         self.numbers = numbers.to(CPU, non_blocking=True)  # from a GPU: into pinned memory

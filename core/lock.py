@@ -1,4 +1,4 @@
-"""A folder is one process's at a time: without a trace on disk, and let go by a kill. flock(2)."""
+"""A folder held by one process at a time, by flock(2): nothing is left on disk, and a killed process lets go of it."""
 
 import os
 from collections.abc import Iterator

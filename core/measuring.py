@@ -1,4 +1,4 @@
-"""What was trained meets how it is judged: a run's held-out photos as the views of the protocols, whose subject is the run itself."""
+"""A run's held-out photos as the views on which the protocols of core.evaluation measure it."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
@@ -29,7 +29,7 @@ def over_views(
     trained: Run, photos: Sequence[Photo], measured: Callable[[View], Measured], what: str, report: Report, left_out: str = "not measured"
 ) -> Iterator[tuple[Photo, Measured]]:
     """(photo, measured(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
-    end; where all do, the last BadInput is raised. what: the work, beside its progress. left_out: what is said of the skipped, after "3 photos"."""
+    end; where all do, the last BadInput is raised. what: the work, for the progress bar. left_out: what is said of the skipped, after "3 photos"."""
     unusable = []
     for number, photo in enumerate(photos, 1):
         try:

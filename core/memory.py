@@ -1,4 +1,4 @@
-"""A limit to the memory of this process, which the system holds: what would go beyond it fails at once."""
+"""A limit on the memory of this process, held by the system: an allocation beyond it fails at once."""
 
 import math
 import sys
@@ -13,7 +13,7 @@ def hold_to(gib: float) -> None:
     """Hold this process to `gib` GiB from now on: allocations beyond raise MemoryError, or torch's RuntimeError.
 
     wegs itself needs 1.2 to start, 2 to train with torch's CUDA build.
-    The limit is on memory that is asked for, whether or not it is touched: what is taken stays below. Linux alone has it (RLIMIT_DATA,
+    The limit counts memory that is asked for, touched or not, so what is really used stays below it. Only Linux has it (RLIMIT_DATA,
     getrlimit(2)). Raises BadSetting elsewhere, and where a lower limit is already set.
     """
     if not sys.platform.startswith("linux"):

@@ -1,4 +1,4 @@
-"""Eight float32 lanes as a Numba type, and the few atoms that Numba lacks.
+"""Eight float32 lanes as a Numba type, and the few primitives that Numba lacks.
 
 LLVM does not vectorise the blending loops by itself (plain ones are eight times slower): the vectors are spelled out.
 They are LLVM's own vector type and generic instructions only, nothing of one processor: the compiler maps them to one

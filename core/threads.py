@@ -80,7 +80,7 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int) -> Non
         try:
             take_turns()
         finally:
-            # A thread that is busy beside would find nothing left to do: only those that came are waited for.
+            # A thread still busy with other work would find no block left: only those that have begun are waited for.
             came = [other for other in others if not other.cancel()]
             wait(came)
     for other in came:
@@ -90,8 +90,8 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int) -> Non
 def beside(work: Callable[[], Result]) -> Callable[[], Result]:
     """Start work() on another thread; calling what is returned gives its result, or raises its exception.
 
-    With one torch thread, and with gradients if the caller has them. Where there is no other thread, or none has come to it until
-    the result is asked for, the caller does the work then. So the work may not depend on what the caller does meanwhile.
+    With one torch thread, and with gradients if the caller has them. If there is no other thread, or none has begun by the time
+    the result is asked for, the caller does the work itself, then. So the work must not depend on what the caller does meanwhile.
     """
     with_gradients = torch.is_grad_enabled()
 

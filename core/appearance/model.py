@@ -34,8 +34,8 @@ class AppearanceModel(nn.Module):
     """Everything about looks that is learned, built from the settings; what they switch off does not exist.
 
     photo_names: the photos that tables (GLO embeddings, MLP masks) have rows for, in the order of those rows.
-    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: the last one of
-    each training photo that was remembered, and the first of all for those not met yet; no rows without an encoder's.
+    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: the last one
+    remembered of each training photo, the very first for photos not met yet; no rows unless an encoder gives embeddings.
     """
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
@@ -66,7 +66,7 @@ class AppearanceModel(nn.Module):
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
     def _apply(self, function, recurse: bool = True) -> "AppearanceModel":
-        """As torch's, which `to` goes through; but the count stays where it is read, or a step would wait for the GPU to see it."""
+        """As torch's, which `to` calls; but the count stays on the CPU, where it is read: else a step would wait for the GPU."""
         super()._apply(function, recurse)
         self.remembered = self.remembered.cpu()
         return self

@@ -1,7 +1,7 @@
 """How far looks may lie from those of the training photos.
 
-Farther out the SH transfer was never asked, and makes up colours: a night photo among eight of daylight lay at six times the reach, and
-turned a white church green. Of figures of held-out photos this changes no more than 0.02 dB (plaza, Liberty).
+Farther out the SH transfer was never trained and makes up colours: a night photo among eight of daylight lay at six times the reach, and
+turned a white church green. The limit changes the figures of held-out photos by no more than 0.02 dB (plaza, Liberty).
 """
 
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what t
 
 @dataclass(frozen=True)
 class Reach:
-    """The ellipsoid around the mean of the training photos' embeddings that the farthest of them lies on, float64.
+    """The ellipsoid around the mean of the training photos' embeddings that passes through the farthest of them, float64.
 
-    axes: its principal ones, as rows, and lengths: in what ratio they are, weak ones lengthened. size: by what all lengths are multiplied.
+    axes: the principal ones, as rows. lengths: their ratio, weak ones lengthened. size: what all lengths are multiplied by.
     """
 
     centre: Float[Tensor, " e"]
@@ -28,7 +28,7 @@ class Reach:
     @staticmethod
     @torch.no_grad()
     def of(met: Float[Tensor, "k e"]) -> "Reach":
-        """What these embeddings reach; where there is none of them, everything."""
+        """The reach of these embeddings; without any, everything is within it."""
         met = met.double()
         if not len(met):
             return Reach(met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(()))
@@ -43,7 +43,7 @@ class Reach:
 
     @torch.no_grad()
     def distance(self, embedding: Float[Tensor, " e"]) -> float:
-        """How far it lies from the mean, where the farthest of the training photos lies at 1."""
+        """Its distance from the mean; the farthest of the training photos lies at 1."""
         along = (embedding.double() - self.centre) @ self.axes.T
         return float(((along / self.lengths).norm() / self.size).float())  # rounded, so that the farthest lies at 1 exactly
 

@@ -1,4 +1,4 @@
-"""Refinement: a look follows the photo that it was read from, seen by that photo's own camera."""
+"""Refinement: a look is fitted to the photo that it was read from, seen by that photo's own camera."""
 
 from collections.abc import Callable, Iterator
 from math import cos, pi
@@ -12,7 +12,7 @@ from torch import Tensor
 from core.threads import threads_for_blocks
 
 STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; the rate falls to zero along half a cosine
-BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # as Adam's authors have them
+BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
 CELLS = 40  # along the longer side: a photo is compared with its render in means over cells
 FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
@@ -39,10 +39,10 @@ def refinement(
 ) -> Iterator[Refined]:
     """The best look after 0, 1, ... STEPS of Adam on embedding and tone, which begin as given; none if looks follow no embedding.
 
-    Minimised is the mean |render - picture| of cell means: what is finer than a cell says where things lie, not how they are lit. L1, because
-    passers-by would pull harder on a squared error. Of all steps, the start among them, the one that fits best is kept. bound: where an
-    embedding may go; beyond, the SH transfer makes up colours for what the photo does not show. The same for any number of
-    threads, which torch's own products are not on every processor.
+    It minimises the mean |render - picture| of cell means: detail finer than a cell says where things lie, not how they are lit. L1, because
+    passers-by would pull harder on a squared error. The best-fitting step so far is kept, the start included. bound: keeps an
+    embedding where it may go; beyond, the SH transfer makes up colours for what the photo does not show. The result is the same for any
+    number of threads, which torch's own matrix products do not ensure on every processor.
     """
     embedding = start.detach().clone().requires_grad_()
     gains = (torch.ones(2, 3, device=start.device) if tone is None else tone).log().requires_grad_()

@@ -1,4 +1,4 @@
-"""One training a run folder: it is taken before the work begins, so that trainings begun together do not share one."""
+"""One training per run folder, claimed before the work begins, so that trainings begun together do not share one."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,7 +12,7 @@ from core.training import run
 
 @contextmanager
 def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterator[Path]:
-    """The folder that run.choose_folder chooses, made and held; where nothing was put into it, it vanishes again.
+    """The folder that run.choose_folder chooses, made and held; it is removed again if nothing was put into it.
 
     Raises BadInput like run.choose_folder, and for a folder that cannot be made or is held by another training.
     """

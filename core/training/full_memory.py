@@ -1,4 +1,4 @@
-"""When the GPU's memory runs out in the middle of training: what is learnt is kept, and the user told what to lower."""
+"""When the GPU's memory runs out in the middle of training: what was learnt is saved, and the user is told what to lower."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from core.training.trainer import Trainer
 
 @contextmanager
 def saved_if_memory_runs_out(trainer: Trainer) -> Iterator[None]:
-    """Training inside; TrainingStopped with a checkpoint written where torch could not get memory on the GPU."""
+    """Around training: where torch gets no memory on the GPU, a checkpoint is written and TrainingStopped raised."""
     try:
         yield
     except torch.OutOfMemoryError:

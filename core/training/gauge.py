@@ -1,6 +1,6 @@
-"""What holds the neutral look: without it, base harmonics and the residual of the mean embedding could drift against each other.
+"""What keeps the base harmonics at the neutral look: without it, they and the residual of the mean embedding could drift apart.
 
-Their sum stays the same when one grows by what the other loses; to choose one such pair is to fix a gauge, as physics calls it.
+Their sum stays the same when one gains what the other loses; choosing one such pair is what physics calls fixing a gauge.
 """
 
 import torch

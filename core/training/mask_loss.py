@@ -10,7 +10,7 @@ TYPICAL_ERROR = 0.05  # makes the weight of L_regM comparable with the picture's
 # The yardstick of an error, in chromaticity: what differs by less is light, or what is not learnt yet. On training photos of plaza 79 %
 # of the passers-by differ by more and 27 % of the rest, on those of the Statue of Liberty 14 % of everything.
 STRANGE = 0.05
-USUAL = 0.8  # a photo that is learnt worse than that is judged by its own errors: passers-by seldom cover more than the rest
+USUAL = 0.8  # quantile of a photo's errors that is its yardstick if above STRANGE: passers-by seldom cover more than the rest
 LARGEST_EXCESS = 2.0  # an error three times the yardstick is as strange as can be
 DARK = 0.1  # brightness at which a chromaticity counts half: in the dark it is noise
 BRIGHTEST = 2.0  # of a render or a photo in training, far above what exposure jitter brings

@@ -23,12 +23,12 @@ LEAST_STRANGE_SHARE = 0.015  # columns and corners make 0.5 to 1 % of calm photo
 # to + 0.4 at 21 % (Liberty), 0 to - 0.5 at 4 % (plaza).
 LEAST_VIEW_DEPENDENCE = 0.1
 TOO_FEW = "the photos are too few, or share too few points, to tell"
-USUAL_DEGREE = 1  # where nothing can be said; higher degrees ask for more views of a point than tracks are long
+USUAL_DEGREE = 1  # where nothing can be said; higher degrees need more views of a point than SfM tracks have
 
 
 @dataclass(frozen=True)
 class Decision:
-    """A setting that was left to the data. figure: what decided it, None where too little was seen. because: in words."""
+    """A setting that was left to the photos. figure: the measurement that decided it, None where too little was seen. because: the reason in words."""
 
     setting: str
     value: str | int

@@ -1,4 +1,4 @@
-"""What a step minimises of the view that it has drawn: each loss with its weight, from the moment on from which it counts."""
+"""What a step minimises: each loss with its weight, from the point of the run at which it begins to count."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_re
 
 @dataclass(frozen=True)
 class Drawn:
-    """One step's view, in the look of its photo: what the losses are computed of, and what they lead back to.
+    """One step's forward pass, in the look of its photo: what the losses are computed from, and what their gradients flow back to.
 
-    target: the photo as it is compared. embedding, leaves, probe: leaves of the graph, those of the look, of the visible Gaussians and
-    of their places in the picture (px). seen: those Gaussians in the look. residual: what the look adds to their harmonics.
-    regularising: waits for L_regSH of it, see losses.residual_loss.
+    target: the photo as it is compared. embedding, leaves, probe: the leaves of the autograd graph: the look's embedding, the parameters of
+    the visible Gaussians, and zeros added to their projected centres (px). seen: these Gaussians in the look. residual: what the look adds to
+    their harmonics. regularising: waits for its L_regSH, see losses.residual_loss.
     """
 
     camera: Camera

@@ -6,6 +6,6 @@ photos           pictures, backdrop, jitter
 losses           objective, photometric (_cpu, _cuda), mask_loss, losses, gauge
 Gaussians        initialisation, gaussians, densify, adam (_cuda)
 networks         networks
-on disk          run, checkpoint, claim, masks
+on disk          run, viewer_files, checkpoint, claim, masks
 for the user     tell, interrupt, full_memory
 """

@@ -23,11 +23,9 @@ from core.data.collection import Collection, Photo
 from core.data.kept_points import home_of
 from core.data.made import CONFIG, followed, is_of_run, path_within, read_mark, way_to
 from core.errors import BadInput, BadSetting, not_made
-from core.export.ply import write_points
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
-from core.scene.harmonics import MAX_DEGREE
-from core.training import checkpoint
+from core.training import checkpoint, viewer_files
 from core.training.backdrop import is_cut_out
 from core.training.needs import Decision
 
@@ -37,9 +35,9 @@ RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
 # All that a run may have written, and so all that --force may delete.
 OURS = (
-    *("cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves"),
-    *(HISTORY, landmarks.FILE, "masks", PREVIEW, "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png"),
-)
+    "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves",
+    HISTORY, landmarks.FILE, "masks", PREVIEW, "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png",
+)  # fmt: skip
 
 
 # --- finding and naming runs
@@ -123,10 +121,7 @@ def create(folder: Path, collection: Collection, settings: Settings, decisions: 
     except OSError as problem:
         raise not_made(folder, problem) from None
     try:
-        world = collection.frame.for_files().to_world(collection.points)
-        write_points(folder / "input.ply", world, collection.point_colours)
-        write_json(folder / "cameras.json", _cameras_json(collection))
-        write_text(folder / "cfg_args", _cfg_args(folder, collection, is_cut_out(settings)))
+        viewer_files.write(folder, collection, is_cut_out(settings))
         write_config(folder, collection, settings, decisions)
     except BaseException:
         _clear(folder)
@@ -156,6 +151,13 @@ def rewind_history(folder: Path, step: int) -> None:
         return line.endswith("\n") and number.isdecimal() and int(number) <= step
 
     write_text(path, "".join([*lines[:1], *filter(is_done, lines[1:])]))
+
+
+def point_cloud_path(folder: Path, step: int) -> Path:
+    """Where viewers look for the Gaussians after `step` steps; the folder is made."""
+    path = folder / "point_cloud" / f"iteration_{step}" / "point_cloud.ply"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 # --- config.json
@@ -240,50 +242,3 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
         mask=None if mask is None else home / mask,
         mask_lens=values.get("mask_lens"),
     )
-
-
-# --- the original project's files
-
-
-def _cameras_json(collection: Collection) -> list[dict]:
-    """Training views first, as in the original; position and rotation lead from camera (OpenCV axes) to world."""
-    entries = []
-    for number, photo in enumerate((*collection.split("train"), *collection.split("test"))):
-        camera = photo.camera.in_world(collection.frame.for_files())
-        entries.append(
-            {
-                "id": number,
-                "img_name": photo.name,
-                "width": camera.width,
-                "height": camera.height,
-                "position": camera.centre.tolist(),
-                "rotation": camera.world_to_camera.T.tolist(),
-                "fy": camera.fy,
-                "fx": camera.fx,
-                "cx": camera.cx,  # not in the original's, which puts it in the middle
-                "cy": camera.cy,
-            }
-        )
-    return entries
-
-
-def _cfg_args(folder: Path, collection: Collection, on_white: bool) -> str:
-    """The printed argparse.Namespace from which the original's viewer takes the source folder and the SH degree."""
-    fields = {
-        "sh_degree": MAX_DEGREE,  # of the file, not of the run: the viewer derives from it how long a row is
-        "source_path": str(collection.root.resolve()),
-        "model_path": str(folder.resolve()),
-        "images": "images",
-        "resolution": -1,
-        "white_background": on_white,
-        "data_device": "cpu",
-        "eval": bool(collection.split("test")),
-    }
-    return "Namespace(" + ", ".join(f"{name}={value!r}" for name, value in fields.items()) + ")"
-
-
-def point_cloud_path(folder: Path, step: int) -> Path:
-    """Where viewers look for the Gaussians after `step` steps; the folder is made."""
-    path = folder / "point_cloud" / f"iteration_{step}" / "point_cloud.ply"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path

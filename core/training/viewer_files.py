@@ -1,0 +1,53 @@
+"""The files of a run folder that viewers of the original 3DGS project read, beside point_cloud/: input.ply, cameras.json, cfg_args."""
+
+from pathlib import Path
+
+from core.atomic import write_json, write_text
+from core.data.collection import Collection
+from core.export.ply import write_points
+from core.scene.harmonics import MAX_DEGREE
+
+
+def write(folder: Path, collection: Collection, on_white: bool) -> None:
+    """Write all three. on_white: viewers are to draw the scene over white."""
+    points = collection.frame.for_files().to_world(collection.points)
+    write_points(folder / "input.ply", points, collection.point_colours)
+    write_json(folder / "cameras.json", _cameras_json(collection))
+    write_text(folder / "cfg_args", _cfg_args(folder, collection, on_white))
+
+
+def _cameras_json(collection: Collection) -> list[dict]:
+    """Training views first, as in the original; position and rotation lead from camera (OpenCV axes) to world."""
+    entries = []
+    for number, photo in enumerate((*collection.split("train"), *collection.split("test"))):
+        camera = photo.camera.in_world(collection.frame.for_files())
+        entries.append(
+            {
+                "id": number,
+                "img_name": photo.name,
+                "width": camera.width,
+                "height": camera.height,
+                "position": camera.centre.tolist(),
+                "rotation": camera.world_to_camera.T.tolist(),
+                "fy": camera.fy,
+                "fx": camera.fx,
+                "cx": camera.cx,  # not in the original's, which puts it in the middle
+                "cy": camera.cy,
+            }
+        )
+    return entries
+
+
+def _cfg_args(folder: Path, collection: Collection, on_white: bool) -> str:
+    """The printed argparse.Namespace from which the original's viewer takes the source folder and the SH degree."""
+    fields = {
+        "sh_degree": MAX_DEGREE,  # of the file, not of the run: the viewer derives from it how long a row is
+        "source_path": str(collection.root.resolve()),
+        "model_path": str(folder.resolve()),
+        "images": "images",
+        "resolution": -1,
+        "white_background": on_white,
+        "data_device": "cpu",
+        "eval": bool(collection.split("test")),
+    }
+    return "Namespace(" + ", ".join(f"{name}={value!r}" for name, value in fields.items()) + ")"

@@ -131,7 +131,12 @@ class Settings:
     transfer_layers: int = setting(3, "Layers of the SH transfer MLP.", low=2, high=64)
     transfer_width: int = setting(64, "Width of the SH transfer MLP.", low=1, high=4096)
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0, high=16)
-    sh_octaves: int = setting(0, "Octaves of the positional encoding of base SH; at sh_degree 2 or 3 with embedding_enters=input only, else training falls apart.", low=0, high=16)
+    sh_octaves: int = setting(
+        0,
+        "Octaves of the positional encoding of base SH; at sh_degree 2 or 3 with embedding_enters=input only, else training falls apart.",
+        low=0,
+        high=16,
+    )
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
     encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
@@ -143,7 +148,9 @@ class Settings:
         "How masks enter the picture loss: weighting the maps, or multiplying the pictures, whose error then teaches them (paper).",
         choices=("weighted", "paper"),
     )
-    mask_regularisation: float = setting(0.00625, "Weight of mean((1 - M)^2) (L_regM); mask_loss=paper takes more, such as 0.15, or masks hide everything.", low=0)
+    mask_regularisation: float = setting(
+        0.00625, "Weight of mean((1 - M)^2) (L_regM); mask_loss=paper takes more, such as 0.15, or masks hide everything.", low=0
+    )
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
     transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
@@ -168,7 +175,12 @@ class Settings:
     densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
     densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
-    reach: float = setting(4.0, "Gaussians farther from SfM points than this many times their spacing there, or their median spacing if that is larger, are removed; 0 keeps all.", low=0)
+    reach: float = setting(
+        4.0,
+        "Gaussians farther from SfM points than this many times their spacing there, or their median spacing if that is larger, are removed; "
+        "0 keeps all.",
+        low=0,
+    )
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
     prune_contribution: float = setting(
         UNDECIDED,

@@ -27,11 +27,11 @@ from core.evaluation.sheet import picture_sheet, pictures_kept, row_of, write_vi
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks import saved_look
 from core.looks.find_look import find_appearance, find_view
+from core.looks.held_out_views import over_views
 from core.looks.look_file import write_look
 from core.looks.preview import write_preview
 from core.looks.trained import bake, blend, load_run
 from core.looks.trim import trim_of
-from core.measuring import over_views
 from core.report import QUIET, Report
 from core.training import checkpoint, run
 from core.training.claim import held, new_run

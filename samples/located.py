@@ -23,9 +23,9 @@ from core.data.collection import Collection, Photo
 from core.data.locate import locate
 from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refining
+from core.looks.held_out_views import held_out_view
 from core.looks.refined_look import landmarks_of_run
 from core.looks.trained import Run, load_run
-from core.measuring import held_out_view
 from core.report import QUIET
 from core.scene.camera import Camera
 from core.training import run

@@ -26,9 +26,9 @@ from core.data import load_collection, photos
 from core.data.collection import Collection, Photo
 from core.errors import BadInput
 from core.evaluation.metrics import psnr, quantised
+from core.looks.held_out_views import held_out_view
 from core.looks.outside import read_from_outside
 from core.looks.trained import Appearance, Run, bake, load_run
-from core.measuring import held_out_view
 from core.training import run
 from core.training.trainer import Trainer
 from core.words import counted

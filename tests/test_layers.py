@@ -18,7 +18,6 @@ LAYERS = [
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},
     {"core.looks"},
-    {"core.measuring"},
     {"core.pipeline", "core.doctor"},
     {"core.bench"},
     {"wegs_cli"},

@@ -12,10 +12,11 @@ import pytest
 import torch
 
 import core.rasterizer
-from core import measuring, pipeline
+from core import pipeline
 from core.bench import suite
 from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
+from core.looks import held_out_views
 from core.training import run
 from tests.heard import Heard
 from tests.small import damage, give_to_pipeline, small_collection, small_settings
@@ -266,8 +267,8 @@ def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):
         view = held_out_view(live, photo)
         return replace(view, valid=torch.full(view.picture.shape[:2], photo.name != "photo_2.png"))
 
-    held_out_view = measuring.held_out_view
-    monkeypatch.setattr(measuring, "held_out_view", view_of)
+    held_out_view = held_out_views.held_out_view
+    monkeypatch.setattr(held_out_views, "held_out_view", view_of)
     results = pipeline.evaluate(trained[0], refine=False)
     assert len(results.views) == 1 and np.isfinite(results.means()["photo"]["zero_shot"]["psnr"])
 

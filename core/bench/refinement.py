@@ -17,8 +17,8 @@ from core.errors import BadInput
 from core.evaluation import metrics
 from core.evaluation.protocols import View, fit_of, refining
 from core.evaluation.subject import Subject
+from core.looks.held_out_views import over_views
 from core.looks.trained import Run
-from core.measuring import over_views
 from core.report import Report
 from core.words import counted
 

@@ -10,7 +10,7 @@ from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
 from core.evaluation.protocols import measure
-from core.measuring import held_out_view
+from core.looks.held_out_views import held_out_view
 from core.report import Report
 from tests.heard import Heard
 from tests.small import damage

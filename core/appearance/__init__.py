@@ -1,1 +1,8 @@
-"""How looks differ: photo -> embedding and mask (encoder), embedding -> colours of the Gaussians (transfer)."""
+"""How looks differ: photo -> embedding and mask, embedding -> colours of the Gaussians.
+
+all of it             model
+photo -> embedding    encoder, attention; mask_table, of an ablation
+embedding -> colours  sh_transfer, positional_encoding (_cuda); exposure, where looks differ by no more than that
+the transfer's MLP    transfer_mlp, transfer_kernels, transfer_arithmetic, matrix_product
+photos from outside   reach, tone, refinement
+"""

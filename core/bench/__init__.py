@@ -1,8 +1,9 @@
-"""Error against run time: one module a curve, one `Figure` for all of them, one module that draws it."""
+"""Error against run time, as work-precision figures.
 
-FIGURES = (
-    "rendering",
-    "baking",
-    "training",
-    "refinement",
-)  # what `wegs bench` can measure, in the order in which it does
+which, of what, where to  suite
+what is measured          rendering (levers), baking, training, refinement
+with what                 stopwatch, errors, machine, small_scene
+what comes of it          figure, drawing, files
+"""
+
+FIGURES = ("rendering", "baking", "training", "refinement")  # what `wegs bench` can measure, in the order in which it does

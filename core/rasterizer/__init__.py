@@ -1,4 +1,9 @@
-"""Rasterizers: one contract, several backends. Adding one is a module and a line in BACKENDS."""
+"""Rasterizers: one contract, several backends. Adding one is a module and a line in BACKENDS.
+
+what all must do  contract; inputs, what kernels check
+the backends      reference, the definition; cpu; cuda
+of many views     views
+"""
 
 from importlib import import_module
 

@@ -38,26 +38,26 @@ def threads_for_blocks() -> Iterator[None]:
 
     For work in which torch's own operations are small: OpenMP's threads save less than they cost where ours are at work.
     """
-    before, _ours.threads = _ours.threads, threads()
+    before, _calling_thread.threads = _calling_thread.threads, threads()
     try:
         with one_torch_thread():
             yield
     finally:
-        _ours.threads = before
+        _calling_thread.threads = before
 
 
-class _Ours(threading.local):
+class _CallingThread(threading.local):
     """The calling thread's number of threads for blocks, where it is not that of torch."""
 
     threads: int | None = None
 
 
-_ours = _Ours()
+_calling_thread = _CallingThread()
 
 
 def threads() -> int:
     """How many threads work in blocks when the calling thread asks for it: torch's number, or the one it had."""
-    return torch.get_num_threads() if _ours.threads is None else _ours.threads
+    return torch.get_num_threads() if _calling_thread.threads is None else _calling_thread.threads
 
 
 def in_parallel(work: Callable[[int, int], None], total: int, block: int) -> None:

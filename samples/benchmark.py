@@ -36,8 +36,8 @@ from wegs_cli.main import Told
 SMALL = 0.01  # of all sizes
 
 MEASUREMENTS = {
-    "step": partial(steps.measure_step, appearance="full", transients="on"),
-    "plain-step": partial(steps.measure_step, appearance="off", transients="off"),
+    "step": partial(steps.measure_step, settings=steps.EVERYTHING),
+    "plain-step": partial(steps.measure_step, settings=steps.PLAIN),
     "rasterizer": drawing.measure_rasterizer,
     "plain-torch": drawing.measure_plain_torch,
     "gaussians": drawing.measure_growth_in_gaussians,

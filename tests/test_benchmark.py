@@ -18,7 +18,7 @@ from core.training.photometric_cpu import _Photometric
 from core.training.trainer import Trainer
 from samples import benchmark, benchmark_cuda
 from samples.measurements import drawing, first_use, steps, threads
-from samples.measurements.scenes import plaza
+from samples.measurements.scenes import STEP_SIZE_PX, plaza
 from samples.measurements.stopwatch import Stopwatch
 
 SCALE = benchmark.SMALL
@@ -36,7 +36,7 @@ def test_laps_hold_what_they_are_named_after(monkeypatch, appearance, transients
     """The hooks rely on the order in which autograd walks back: with another one, times would go to the wrong parts."""
     torch.set_num_threads(1)
     settings = Settings(resolution=1, max_gaussians=600, appearance=appearance, transients=transients, sh_degree=1)
-    trainer = Trainer(plaza(SCALE), settings, Path())
+    trainer = Trainer(plaza(SCALE, STEP_SIZE_PX), settings, Path())
     trainer.done = trainer.settings.steps // 2
     stopwatch, happened = Stopwatch(), []
     stopwatch.lap = happened.append

@@ -58,7 +58,7 @@ def small(monkeypatch):
     monkeypatch.setattr(on_gpu, "Settings", partial(Settings, sky_gaussians=12, encoder_side_px=16))
     monkeypatch.setattr("samples.measurements.steps.STEP_GAUSSIANS", 20)
     monkeypatch.setattr("samples.measurements.scenes.STEP_GAUSSIANS", 20)
-    monkeypatch.setattr(on_gpu, "trainer_with", partial(on_gpu.trainer_with, size_px=(16, 12)))
+    monkeypatch.setattr(on_gpu, "trainer_of", partial(on_gpu.trainer_of, size_px=(16, 12)))
     monkeypatch.setattr("samples.measurements.scenes.STEP_PHOTOS", 2)
     monkeypatch.setitem(sys.modules, "gsplat", SimpleNamespace(rasterization=rasterization))
 

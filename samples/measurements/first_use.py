@@ -42,10 +42,10 @@ def first_step(started: float) -> dict[str, float]:
     import torch  # noqa: F401
 
     lap("Python and torch")
-    from samples.measurements.steps import trainer_of
+    from samples.measurements.steps import EVERYTHING, trainer_of
 
     lap("wegs")
-    trainer = trainer_of(SCALE, "full", "on")
+    trainer = trainer_of(SCALE, EVERYTHING)
     lap("photos")
     trainer.step()
     lap("first step")

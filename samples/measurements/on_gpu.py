@@ -23,7 +23,7 @@ from samples.measurements import peer
 from samples.measurements.drawing import draw
 from samples.measurements.gpu import GpuStopwatch, Place, compiled, copy_bandwidth, in_turns, profiled
 from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE, STEP_GAUSSIANS, garden, garden_camera
-from samples.measurements.steps import trainer_with
+from samples.measurements.steps import trainer_of
 
 GAUSSIANS, SIZE_PX = 1_000_000, (1920, 1080)
 STEP_SIZES = (10_000, STEP_GAUSSIANS)
@@ -96,7 +96,7 @@ def measure_baked(place: Place, scale: float) -> Iterable[Line]:
 def trainer_at(place: Place, gaussians: float, settings: Settings) -> Trainer:
     """A Trainer in the middle of a run on so many Gaussians, past its first steps."""
     where = {"device": place.device.type, "backend": "cuda"}
-    trainer = trainer_with(gaussians / STEP_GAUSSIANS, settings.changed(**where))
+    trainer = trainer_of(gaussians / STEP_GAUSSIANS, settings.changed(**where))
     for _ in range(WARM_UP):
         trainer.step()
     return trainer

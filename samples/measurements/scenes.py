@@ -19,7 +19,7 @@ DEGREE, COEFFICIENTS = 3, 16  # of the garden and of what is baked; steps have t
 BAKED = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)  # the defaults, for a scene that needs all
 
 
-def plaza(scale: float, size_px: tuple[int, int] = STEP_SIZE_PX) -> Collection:
+def plaza(scale: float, size_px: tuple[int, int]) -> Collection:
     """The sample's wide photos, seen at another size, and points strewn around its SfM points. size_px: of the photos at scale 1."""
     sample = load_collection(Path(__file__).parents[1] / "plaza")
     size = [round(side * scale**0.5) for side in size_px]

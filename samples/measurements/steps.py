@@ -11,24 +11,21 @@ from samples.measurements.scenes import STEP_GAUSSIANS, STEP_SIZE_PX, plaza
 from samples.measurements.stopwatch import Stopwatch
 
 WARM_UP, STEPS = 100, 60  # the first steps turn the haze of a fresh scene into surfaces
+EVERYTHING = Settings(appearance="full", transients="on", sh_degree=1)
+PLAIN = Settings(appearance="off", transients="off", sh_degree=1)
 
 
-def trainer_of(scale: float, appearance: str, transients: str, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
-    """A Trainer in the middle of its run: full size, masks at work."""
-    return trainer_with(scale, Settings(appearance=appearance, transients=transients, sh_degree=1), size_px)
-
-
-def trainer_with(scale: float, settings: Settings, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
-    """The same with these settings, but for those that decide about sizes."""
+def trainer_of(scale: float, settings: Settings, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
+    """A Trainer in the middle of its run, masks at work. scale: decides how many Gaussians there are and how many pixels, not `settings`."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
     trainer = Trainer(plaza(scale, size_px), settings.changed(resolution=1, max_gaussians=most), Path())
     trainer.done = trainer.settings.steps // 2
     return trainer
 
 
-def measure_step(scale: float, appearance: str, transients: str) -> dict:
+def measure_step(scale: float, settings: Settings) -> dict:
     """Steps without density control. On one thread nothing runs beside anything else, so that parts have a time of their own."""
-    stopwatch, trainer, threads = Stopwatch(), trainer_of(scale, appearance, transients), torch.get_num_threads()
+    stopwatch, trainer, threads = Stopwatch(), trainer_of(scale, settings), torch.get_num_threads()
     whole = Stopwatch().repeat(trainer.step, math.ceil(WARM_UP * scale), math.ceil(STEPS * scale))["whole"]["median"]
     watch_step(trainer, stopwatch)
     torch.set_num_threads(1)

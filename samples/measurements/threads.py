@@ -10,7 +10,7 @@ from core import rasterizer
 from core.awake import cores_awake
 from samples.measurements.drawing import draw, garden_of
 from samples.measurements.scenes import STEP_SIZE_PX, USUAL_SIZE_PX
-from samples.measurements.steps import WARM_UP, trainer_of
+from samples.measurements.steps import EVERYTHING, WARM_UP, trainer_of
 from samples.measurements.stopwatch import Stopwatch, spread
 
 TURNS = 25
@@ -24,7 +24,7 @@ def measure_threads(scale: float) -> dict:
     backend = rasterizer.create("cpu")
     works = {"rasterizer": lambda: draw(backend, scene, camera)}
     for size_px in (STEP_SIZE_PX, USUAL_SIZE_PX):
-        trainer = trainer_of(scale, "full", "on", size_px)
+        trainer = trainer_of(scale, EVERYTHING, size_px)
         for _ in range(math.ceil(WARM_UP * scale)):
             trainer.step()
         works["step of {} x {}".format(*size_px)] = trainer.step

@@ -77,8 +77,8 @@ def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:
 
 
 def _focal_length(camera: Camera) -> float:
-    """In lengths of the longer side."""
-    return max(camera.fx, camera.fy) / max(camera.width, camera.height)
+    """In lengths of the longer side; the mean of both, as `placing.is_usual` takes it."""
+    return (camera.fx + camera.fy) / 2 / max(camera.width, camera.height)
 
 
 def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:

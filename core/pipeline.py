@@ -17,7 +17,7 @@ from core.data.collection import picture_places
 from core.data.given_masks import check_masks, with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
 from core.data.made import FADE
-from core.data.photo_file import SUFFIXES
+from core.data.photo_folder import SUFFIXES
 from core.data.prepare import prepared
 from core.errors import BadInput, BadSetting, WegsError, command
 from core.evaluation import LOOKS, lpips

@@ -10,7 +10,7 @@ import pycolmap
 
 from core.data.found_file import nearly_named, with_files_found
 from core.data.model_file import holds_model, lacking_files, read_model
-from core.data.photo_file import list_photos
+from core.data.photo_folder import list_photos
 from core.data.phototourism import find_tables
 from core.data.placing import View
 from core.data.posed import Points, Posed, usable

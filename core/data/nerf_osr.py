@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.photo_file import list_photos
+from core.data.photo_folder import list_photos
 from core.data.placing import View
 from core.data.posed import Fault, Posed, from_camera_to_world
 from core.errors import BadInput

@@ -1,28 +1,17 @@
 """What a photo file says about itself without being decoded: its size, its EXIF rotation, whether it is whole."""
 
-import hashlib
 import mmap
-import os
 import struct
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from core.data.made import is_of_run, is_of_wegs
 from core.errors import BadInput
 
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what is wrong with a photo is said here, once
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe")
-# Of cameras and phones; OpenCV reads none, or as .avif in some builds only, and not turned as the file says. No photo is a .gif.
-UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif", ".hif", ".jxl", ".pef", ".srw")
-
-LEVELS = 3  # of folders in folders: phone scanners keep photos as deep as that
-START_BYTES = 1 << 16  # of files that may be copies
 JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"
 JPEG_EXIF = b"Exif\0\0"
@@ -50,76 +39,6 @@ class Header:
     def displayed(self) -> tuple[int, int]:
         """Width and height as displayed."""
         return (self.height, self.width) if self.orientation >= 5 else (self.width, self.height)
-
-
-def list_photos(folder: Path) -> list[Path]:
-    """The files in `folder` (not below) with a photo's suffix, by name. Hidden files are not photos."""
-    return _list_files(folder, SUFFIXES)
-
-
-def list_unreadable(folder: Path) -> list[Path]:
-    """The files in `folder` in formats that cannot be read, by name."""
-    return _list_files(folder, UNREADABLE_SUFFIXES)
-
-
-def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
-    return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
-
-
-def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
-    """The files that are byte for byte as an earlier one of `paths`, with that one. Only what begins alike is read to its end."""
-    copies = {}
-    for same_size in _alike(paths, lambda path: path.stat().st_size):
-        for same_start in _alike(same_size, lambda path: _digest(path, START_BYTES)):
-            for original, *others in _alike(same_start, _digest):
-                copies |= dict.fromkeys(others, original)
-    return copies
-
-
-def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Path]]:
-    """The files that share a key with others, in their order; what cannot be read is like no other."""
-    groups: dict[object, list[Path]] = {}
-    for path in paths:
-        with suppress(OSError):  # who reads it will say so
-            groups.setdefault(key(path), []).append(path)
-    return [group for group in groups.values() if len(group) > 1]
-
-
-def _digest(path: Path, count: int = -1) -> bytes:
-    """Of the first `count` bytes of a file, or of all."""
-    with path.open("rb") as file:
-        return hashlib.sha256(file.read(count)).digest()
-
-
-def no_photos(folder: Path, what: str = "no photos") -> BadInput:
-    """The error for a folder that holds none, `what` in words: it says what is there instead."""
-    if others := list_unreadable(folder):
-        suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
-        return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
-    if is_of_run(folder):
-        return BadInput(f"{folder} is a run, whose pictures are no photos.", "Give the folder that holds your photos.")
-    if below := fuller_below(folder, folder):
-        inner = below.relative_to(folder)
-        return BadInput(f"{folder} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
-    return BadInput(f"{folder} holds {what}.", "Give the folder that holds your photos.")
-
-
-def fuller_below(folder: Path, than: Path) -> Path | None:
-    """The folder that holds the most photos of all up to LEVELS below `folder`, if it holds more than `than`; what wegs wrote does not count."""
-    found = {path: len(list_photos(path)) for path in (than, *_folders_below(folder, LEVELS))}
-    fullest = max(found, key=found.get)  # the first of equals
-    return None if fullest == than else fullest
-
-
-def _folders_below(folder: Path, levels: int) -> Iterator[Path]:
-    """By name, each before those in it, without hidden ones and those of runs; what cannot be listed is skipped."""
-    with suppress(OSError):
-        for path in sorted(folder.iterdir()):
-            if path.is_dir() and os.access(path, os.R_OK | os.X_OK) and not path.name.startswith(".") and not is_of_wegs(path):
-                yield path
-                if levels > 1:
-                    yield from _folders_below(path, levels - 1)
 
 
 def bad_photo(path: Path, why: str) -> BadInput:

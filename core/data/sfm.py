@@ -15,17 +15,8 @@ from core.data.likely_pairs import likely_pairs
 from core.data.made import read_mark, stamp, write_mark
 from core.data.mapping import map_photos
 from core.data.model_file import quiet
-from core.data.photo_file import (
-    JPEG_EXIF,
-    Header,
-    bad_photo,
-    copies_among,
-    list_photos,
-    list_unreadable,
-    no_photos,
-    probe,
-    without_orientation,
-)
+from core.data.photo_file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
+from core.data.photo_folder import copies_among, list_photos, list_unreadable, no_photos
 from core.data.photos import read
 from core.data.placing import is_usual
 from core.data.split import copy_lists

@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 
 from core.data.found_file import with_files_found
-from core.data.photo_file import SUFFIXES
+from core.data.photo_folder import SUFFIXES
 from core.data.placing import View
 from core.data.point_file import read_points_file
 from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable

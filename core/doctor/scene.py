@@ -15,7 +15,8 @@ from core.data.found_cameras import scene_around
 from core.data.kept_points import scene_of
 from core.data.likely_pairs import PAIR_S, most_pairs
 from core.data.load import FOUND_BY_SFM
-from core.data.photo_file import fuller_below, list_photos, list_unreadable, named_with_fault
+from core.data.photo_file import named_with_fault
+from core.data.photo_folder import fuller_below, list_photos, list_unreadable
 from core.data.placing import USUAL_FOCAL_LENGTHS
 from core.data.sfm import placed_of, shortfall
 from core.doctor import views

@@ -10,7 +10,7 @@ import pytest
 
 from core.atomic import replacing_folder
 from core.data import load_collection, sfm
-from core.data.photo_file import list_photos
+from core.data.photo_folder import list_photos
 from core.data.photos import load
 from core.data.sfm import name_in, reconstruct
 from core.errors import BadInput, WegsError

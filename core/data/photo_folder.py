@@ -1,0 +1,86 @@
+"""Which photos a folder holds: by suffix, without copies, and where else to look when there are none."""
+
+import hashlib
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from core.data.made import is_of_run, is_of_wegs
+from core.errors import BadInput
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe")
+# Formats of cameras and phones that OpenCV cannot read (.avif only in some builds, and not turned as the file says); no .gif is a photo.
+UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif", ".hif", ".jxl", ".pef", ".srw")
+LEVELS = 3  # how deep to look for photos in subfolders: phone scanners nest theirs that deep
+START_BYTES = 1 << 16  # of files of one size, compared before the whole of them
+
+
+def list_photos(folder: Path) -> list[Path]:
+    """The files in `folder` (not below) with a photo's suffix, by name. Hidden files are not photos."""
+    return _list_files(folder, SUFFIXES)
+
+
+def list_unreadable(folder: Path) -> list[Path]:
+    """The files in `folder` in formats that cannot be read, by name."""
+    return _list_files(folder, UNREADABLE_SUFFIXES)
+
+
+def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
+    return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
+
+
+def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
+    """The files that equal an earlier one of `paths` byte for byte -> that one. Only files that begin alike are read to the end."""
+    copies = {}
+    for same_size in _alike(paths, lambda path: path.stat().st_size):
+        for same_start in _alike(same_size, lambda path: _digest(path, START_BYTES)):
+            for original, *others in _alike(same_start, _digest):
+                copies |= dict.fromkeys(others, original)
+    return copies
+
+
+def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Path]]:
+    """Groups of files with the same key, in their order; files that cannot be read are left out."""
+    groups: dict[object, list[Path]] = {}
+    for path in paths:
+        with suppress(OSError):  # reported when it is read as a photo
+            groups.setdefault(key(path), []).append(path)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def _digest(path: Path, count: int = -1) -> bytes:
+    """The hash of a file, or of its first `count` bytes."""
+    with path.open("rb") as file:
+        return hashlib.sha256(file.read(count)).digest()
+
+
+def no_photos(folder: Path, what: str = "no photos") -> BadInput:
+    """The error for a folder without photos, which says what it holds instead. what: what is missing, in words."""
+    if others := list_unreadable(folder):
+        suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
+        return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
+    if is_of_run(folder):
+        return BadInput(f"{folder} is a run, whose pictures are no photos.", "Give the folder that holds your photos.")
+    if below := fuller_below(folder, folder):
+        inner = below.relative_to(folder)
+        return BadInput(f"{folder} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
+    return BadInput(f"{folder} holds {what}.", "Give the folder that holds your photos.")
+
+
+def fuller_below(folder: Path, than: Path) -> Path | None:
+    """The folder up to LEVELS below `folder` with the most photos, if it holds more than the folder `than`; what wegs wrote does not count."""
+    found = {path: len(list_photos(path)) for path in (than, *_folders_below(folder, LEVELS))}
+    fullest = max(found, key=found.get)  # the first of equals
+    return None if fullest == than else fullest
+
+
+def _folders_below(folder: Path, levels: int) -> Iterator[Path]:
+    """Subfolders by name, each before its own; without hidden ones, those that wegs wrote, and those that cannot be listed."""
+    with suppress(OSError):
+        for path in sorted(folder.iterdir()):
+            if path.is_dir() and os.access(path, os.R_OK | os.X_OK) and not path.name.startswith(".") and not is_of_wegs(path):
+                yield path
+                if levels > 1:
+                    yield from _folders_below(path, levels - 1)

@@ -12,7 +12,7 @@ from core import device
 from core.atomic import check_apart, check_file, check_fillable, filling
 from core.awake import cores_awake
 from core.config import Settings
-from core.data import load_collection, sfm
+from core.data import load_collection, sfm, sfm_record
 from core.data.collection import picture_places
 from core.data.given_masks import check_masks, with_masks, with_masks_of
 from core.data.load import check_cameras_unknown
@@ -64,7 +64,7 @@ def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
     """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
     check_cameras_unknown(photos)
     sfm.reconstruct(photos, output, report)
-    if words := sfm.shortfall(output):
+    if words := sfm_record.shortfall(output):
         report.warn(words)
     report.say(f"Next: {command('wegs', 'train', output)}")
     return output

@@ -3,7 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from core.data import sfm
+from core.data import sfm, sfm_record
 from core.data.colmap import find_model
 from core.data.load import kind_with_cameras
 from core.data.made import made_once, read_mark
@@ -31,11 +31,11 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     wanted: where it should lie; if another scene does, a number is added. A scene that is there is used again only for
     the very same files (path, size and time of change of each). Errors: as sfm.reconstruct.
     """
-    made_of = sfm.files_of(photos)
+    made_of = sfm_record.files_of(photos)
 
     def make(scene: Path) -> None:
         if around := scene_around(photos):
             report.warn(f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew.")
         sfm.reconstruct(photos, scene, report)
 
-    return made_once(wanted, lambda folder: read_mark(folder / sfm.MARK) == made_of, make, "Cameras as found", report)
+    return made_once(wanted, lambda folder: read_mark(folder / sfm_record.FILES) == made_of, make, "Cameras as found", report)

@@ -8,7 +8,7 @@ from pathlib import Path
 from core.data.collection import Collection, Photo, place_of
 from core.data.photo_file import named_with_fault, probe
 from core.data.photo_folder import SUFFIXES, list_photos
-from core.data.sfm import lenses_of
+from core.data.sfm_record import lenses_of
 from core.errors import BadInput
 from core.words import Note, Reasons, counted, is_harmless
 

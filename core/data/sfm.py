@@ -12,30 +12,26 @@ from core.atomic import files_in, replacing_folder
 from core.data.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
 from core.data.lens import describe
 from core.data.likely_pairs import likely_pairs
-from core.data.made import read_mark, stamp, write_mark
+from core.data.made import write_mark
 from core.data.mapping import map_photos
 from core.data.model_file import quiet
 from core.data.photo_file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
 from core.data.photo_folder import copies_among, list_photos, list_unreadable, no_photos
 from core.data.photos import read
-from core.data.placing import is_usual
+from core.data.sfm_record import FILES, LENSES, NAMES, files_of
 from core.data.split import copy_lists
 from core.errors import BadInput
 from core.report import Report
 from core.words import counted, name_them
 
 JPEG_SUFFIXES = (".jpg", ".jpeg")
-MARK = "photos.json"  # in a scene: the files it was made of
-NAMES = "names.json"  # in a scene: what it calls the photos of those files
-LENSES = "lenses.json"  # in a scene: through which lens each of its photos was taken, before it was undistorted
 FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
-LENS = {"model", "width", "height", "params"}  # what is known of each
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), MARK, NAMES, LENSES and what lists of held-out
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), what core.data.sfm_record reads, and what lists of held-out
     photos there are. It appears whole or not at all. Two runs give the same up to core.data.mapping.REPEATABLE
     photos; of more they differ slightly, as COLMAP's threads do.
     Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
@@ -70,7 +66,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         model = map_photos(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
-        write_mark(work / "scene" / MARK, made_of)
+        write_mark(work / "scene" / FILES, made_of)
         copy_lists(photos, work / "scene")
         originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
         write_mark(work / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
@@ -79,40 +75,6 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         report.warn(line)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output
-
-
-def files_of(photos: Path) -> dict[str, list[int]]:
-    """The photos in a folder, each with what tells whether it is the file it was."""
-    return {str(path.resolve()): stamp(path) for path in list_photos(photos)}
-
-
-def name_in(scene: Path, path: Path) -> str | None:
-    """What the scene calls the photo that was made of the file `path`; None for any other file, or one changed since."""
-    original = str(path.resolve())
-    return read_mark(scene / NAMES).get(original) if read_mark(scene / MARK).get(original) == stamp(path) else None
-
-
-def lenses_of(scene: Path) -> dict[str, dict]:
-    """The lenses (as Photo.lens) through which the photos of a scene of ours were taken, by its names; none of any other scene."""
-    found = read_mark(scene / LENSES) if (scene / MARK).is_file() else {}
-    return {name: lens for name, lens in found.items() if isinstance(lens, dict) and LENS <= lens.keys()}
-
-
-def placed_of(scene: Path) -> tuple[int, int, int] | None:
-    """Of how many photos a scene of ours was made, how many of them got a place, and how many of these a focal length that lenses have; None for any other scene."""
-    total, lenses = len(read_mark(scene / NAMES)), lenses_of(scene)
-    if not total or not lenses:
-        return None
-    return total, len(lenses), sum(is_usual(pycolmap.Camera(**{part: lens[part] for part in LENS})) for lens in lenses.values())
-
-
-def shortfall(scene: Path) -> str:
-    """What to tell of a scene of ours that lost most of its photos; nothing of any other."""
-    total, placed, plausible = placed_of(scene) or (0, 0, 0)
-    if 2 * plausible >= total:
-        return ""
-    but = f", and {placed - plausible} of these with a focal length that no lens has" if placed > plausible else ""
-    return f"Only {placed} of {total} photos could be placed{but}: expect a poor scene. Add photos from in between."
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:

@@ -18,7 +18,7 @@ from core.data.load import FOUND_BY_SFM
 from core.data.photo_file import named_with_fault
 from core.data.photo_folder import fuller_below, list_photos, list_unreadable
 from core.data.placing import USUAL_FOCAL_LENGTHS
-from core.data.sfm import placed_of, shortfall
+from core.data.sfm_record import placed_of, shortfall
 from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command

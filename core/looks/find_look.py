@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from core.data import photos as files
-from core.data import sfm
+from core.data import sfm_record
 from core.data.collection import Photo
 from core.data.given_masks import check_fits, masked_size, with_mask
 from core.data.made import read_mark
@@ -72,7 +72,7 @@ def _of_collection(trained: Run, word: str) -> Photo | None:
     if not path.is_file():
         return collection.called(word)
     same = next((photo for photo in collection.photos if photo.path.is_file() and photo.path.samefile(path)), None)
-    made_of = sfm.name_in(collection.root, path)
+    made_of = sfm_record.name_in(collection.root, path)
     return same or next((photo for photo in collection.photos if photo.name == made_of), None)
 
 
@@ -90,9 +90,9 @@ def find_view(trained: Run, word: str | None) -> Photo:
 def _left_out(trained: Run, word: str) -> Path | None:
     """The file called `word`, with its suffix or without, that structure from motion was given and did not take into the scene."""
     root = trained.collection.root
-    names = read_mark(root / sfm.NAMES)
+    names = read_mark(root / sfm_record.NAMES)
     known = {photo.name for photo in trained.collection.photos}
-    lost = [Path(path) for path in read_mark(root / sfm.MARK) if names and names.get(path) not in known]
+    lost = [Path(path) for path in read_mark(root / sfm_record.FILES) if names and names.get(path) not in known]
     return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
 
 
@@ -103,7 +103,7 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, repor
         _refuse_unknown_to_table(trained, photo.name)
     if mask is not None:
         size = probe(mask).displayed
-        photo = with_mask(photo, mask, size, sfm.lenses_of(trained.collection.root).get(photo.name))
+        photo = with_mask(photo, mask, size, sfm_record.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, masked_size(photo))
     picture = trained.picture(photo)
     look = trained.model.look(picture.encoder_input, row)

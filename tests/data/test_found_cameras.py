@@ -3,7 +3,7 @@
 import pytest
 
 from core.atomic import replacing_folder, write_json
-from core.data import sfm
+from core.data import sfm, sfm_record
 from core.data.found_cameras import scene_around, scene_of_photos
 from core.errors import BadInput
 from tests.data.small_scene import SmallScene
@@ -19,7 +19,7 @@ def calls(monkeypatch):
     def reconstruct(photos, output, report):
         names.append(output.name)
         output.mkdir(parents=True)
-        write_json(output / sfm.MARK, sfm.files_of(photos))
+        write_json(output / sfm_record.FILES, sfm_record.files_of(photos))
         return output
 
     monkeypatch.setattr(sfm, "reconstruct", reconstruct)
@@ -76,9 +76,9 @@ def test_of_two_trainings_begun_at_once_the_slower_takes_what_the_faster_found(p
     def reconstruct(folder, output, report):
         with replacing_folder(output) as work:
             (work / "scene").mkdir()
-            write_json(work / "scene" / sfm.MARK, others or sfm.files_of(folder))
+            write_json(work / "scene" / sfm_record.FILES, others or sfm_record.files_of(folder))
             output.mkdir()
-            write_json(output / sfm.MARK, others or sfm.files_of(folder))  # by the other one
+            write_json(output / sfm_record.FILES, others or sfm_record.files_of(folder))  # by the other one
 
     monkeypatch.setattr(sfm, "reconstruct", reconstruct)
     others, heard = {}, Heard()

@@ -7,7 +7,8 @@ import pycolmap
 import pytest
 
 from core.data import mapping
-from core.data.sfm import placed_of, reconstruct, shortfall
+from core.data.sfm import reconstruct
+from core.data.sfm_record import placed_of, shortfall
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.real_data import real

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from core.atomic import replacing_folder
-from core.data import load_collection, sfm
+from core.data import load_collection, sfm, sfm_record
 from core.data.photo_folder import list_photos
 from core.data.photos import load
-from core.data.sfm import name_in, reconstruct
+from core.data.sfm import reconstruct
+from core.data.sfm_record import name_in
 from core.errors import BadInput, WegsError
 from core.report import Report
 from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
@@ -74,7 +75,7 @@ def test_cameras_are_found_again(tmp_path):
     assert [photo.name for photo in collection.split("test")] == ["b.png.jpg"]
     assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
     assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg"]
-    lenses = sfm.lenses_of(scene)
+    lenses = sfm_record.lenses_of(scene)
     assert lenses.keys() == {photo.name for photo in collection.photos}
     assert all((lens["model"], lens["width"], lens["height"]) == ("SIMPLE_RADIAL", WIDTH, HEIGHT) for lens in lenses.values())
     assert all(photo.lens is None and photo.camera.width > photo.camera.height for photo in collection.photos)
@@ -154,7 +155,7 @@ def test_the_model_comes_last_into_a_folder_that_is_there(tmp_path, monkeypatch)
     monkeypatch.setattr(Path, "iterdir", lambda folder: iter(sorted(listed(folder), reverse=True)))
     monkeypatch.setattr(os, "replace", lambda part, place: (replaced.append(Path(place).name), put(part, place)))
     with replacing_folder(tmp_path) as work:
-        for name in ("sparse", "images", sfm.MARK, sfm.NAMES, sfm.LENSES):
+        for name in ("sparse", "images", sfm_record.FILES, sfm_record.NAMES, sfm_record.LENSES):
             (work / "scene" / name).mkdir(parents=True)
     assert len(replaced) == 5 and replaced[-1] == "sparse"
 

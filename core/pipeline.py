@@ -14,7 +14,7 @@ from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm, sfm_record
 from core.data.collection import picture_places
-from core.data.given_masks import check_masks, with_masks, with_masks_of
+from core.data.given_masks import check_masks, with_masks_in, with_same_masks
 from core.data.load import check_cameras_unknown
 from core.data.made import FADE
 from core.data.photo_folder import SUFFIXES
@@ -100,7 +100,7 @@ def train(
         if settings.all_photos:
             collection = collection.undivided()
         if masks is not None:
-            collection = with_masks(collection, masks)
+            collection = with_masks_in(collection, masks)
         tell_collection(collection, report)
         trainer = Trainer(collection, settings, folder)
         run.create(folder, collection, trainer.settings, trainer.decisions)
@@ -129,7 +129,7 @@ def _go_on(folder: Path, report: Report) -> Path:
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
     if not before.root.is_dir():
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
-    collection = with_masks_of(load_collection(before.root, settings.all_photos), before)
+    collection = with_same_masks(load_collection(before.root, settings.all_photos), before)
     collection = collection.undivided() if settings.all_photos else collection
     trainer = Trainer(collection, settings, folder)
     names = {picture.photo.name for picture in trainer.pictures}

@@ -1,4 +1,4 @@
-"""Masks that the user gives: which photo each belongs to, and what is said about them (`wegs train --masks DIR`)."""
+"""Masks that come with photos, from the user (`wegs train --masks DIR`) or from the scene: which photo each belongs to, and whether it fits."""
 
 import os
 from dataclasses import replace
@@ -16,21 +16,20 @@ SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its pict
 
 
 def check_masks(folder: Path) -> None:
-    """Raise BadInput unless the folder is there, with pictures in it: asked before the minutes that cameras may take."""
+    """Raise BadInput unless the folder is there and holds pictures: asked before cameras are found, which may take minutes."""
     if not folder.is_dir():
         raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
     if next((path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES), None) is None:
         raise BadInput(f"{folder} holds no pictures.", "Give --masks a folder with one mask a photo.")
 
 
-def with_masks(collection: Collection, folder: Path) -> Collection:
-    """The collection whose photos know their masks in `folder`; white = use, any format, in any size.
+def with_masks_in(collection: Collection, folder: Path) -> Collection:
+    """The collection whose photos have the masks in `folder`; white = use, of any format and size.
 
-    A mask belongs to the photo of its stem, `0001.png` to `0001.jpg`, or to that of its whole name, `0001.jpg.png`, as COLMAP's
-    do; for photos in folders (`left/0001.jpg`) a mask in the same folder beats one in `folder` itself. A photo without a mask
-    is used whole, even if the scene gives one. Notes say how many training photos have one, which have none, one of another size
-    (it is resized, nearest pixel), or one that is damaged or of another shape (it is not used), and which masks belong to no
-    photo. Raises BadInput for a folder without any mask that can be used, and for two masks of one photo.
+    A mask is named after its photo: `0001.png` or, as for COLMAP, `0001.jpg.png` belongs to `0001.jpg`. For photos in subfolders
+    (`left/0001.jpg`) a mask in the same subfolder beats one in `folder` itself. A photo without a mask here is used whole, even if the
+    scene gives it one. Notes: as `with_masks_by_name`, and which masks belong to no photo. Raises BadInput for a folder without a
+    usable mask, and for two masks of one photo.
     """
     listed = {place: _by_stem(folder / place) for place in {Path(), *(place_of(photo.name).parent for photo in collection.photos)}}
     masks = {}
@@ -47,7 +46,7 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
     if not any(photo.name in masks for photo in training):
         example = place_of(training[0].name).with_suffix(".png")
         raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
-    found = masked(collection, masks, folder)
+    found = with_masks_by_name(collection, masks, folder)
     if not any(photo.mask for photo in found.split("train")):
         why = "; ".join(note for note in found.notes[len(collection.notes) :] if not is_harmless(note))
         raise BadInput(f"No mask in {folder} can be used: {why}.", "Copy or draw them again.")
@@ -60,47 +59,47 @@ def with_masks(collection: Collection, folder: Path) -> Collection:
 
 
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: dict | None) -> Photo:
-    """The photo with its mask, of this `size` (px). taken_through: the lens of the photo as it was taken, where its file is an
-    undistorted copy; the mask is that of the photo as it was taken, unless it has the size of the copy."""
+    """The photo with its mask, of this `size` (px). taken_through: the lens of the original photo, where the photo's file is an undistorted
+    copy of it; the mask is then one of the original, unless it has the size of the copy."""
     copy = replace(photo, mask=mask, mask_lens=None)
-    return copy if size == masked_size(copy) else replace(copy, mask_lens=taken_through)
+    return copy if size == size_for_mask(copy) else replace(copy, mask_lens=taken_through)
 
 
-def masked_size(photo: Photo) -> tuple[int, int]:
-    """Width and height (px) of the picture that the photo's mask is one of: the photo, or the photo as it was taken."""
+def size_for_mask(photo: Photo) -> tuple[int, int]:
+    """Width and height (px) of the picture that the photo's mask was drawn on: the photo, or the original that it is an undistorted copy of."""
     lens = photo.mask_lens
     return (photo.camera.width, photo.camera.height) if lens is None else (lens["width"], lens["height"])
 
 
 def fits(size: tuple[int, int], wanted: tuple[int, int]) -> bool:
-    """Whether a mask of this `size` (px) is of the shape of its picture, but for what making it by hand may change."""
+    """Whether a mask of this `size` (px) has the aspect of its picture, within what drawing it by hand may change."""
     return abs(log(size[0] * wanted[1] / (size[1] * wanted[0]))) <= SHAPE_TOLERANCE + 1 / min(size)
 
 
 def check_fits(mask: Path, size: tuple[int, int], wanted: tuple[int, int]) -> None:
-    """Raise BadInput for a mask of this `size` (px) that is of another shape than its picture."""
+    """Raise BadInput unless a mask of this `size` (px) `fits` its picture."""
     if not fits(size, wanted):
         shapes = f"{size[0]} x {size[1]} px, its photo {wanted[0]} x {wanted[1]}"
         raise BadInput(f"The mask {mask} is {shapes}: of another shape.", "Give one of the whole photo, as displayed.")
 
 
-def masked(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
-    """The collection whose photos have those of the `masks` (by photo name) that are there, in place of any others.
+def with_masks_by_name(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
+    """The collection whose photos have these `masks`, by photo name, in place of any others. source: what named them.
 
-    Notes say how many training photos have one, which have none, and which masks are of another size than their photo, or are missing, damaged or
-    of another shape, and then not used. `source` gave them.
+    Notes say how many training photos have one; which have none; whose mask has another size and is resized (nearest pixel); and whose
+    mask is not used, because it is missing, damaged or of another shape.
     """
     lenses, photos, said = lenses_of(collection.root), [], Reasons()
     for photo in collection.photos:
         heard = said if photo.split == "train" else Reasons()  # masks never enter a figure
-        photos.append(_masked(photo, masks.get(photo.name), lenses.get(photo.name), heard))
+        photos.append(_with_mask_if_usable(photo, masks.get(photo.name), lenses.get(photo.name), heard))
     count = sum(photo.mask is not None for photo in photos if photo.split == "train")
     summary = Note(f"{counted(count, 'photo')} with a mask from {source}.", harmless=True)
     return replace(collection, photos=tuple(photos), notes=(*collection.notes, summary, *said.notes()))
 
 
-def _masked(photo: Photo, mask: Path | None, taken_through: dict | None, said: Reasons) -> Photo:
-    """The photo with its mask, or without any where that cannot be used; what is odd is `said` of it."""
+def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: dict | None, said: Reasons) -> Photo:
+    """The photo with its mask, or without one if the mask cannot be used; what is odd about it goes into `said`."""
     whole = replace(photo, mask=None, mask_lens=None)
     if mask is None:
         said.add("without a mask, used whole", photo.name)
@@ -114,16 +113,16 @@ def _masked(photo: Photo, mask: Path | None, taken_through: dict | None, said: R
         said.add("with a damaged mask, used whole", named_with_fault(photo.name, mask, problem))
         return whole
     found = with_mask(photo, mask, size, taken_through)
-    if not fits(size, masked_size(found)):
+    if not fits(size, size_for_mask(found)):
         said.add("with a mask of another shape, used whole", photo.name)
         return whole
-    if size != masked_size(found):
+    if size != size_for_mask(found):
         said.add("with a mask of another size, which is resized", photo.name)
     return found
 
 
-def with_masks_of(collection: Collection, before: Collection) -> Collection:
-    """The collection with the masks that an earlier reading of it had: how a run goes on. BadInput if one is gone."""
+def with_same_masks(collection: Collection, before: Collection) -> Collection:
+    """The collection with the masks that it had when it was read `before`, so that a run can go on. BadInput if one is gone."""
     masks = {photo.name: (photo.mask, photo.mask_lens) for photo in before.photos}
     if gone := [mask for mask, _ in masks.values() if mask and not mask.is_file()]:
         raise BadInput(f"{counted(len(gone), 'mask')} of the run cannot be found, such as {gone[0]}.", "Put them back.")
@@ -135,7 +134,7 @@ def with_masks_of(collection: Collection, before: Collection) -> Collection:
 
 
 def _stems_of_masks(photo: Path) -> list[str]:
-    """The stems that a mask of the photo may have, the first that is found counts."""
+    """The stems that a mask of the photo may have; the first one found counts."""
     stems = [photo.name, photo.stem]
     if Path(photo.stem).suffix.lower() in SUFFIXES:  # 0001.png became 0001.png.jpg when its camera was found
         stems.append(Path(photo.stem).stem)
@@ -143,7 +142,7 @@ def _stems_of_masks(photo: Path) -> list[str]:
 
 
 def _by_stem(folder: Path) -> dict[str, list[Path]]:
-    """The pictures of a folder, none where there is no such folder."""
+    """The pictures in a folder by their stems; empty if there is no such folder."""
     found: dict[str, list[Path]] = {}
     for path in list_photos(folder) if folder.is_dir() else ():
         found.setdefault(path.stem, []).append(path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from core.data.collection import FAR, Collection, Photo, astray
-from core.data.given_masks import masked
+from core.data.given_masks import with_masks_by_name
 from core.data.photo_folder import copies_among
 from core.data.placing import LARGEST_COORDINATE, Placing, View
 from core.data.split import split_photos
@@ -102,7 +102,7 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
         name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)
     )
     masks = {view.name: view.mask for view in views.values() if view.mask is not None}
-    return masked(collection, masks, posed.source) if masks else collection
+    return with_masks_by_name(collection, masks, posed.source) if masks else collection
 
 
 def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[str] = ()) -> BadInput:

@@ -9,7 +9,7 @@ import torch
 from core.data import photos as files
 from core.data import sfm_record
 from core.data.collection import Photo
-from core.data.given_masks import check_fits, masked_size, with_mask
+from core.data.given_masks import check_fits, size_for_mask, with_mask
 from core.data.made import read_mark
 from core.data.photo_file import probe
 from core.errors import BadInput
@@ -104,7 +104,7 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, repor
     if mask is not None:
         size = probe(mask).displayed
         photo = with_mask(photo, mask, size, sfm_record.lenses_of(trained.collection.root).get(photo.name))
-        check_fits(mask, size, masked_size(photo))
+        check_fits(mask, size, size_for_mask(photo))
     picture = trained.picture(photo)
     look = trained.model.look(picture.encoder_input, row)
     kind = "training" if row is not None else "held-out"

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from core.data import lens as lenses
-from core.data.given_masks import check_fits, check_masks, masked, masked_size, with_mask, with_masks, with_masks_of
+from core.data.given_masks import (
+    check_fits,
+    check_masks,
+    size_for_mask,
+    with_mask,
+    with_masks_by_name,
+    with_masks_in,
+    with_same_masks,
+)
 from core.data.photos import load, read, read_light
 from core.errors import BadInput
 from core.training import run
@@ -38,7 +46,7 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     save_mask(folder / "photo_2.png")  # of a held-out photo
     save_mask(folder / "passer.png")
     (folder / "read.me").write_text("not a picture")
-    found = with_masks(collection, folder)
+    found = with_masks_in(collection, folder)
     assert [photo.mask and photo.mask.name for photo in found.photos] == ["photo_0.jpg", "photo_1.bmp", "photo_2.png", None, None, None]
     assert all(photo.mask is None for photo in found.split("test"))
     assert found.notes == (
@@ -47,7 +55,7 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
         "2 photos without a mask, used whole: photo_3.png, photo_4.png",
         "1 mask of no photo in use, such as passer.png.",
     )
-    again = with_masks_of(collection, found)
+    again = with_same_masks(collection, found)
     assert [tuple(vars(photo).values()) for photo in again.photos] == [tuple(vars(photo).values()) for photo in found.photos]
 
 
@@ -55,13 +63,13 @@ def test_masks_of_photos_whose_cameras_were_found_are_known_by_the_name_the_user
     """Structure from motion makes a photo.png.jpg of a photo.png."""
     photos = tuple(replace(photo, name=f"{photo.name}.jpg") for photo in collection.photos)
     wanted = save_mask(tmp_path / "masks" / "photo_0.png")
-    assert with_masks(replace(collection, photos=photos), tmp_path / "masks").photos[0].mask == wanted
+    assert with_masks_in(replace(collection, photos=photos), tmp_path / "masks").photos[0].mask == wanted
 
 
 def test_masks_named_as_colmap_names_them_are_found(collection, tmp_path):
     folder = tmp_path / "masks"
     wanted = [save_mask(folder / f"photo_{index}.png.png") for index in (0, 1)]
-    found = with_masks(collection, folder)
+    found = with_masks_in(collection, folder)
     assert [photo.mask for photo in found.photos[:2]] == wanted and "no photo in use" not in "".join(found.notes)
 
 
@@ -71,7 +79,7 @@ def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_pat
     photos = tuple(replace(photo, name=names.get(photo.name, photo.name)) for photo in collection.photos)
     wanted = [save_mask(folder / "a.png"), save_mask(folder / "right" / "a.png"), save_mask(folder / "b.tif")]
     save_mask(folder / "left" / "b.tif")  # a name that is in use elsewhere
-    found = with_masks(replace(collection, photos=photos), folder)
+    found = with_masks_in(replace(collection, photos=photos), folder)
     masks = {photo.name: photo.mask for photo in found.photos}
     assert [masks[name] for name in names.values()] == wanted
     assert found.notes[-1] == "1 mask of no photo in use, such as left/b.tif."
@@ -83,7 +91,7 @@ def test_photos_named_by_whole_paths_or_through_the_folder_above_are_not_their_o
     photos = tuple(replace(photo, name=name) for photo, name in zip(collection.photos, names, strict=True))
     wanted = [save_mask(folder / f"photo_{index}.png") for index in (0, 3)]
     save_mask(folder / "passer.png")
-    found = with_masks(replace(collection, photos=photos), folder)
+    found = with_masks_in(replace(collection, photos=photos), folder)
     assert [photo.mask for photo in found.photos if photo.mask] == wanted
     assert found.notes[-1] == "1 mask of no photo in use, such as passer.png."
 
@@ -91,9 +99,9 @@ def test_photos_named_by_whole_paths_or_through_the_folder_above_are_not_their_o
 def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
     own = {photo.name: save_mask(tmp_path / "own" / photo.name) for photo in collection.photos[:2]}
     given = save_mask(tmp_path / "masks" / "photo_1.png")
-    scene = masked(collection, own, tmp_path / "transforms.json")
+    scene = with_masks_by_name(collection, own, tmp_path / "transforms.json")
     assert [photo.mask for photo in scene.photos[:3]] == [own["photo_0.png"], own["photo_1.png"], None]
-    found = with_masks(scene, tmp_path / "masks")
+    found = with_masks_in(scene, tmp_path / "masks")
     assert [photo.mask for photo in found.photos[:3]] == [None, given, None]
     assert found.notes[-1] == "The masks that the scene itself gives are not used."
 
@@ -109,17 +117,17 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
     save_mask(folder / "0.jpg")  # of no photo, so that nothing has to be chosen
     save_mask(folder / "photo_2.png")
     with pytest.raises(BadInput, match="no mask of a training photo.*such as photo_0.png"):
-        with_masks(collection, folder)
+        with_masks_in(collection, folder)
     save_mask(folder / "photo_0.png")
     save_mask(folder / "photo_0.jpg")
     with pytest.raises(BadInput, match="photo_0.jpg and photo_0.png are masks of one photo"):
-        with_masks(collection, folder)
+        with_masks_in(collection, folder)
 
 
 def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
     save_mask(tmp_path / "masks" / "photo_0.png", 17, 24)  # half the size, as near as whole pixels are
     save_mask(tmp_path / "masks" / "photo_1.png", 8, 99, np.s_[:3])
-    found = with_masks(collection, tmp_path / "masks")
+    found = with_masks_in(collection, tmp_path / "masks")
     assert [photo.mask is not None for photo in found.photos[:2]] == [True, False]
     assert "1 photo with a mask of another shape, used whole: photo_1.png" in found.notes
     with pytest.raises(BadInput, match="photo_1.png is 99 x 8 px, its photo 48 x 36: of another shape"):
@@ -131,9 +139,9 @@ def test_damaged_masks_of_training_photos_are_named_and_the_others_used(collecti
     for number in (0, 2):  # 2 is held out
         save_mask(folder / f"photo_{number}.png").write_bytes(b"no picture")
     with pytest.raises(BadInput, match="No mask in .* can be used: 1 photo with a damaged mask.*: photo_0.png .is not.*; 3 photos without"):
-        with_masks(collection, folder)
+        with_masks_in(collection, folder)
     wanted = save_mask(folder / "photo_1.png")
-    found = with_masks(collection, folder)
+    found = with_masks_in(collection, folder)
     assert [photo.mask for photo in found.photos] == [None, wanted, None, None, None, None]
     assert [note for note in found.notes if "damaged mask" in note] == [
         "1 photo with a damaged mask, used whole: photo_0.png (is not a photo that can be read)"
@@ -143,7 +151,7 @@ def test_damaged_masks_of_training_photos_are_named_and_the_others_used(collecti
 def test_a_mask_that_is_missing_is_called_so(collection, tmp_path):
     """One whose name is too long for the disk as well."""
     given = {"photo_0.png": tmp_path / ("m" * 300), "photo_1.png": tmp_path / "gone.png"}
-    found = masked(collection, given, tmp_path)
+    found = with_masks_by_name(collection, given, tmp_path)
     assert found.photos[0].mask is None and "0 photos with a mask" in found.notes[-3]
     assert found.notes[-2] == f"2 photos whose mask is missing, used whole: photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
     with pytest.raises(BadInput, match="The mask .*gone.png cannot be opened"):
@@ -156,7 +164,7 @@ def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
     photo = photo_at(save(tmp_path / "copy.png", np.zeros((114, 199, 3), np.uint8)), 199, 114)
     photo = replace(photo, camera=replace(photo.camera, fx=112.0, fy=112.0))
     found = with_mask(photo, save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50]), (160, 106), lens)
-    check_fits(found.mask, (160, 106), masked_size(found))
+    check_fits(found.mask, (160, 106), size_for_mask(found))
     assert 0.2 < load(found, 199, 114).valid.mean() < 0.8
 
 
@@ -271,5 +279,5 @@ def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tm
     before = run.read_config(tmp_path / "run")[2]
     assert before.photos[0].mask_lens == lens and before.photos[1].mask_lens is None
     bare = replace(collection, photos=(replace(first, mask=None, mask_lens=None), *collection.photos[1:]))
-    again = with_masks_of(bare, before).photos[0]
+    again = with_same_masks(bare, before).photos[0]
     assert (again.mask, again.mask_lens) == (mask, lens)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from core import pipeline
-from core.data.given_masks import with_masks
+from core.data.given_masks import with_masks_in
 from core.errors import BadInput
 from core.training import run
 from core.training.pictures import Pictures, Sizes
@@ -44,7 +44,7 @@ def test_who_is_hidden_has_no_influence(tmp_path, changes):
     runs = []
     for name, colour in (("orange", (20, 120, 240)), ("blue", (240, 30, 30))):
         collection = crowded(tmp_path / name, colour)
-        given = with_masks(collection, tmp_path / name / "masks")
+        given = with_masks_in(collection, tmp_path / name / "masks")
         runs.append(trained(given, tmp_path / f"{name}-run", held_out_checks=0, **changes)[0])
     for name, tensor in runs[0].items():
         assert torch.equal(tensor, runs[1][name]), name
@@ -54,7 +54,7 @@ def test_hidden_places_count_for_nothing_from_step_0(tmp_path):
     """Their loss is gone: with masks the first steps' pictures are less wrong than without, by what the block adds."""
     collection = crowded(tmp_path / "scene", (255, 0, 255))
     _, free = trained(collection, tmp_path / "free", transients="off")
-    _, given = trained(with_masks(collection, tmp_path / "scene" / "masks"), tmp_path / "given", transients="off")
+    _, given = trained(with_masks_in(collection, tmp_path / "scene" / "masks"), tmp_path / "given", transients="off")
     assert all(report.picture_loss > 1.2 * other.picture_loss for report, other in zip(free[:4], given[:4], strict=True))
 
 
@@ -63,7 +63,7 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
     for inverted in (False, True):
         for mask in (tmp_path / "masks").iterdir() if inverted else ():
             cv2.imwrite(str(mask), 255 - cv2.imread(str(mask)))
-        given = with_masks(collection, tmp_path / "masks").split("train")
+        given = with_masks_in(collection, tmp_path / "masks").split("train")
         notes = Pictures(given, Sizes(1, 1.0, 32)).notes
         assert notes == (["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."] * inverted)
 
@@ -105,7 +105,7 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
 
 def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     collection = crowded(tmp_path / "scene", (20, 120, 240))
-    trainer = Trainer(with_masks(collection, tmp_path / "scene" / "masks"), small_settings(), tmp_path)
+    trainer = Trainer(with_masks_in(collection, tmp_path / "scene" / "masks"), small_settings(), tmp_path)
     target = trainer.pictures.target(0, 1)[1]
     drawn = trainer._forward(0, 0.9)
     image = torch.full((HEIGHT, WIDTH, 3), 0.4)

@@ -13,7 +13,7 @@ from core.atomic import check_apart, check_file, check_fillable, filling
 from core.awake import cores_awake
 from core.config import Settings
 from core.data import load_collection, sfm, sfm_record
-from core.data.collection import picture_places
+from core.data.collection import png_paths
 from core.data.given_masks import check_masks, with_masks_in, with_same_masks
 from core.data.load import check_cameras_unknown
 from core.data.made import FADE
@@ -317,7 +317,7 @@ def evaluate(
         distance = distance.to(trained.device)
     start = time.perf_counter()
     views, rows, scales = [], [], []
-    places = picture_places(photo.name for photo in photos)
+    paths = png_paths(photo.name for photo in photos)
     through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
     with pictures_kept(trained.folder / PICTURES / protocol, protocol) if keep_pictures else nullcontext() as work:
         for photo, (measured, pictures) in through:
@@ -326,7 +326,7 @@ def evaluate(
             figures = (f"{LOOKS[whose]} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
             rows.append(row_of(pictures, ", ".join(figures)))
             if work is not None:
-                write_view(work, places[photo.name], pictures)
+                write_view(work, paths[photo.name], pictures)
     results = Results(
         protocol=protocol,
         views=tuple(views),

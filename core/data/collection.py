@@ -93,27 +93,27 @@ class Collection:
         raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {self.photos[0].name}.")
 
 
-def place_of(name: str) -> Path:
-    """A photo's name as a path that stays below any folder it is put into: some models name photos by whole paths, or through `..`."""
-    place = Path(name)
-    return Path(place.name) if place.is_absolute() else Path(*(part for part in place.parts if part != ".."))
+def relative_path(name: str) -> Path:
+    """A photo's name as a path that cannot leave the folder it is joined to: some models name photos by whole paths, or through `..`."""
+    path = Path(name)
+    return Path(path.name) if path.is_absolute() else Path(*(part for part in path.parts if part != ".."))
 
 
-def picture_places(names: Iterable[str]) -> dict[str, Path]:
-    """Where the PNG of each of the photos lies in a folder of such: a/0001.png for a/0001.jpg, or a/0001.jpg.png where the
-    photos have an a/0001.webp as well; numbered where that is not enough."""
-    named = {name: place_of(name) for name in names}
-    sharing = Counter(place.with_suffix(".png") for place in named.values())
-    places: dict[Path, str] = {}
-    for name, place in named.items():
-        png, number = place.with_suffix(".png"), 1
+def png_paths(names: Iterable[str]) -> dict[str, Path]:
+    """A PNG's relative path for each of these photos, no two alike: a/0001.png for a/0001.jpg, or a/0001.jpg.png where there is an
+    a/0001.webp as well; numbered where that is not enough."""
+    paths = {name: relative_path(name) for name in names}
+    sharing = Counter(path.with_suffix(".png") for path in paths.values())
+    taken: dict[Path, str] = {}
+    for name, path in paths.items():
+        png, number = path.with_suffix(".png"), 1
         if sharing[png] > 1:
-            png = place.with_name(f"{place.name}.png")
-        while png in places:  # named by whole paths, or through `..`
+            png = path.with_name(f"{path.name}.png")
+        while png in taken:  # named by whole paths, or through `..`
             number += 1
-            png = place.with_name(f"{place.name}-{number}.png")
-        places[png] = name
-    return {name: png for png, name in places.items()}
+            png = path.with_name(f"{path.name}-{number}.png")
+        taken[png] = name
+    return {name: png for png, name in taken.items()}
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:

@@ -13,7 +13,7 @@ from core.data.model_file import holds_model, lacking_files, read_model
 from core.data.photo_folder import list_photos
 from core.data.phototourism import find_tables
 from core.data.placing import View
-from core.data.posed import Points, Posed, usable
+from core.data.posed import Points, Posed, usable_points
 from core.data.transforms import FILE
 from core.errors import BadInput
 from core.words import name_them
@@ -112,7 +112,7 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
     # By id: pycolmap's own order is that of a hash table, and a run must begin the same each time.
     points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
     positions = np.array([point.xyz for _, point in points], np.float64).reshape(-1, 3)
-    good, notes = usable(positions)
+    good, notes = usable_points(positions)
     if not points and any(image.num_points3D for image in reconstruction.images.values()):
         notes.append(f"{model} lacks the points that its photos see: copy it again if you have them.")
     if not good.any():

@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import log
 from pathlib import Path
 
-from core.data.collection import Collection, Photo, place_of
+from core.data.collection import Collection, Photo, relative_path
 from core.data.photo_file import named_with_fault, probe
 from core.data.photo_folder import SUFFIXES, list_photos
 from core.data.sfm_record import lenses_of
@@ -31,10 +31,10 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     scene gives it one. Notes: as `with_masks_by_name`, and which masks belong to no photo. Raises BadInput for a folder without a
     usable mask, and for two masks of one photo.
     """
-    listed = {place: _by_stem(folder / place) for place in {Path(), *(place_of(photo.name).parent for photo in collection.photos)}}
+    listed = {path: _by_stem(folder / path) for path in {Path(), *(relative_path(photo.name).parent for photo in collection.photos)}}
     masks = {}
     for photo in collection.photos:
-        folders = listed[place_of(photo.name).parent], listed[Path()]
+        folders = listed[relative_path(photo.name).parent], listed[Path()]
         stems = _stems_of_masks(Path(photo.name))
         mask, *others = next((found[stem] for found in folders for stem in stems if stem in found), (None,))
         if others:
@@ -44,7 +44,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     unused = sorted({path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values()))
     training = collection.split("train")
     if not any(photo.name in masks for photo in training):
-        example = place_of(training[0].name).with_suffix(".png")
+        example = relative_path(training[0].name).with_suffix(".png")
         raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
     found = with_masks_by_name(collection, masks, folder)
     if not any(photo.mask for photo in found.split("train")):

@@ -131,7 +131,7 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
     return splits, notes, posed.source
 
 
-def usable(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """(P,) bool, which of the points (P, 3) lie at usable coordinates, and a note on those that do not."""
     finite = (np.abs(positions) < LARGEST_COORDINATE).all(axis=1)  # so that NaN fails it
     if finite.any():

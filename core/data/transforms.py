@@ -18,7 +18,7 @@ from core.data.found_file import with_files_found
 from core.data.photo_folder import SUFFIXES
 from core.data.placing import View
 from core.data.point_file import read_points_file
-from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable
+from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable_points
 from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
@@ -150,7 +150,7 @@ class _Reading:
             self.notes.append(f"The points file {path} is missing.")
             return None
         positions, colours = read_points_file(path)
-        good, notes = usable(positions)
+        good, notes = usable_points(positions)
         self.notes += notes
         if not good.any():
             self.notes.append(f"The points file {path} has no usable points.")

@@ -65,10 +65,10 @@ def pictures_kept(folder: Path, protocol: str) -> Iterator[Path]:
         write_json(work / INFO, {"evaluation_protocol": NERFBASELINES[protocol], "dataset_metadata": {"color_space": "srgb"}})
 
 
-def write_view(folder: Path, place: Path, view: ViewPictures) -> None:
-    """The render and the photo as the PNG `place` in PARTS of `folder`."""
+def write_view(folder: Path, png: Path, view: ViewPictures) -> None:
+    """The render and the photo as the file `png` in both of PARTS in `folder`."""
     for part, pixels in zip(PARTS, (view.render, view.photo), strict=True):
-        path = folder / part / place
+        path = folder / part / png
         path.parent.mkdir(parents=True, exist_ok=True)
         write_png(path, pixels)
 

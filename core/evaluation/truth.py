@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.data.collection import place_of
+from core.data.collection import relative_path
 from core.data.kept_points import home_of
 from core.data.photos import read
 from core.errors import BadInput
@@ -39,7 +39,7 @@ def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
     None. Raises BadInput for what cannot be read.
     """
     scene = home_of(scene)
-    name = place_of(photo_name).with_suffix(".png")
+    name = relative_path(photo_name).with_suffix(".png")
     clean = _read(scene / FOLDER / "clean" / name, width, height)
     masks = _read(scene / FOLDER / "masks" / name, width, height)
     return Truth(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.data import find_kind, find_photos, load_collection, prepare
-from core.data.collection import picture_places, place_of
+from core.data.collection import png_paths, relative_path
 from core.data.load import check_cameras_unknown
 from core.data.photos import load
 from core.errors import BadInput
@@ -158,7 +158,7 @@ def test_photos_on_several_drives_of_windows_are_named_by_their_whole_paths(tmp_
     monkeypatch.setattr(os.path, "commonpath", commonpath)
     found = load_collection(write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene"))
     assert [photo.name for photo in found.photos] == [photo.path.as_posix() for photo in found.photos]
-    assert len({place_of(photo.name) for photo in found.photos}) == 4
+    assert len({relative_path(photo.name) for photo in found.photos}) == 4
 
 
 def test_cameras_that_are_known_are_not_looked_for(tmp_path):
@@ -210,9 +210,9 @@ def test_real_collections(name, kind, train, test, points):
 
 
 def test_pictures_about_photos_have_places_of_their_own():
-    places = picture_places(["a/1.jpg", "a/1.webp", "2.png", "../b/3.jpg", "../c/3.jpg", "/x/4.jpg"])
+    places = png_paths(["a/1.jpg", "a/1.webp", "2.png", "../b/3.jpg", "../c/3.jpg", "/x/4.jpg"])
     assert [place.as_posix() for place in places.values()] == ["a/1.jpg.png", "a/1.webp.png", "2.png", "b/3.png", "c/3.png", "4.png"]
-    odd = picture_places(["/x/4.jpg", "/y/4.jpg", "../c/1.jpg", "c/1.jpg", "a.jpg", "a.webp", "a.jpg.png"])
+    odd = png_paths(["/x/4.jpg", "/y/4.jpg", "../c/1.jpg", "c/1.jpg", "a.jpg", "a.webp", "a.jpg.png"])
     assert len(set(odd.values())) == len(odd)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.data.posed import Fault, from_camera_to_world, usable
+from core.data.posed import Fault, from_camera_to_world, usable_points
 
 TURN = np.array([[0.0, -1, 0, 2], [1, 0, 0, 3], [0, 0, 1, 4], [0, 0, 0, 1]])
 
@@ -32,8 +32,8 @@ def test_what_is_no_pose(matrix, words):
 
 def test_points_at_absurd_places_are_counted():
     points = np.random.default_rng(0).normal(size=(20, 3))
-    assert usable(points)[0].all() and usable(points)[1] == []
+    assert usable_points(points)[0].all() and usable_points(points)[1] == []
     points[3, 0], points[4, 1], points[5, 2] = np.nan, 1e200, 1e9
-    good, notes = usable(points)
+    good, notes = usable_points(points)
     assert np.flatnonzero(~good).tolist() == [3, 4, 5] and notes[0].startswith("3 points at NaN")
-    assert not usable(np.full((2, 3), np.nan))[0].any()
+    assert not usable_points(np.full((2, 3), np.nan))[0].any()

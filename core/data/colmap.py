@@ -25,7 +25,7 @@ ORIGINALS = ("input", "photos")  # where photos may lie before they are undistor
 
 
 def find_model(root: Path) -> Path | None:
-    """The folder of the COLMAP model below `root`, or `root` itself with its photos, or None; BadInput where files of it are missing."""
+    """The folder of the COLMAP model: below `root`, or `root` itself if it also holds the photos; else None. BadInput if the model lacks files."""
     folders = [root / name for name in MODEL_FOLDERS]
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
     folders += [root / NERFSTUDIO_FOLDER] * (not (root / FILE).exists())
@@ -40,25 +40,25 @@ def find_model(root: Path) -> Path | None:
 
 
 def kind_of(root: Path) -> str:
-    """What the folder of a COLMAP model and its photos is called: "phototourism" with a split .tsv, else "colmap"."""
+    """The kind of a folder with a COLMAP model and its photos: "phototourism" if it has a split .tsv, else "colmap"."""
     return "phototourism" if find_tables(root)[0] else "colmap"
 
 
 def lacks_photos(folder: Path) -> bool:
-    """Whether the folder is that of a COLMAP model, or of several, and no scene: its photos lie elsewhere."""
+    """Whether the folder is that of a COLMAP model, or of several: not a whole scene, as the photos lie elsewhere."""
     return any(holds_model(path) for path in (folder, *_numbered(folder)))
 
 
 def _numbered(folder: Path) -> list[Path]:
-    """The models that COLMAP writes where the photos fell apart, 0, 1, ...: in no order of size."""
+    """The models 0, 1, ... that COLMAP writes when the photos fall apart into several, in no order of size."""
     found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
     return sorted(found, key=lambda path: int(path.name))
 
 
 def read_colmap(root: Path) -> Posed:
-    """What the COLMAP model below `root` says of the photos in images/, images_N/ or beside; with a split .tsv, "phototourism".
+    """What the COLMAP model below `root` says of its photos, which lie in images/, images_N/ or beside it.
 
-    Raises BadInput for a damaged model and one without poses.
+    Raises BadInput for a damaged model, and for one without poses.
     """
     model = find_model(root)
     if model is None:
@@ -88,7 +88,7 @@ def read_colmap(root: Path) -> Posed:
 
 
 def _names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
-    """The names of a model's photos, by id, and those that are not in UTF-8, as Python names files: pycolmap gives out none of them."""
+    """The names of a model's photos, by id; and, as Python names files, those that are not UTF-8, which pycolmap does not return."""
     names, garbled = {}, []
     for number, image in reconstruction.images.items():
         try:
@@ -100,16 +100,16 @@ def _names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], 
 
 def _view(image: pycolmap.Image, images: Path) -> View:
     pose = image.cam_from_world().matrix()
-    camera = copy(image.camera)  # the model's own goes with the model
+    camera = copy(image.camera)  # the model's own is freed with the model
     rotation = pose[:, :3]
-    with np.errstate(invalid="ignore", over="ignore"):  # what is no pose is left out when the photo is placed
+    with np.errstate(invalid="ignore", over="ignore"):  # an impossible pose is left out when the photo is placed
         centre = -rotation.T @ pose[:, 3]
     return View(image.name, images / image.name, lambda width, height: camera, rotation, centre)
 
 
 def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:
-    """The usable points of a model, if any, and which of its photos sees which, if anything says so; notes."""
-    # By id: pycolmap's own order is that of a hash table, and a run must begin the same each time.
+    """The usable points of a model, if any, with which photo sees which, if the model says so; and notes."""
+    # By id: pycolmap returns them in a hash table's order, but every run must start the same.
     points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
     positions = np.array([point.xyz for _, point in points], np.float64).reshape(-1, 3)
     good, notes = usable_points(positions)
@@ -143,8 +143,8 @@ def _other_models(model: Path) -> list[str]:
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
-    """The folder that holds most of the model's photos: images/, images_N/, the same below dense/, or root itself; input/ or photos/
-    only where these hold none."""
+    """The folder with most of the model's photos: images/, images_N/, the same below dense/, or root itself; input/ or photos/ only if
+    none of these holds any."""
     near = model.parent.parent if model.name.isdecimal() else model.parent
     usual = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
     originals = [base / name for base in (root, near) for name in ORIGINALS]

@@ -14,19 +14,19 @@ from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
 
-LONG_SIDE_PX = 1600  # features are looked for in photos shrunk to this
+LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
 FEATURES = 8192  # at most, of a photo whose camera is known
 LEAST_PHOTOS = 2
-JPEG_QUALITY = 95  # of the copies that features are looked for in, and of undistorted photos
+JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undistorted photos
 SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
-PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the folder of work
-HALF = 128  # of 255, of emptiness: features are looked for where less of a pixel is empty
+PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
+HALF = 128  # of 255: features are extracted where less of a pixel than this is empty
 
 
 def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
-    """Write the pictures of photos for `extract`; the photo of each and its camera, at the picture's size, by its name.
+    """Write the pictures that `extract` reads; returns, by a picture's name, its photo and the camera at its size.
 
     Numbered, because COLMAP's list of pairs is split at spaces. Photos that cannot be decoded are left out.
     """
@@ -42,7 +42,7 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
 
 
 def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
-    """Write a photo undistorted, shrunk to LONG_SIDE_PX, and its mask; its camera at that size. BadInput where it cannot be decoded."""
+    """Write a photo, undistorted and shrunk to LONG_SIDE_PX, and its mask; returns its camera at that size. BadInput if it cannot be decoded."""
     camera = camera.shrunk(LONG_SIDE_PX / max(camera.width, camera.height))
     picture = files.load(photo, camera.width, camera.height, cut_out=True)
     shown = np.ones(picture.pixels.shape[:2], bool) if picture.valid is None else picture.valid
@@ -57,13 +57,13 @@ def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera
 
 
 def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
-    path.write_bytes(cv2.imencode(kind, pixels, flags)[1].tobytes())  # a full disk raises here, where imwrite says False
+    path.write_bytes(cv2.imencode(kind, pixels, flags)[1].tobytes())  # raises if the disk is full; imwrite would only return False
 
 
 def extract(work: Path, names: list[str], report: Report, masks: Path | None = None, most: int = FEATURES) -> None:
     """SIFT features of the photos in work/photos into the database, each photo with a camera of its own.
 
-    masks: a folder of pictures NAME.png that are black where there shall be none. most: features of a photo.
+    masks: a folder of pictures NAME.png, black where no feature is wanted. most: features a photo.
     """
     reading = pycolmap.ImageReaderOptions()
     if masks is not None:
@@ -87,20 +87,20 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
 
 
 def _number(work: Path, names: list[str]) -> None:
-    """Give the photos the next numbers in their order; else they get them as threads finish with them, and mapping depends on the numbers."""
+    """Number the photos in their order. Otherwise they are numbered as threads finish with them, and mapping depends on the numbers."""
     with pycolmap.Database.open(work / DATABASE):
-        pass  # there is one now
+        pass  # creates it
     pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)
 
 
 def match(
     work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO
 ) -> None:
-    """Matches of the pairs of photos into the database.
+    """Match the pairs of photos, into the database.
 
-    verify: keep those that one epipolar geometry explains, which is estimated, and add those that are found along its lines (guided
-    matching; core/TRIED.md has the figures). Without it all that look alike stay.
-    ratio: of the differences to the most and the second most similar feature; matches have a smaller one (Lowe 2004, 7.1).
+    verify: estimate the epipolar geometry of each pair, keep the matches that fit it, and add more along its lines (guided matching;
+    core/TRIED.md has the figures). Without it, all features that look alike stay matched.
+    ratio: of the distances to the most and the second most similar feature, which a match has to be below (Lowe 2004, 7.1).
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
@@ -125,7 +125,7 @@ def match(
 
 
 def _parts(items: list[str], least: int) -> Iterator[tuple[int, list[str]]]:
-    """The items in parts of at least so many, of a size that takes PART_S to work on; and how many there were with each."""
+    """The items in parts of `least` or more, sized to take PART_S each, with the number of items up to the end of that part."""
     done, size = 0, least
     while done < len(items):
         part, since = items[done : done + size], time.monotonic()

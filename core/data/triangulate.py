@@ -27,7 +27,7 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
     Features come from the undistorted pictures, except where these show nothing of use. As the cameras are known, matches are tested
     against their epipolar lines, not against an estimate, and points seen by two photos count. work: an empty folder.
     Photos that cannot be decoded are left out; training names them. Raises BadInput for fewer than LEAST_PHOTOS.
-    Up to 25,000 observations two runs agree bit for bit; beyond, COLMAP adjusts points on several threads, and they differ slightly.
+    Two runs agree bit for bit.
     """
     with quiet():
         cameras = write_pictures(posed, work, report)
@@ -47,6 +47,7 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
         options.min_num_matches = 1  # 15 are for an estimate
         options.triangulation.ignore_two_view_tracks = False
         options.random_seed = SEED
+        options.num_threads = 1  # adjusting points takes a second or two, and several threads would not add up the same each time
         model = pycolmap.triangulate_points(known, work / DATABASE, work / PHOTOS, work / "model", options=options)
     for image in model.images.values():
         image.name = cameras[image.name][0].name

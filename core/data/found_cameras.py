@@ -1,4 +1,4 @@
-"""Cameras of plain photos, found once: structure from motion takes minutes, and its result is kept beside the runs."""
+"""Cameras of plain photos are found once: structure from motion takes minutes, so its result is kept beside the runs."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -12,13 +12,13 @@ from core.report import Report
 
 
 def scene_around(photos: Path) -> tuple[Path, str] | None:
-    """The scene with cameras that the folder `photos` lies in, and its kind; None for none.
+    """The scene with cameras that the folder `photos` lies in, and its kind; None if there is none.
 
-    Where that is the dense/ of a PhotoTourism scene, the whole is meant, which holds the split.
+    Inside the dense/ of a PhotoTourism scene, that is the folder above dense/, which holds the split.
     """
     above = photos.resolve().parent
     for scene in (above.parent, above):
-        with suppress(BadInput):  # parts of a model are no cameras
+        with suppress(BadInput):  # half a model is no scene
             kind = kind_with_cameras(scene)
             if kind and (scene == above or (find_model(scene) or scene).is_relative_to(above)):
                 return scene, kind
@@ -26,10 +26,10 @@ def scene_around(photos: Path) -> tuple[Path, str] | None:
 
 
 def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
-    """Where the COLMAP scene of the photos in the folder `photos` lies; it is made now unless it is there already.
+    """The folder of the COLMAP scene made of the photos in the folder `photos`, which is made now unless it exists.
 
-    wanted: where it should lie; if another scene does, a number is added. A scene that is there is used again only for
-    the very same files (path, size and time of change of each). Errors: as sfm.reconstruct.
+    wanted: the folder; with a number if another scene has it. A scene is used again only for the very same files (path, size and
+    modification time of each). Errors: as sfm.reconstruct.
     """
     made_of = sfm_record.files_of(photos)
 

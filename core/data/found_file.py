@@ -1,4 +1,4 @@
-"""Photos that lie under names which are nearly those that a model gives: other programs, systems and disks change them."""
+"""Finds photos whose file names differ slightly from those in a model: other programs, systems and disks change names."""
 
 import os
 from collections import Counter
@@ -13,9 +13,9 @@ from core.words import Note, name_them
 
 
 def with_files_found(views: Sequence[View], folders: Iterable[Path]) -> tuple[list[View], list[Note]]:
-    """The views, those whose file is missing with one of nearly its name, and a note on these.
+    """The views, where a missing file is replaced by one of nearly the same name; and a note that names these.
 
-    folders: where else to look than in the folder that is said.
+    folders: where to look besides the folder that the view names.
     """
     missing = [view for view in views if not os.path.isfile(view.path)]  # pathlib's raises for names that are too long
     if not missing:
@@ -28,8 +28,8 @@ def with_files_found(views: Sequence[View], folders: Iterable[Path]) -> tuple[li
 
 
 def nearly_named(paths: Iterable[Path], folders: Iterable[Path], others: Iterable[Path] = ()) -> dict[Path, Path]:
-    """The photos that these paths of missing files can only mean, where there is one: in the folder that is said or else in `folders`
-    the only one that differs in nothing but capitals, the form of its Unicode or its suffix, if it is none of the `others`."""
+    """The photo that each of these missing files must be, where there is just one: in the file's own folder, or else in `folders`, the
+    only photo whose name differs in nothing but case, Unicode form or suffix, unless it is meant twice or one of the `others`."""
     folders, known, found = tuple(folders), {}, {}
     for path in paths:
         name = _key(path.name.replace("\\", "/").rsplit("/", 1)[-1])  # some were written on Windows
@@ -46,7 +46,7 @@ def nearly_named(paths: Iterable[Path], folders: Iterable[Path], others: Iterabl
 
 
 def _by_key(folder: Path) -> dict[str, list[Path]]:
-    """The photos of the folder by their names and by their stems; none where there is no such folder."""
+    """The photos in a folder by name and by stem; empty if there is no such folder."""
     photos: dict[str, list[Path]] = {}
     for photo in list_photos(folder) if os.path.isdir(folder) else ():
         for name in (photo.name, photo.stem):

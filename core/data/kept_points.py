@@ -1,4 +1,4 @@
-"""Points of photos that came with cameras but without points: triangulated once, and kept beside the runs."""
+"""Points for scenes that have cameras but no points: triangulated once, and kept beside the runs."""
 
 from pathlib import Path
 
@@ -18,10 +18,10 @@ MODEL = "points"  # a COLMAP model of the training photos
 
 
 def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
-    """The folder of the collection's points, which core.data.load reads as it does the collection's own; made now unless it is there.
+    """The folder of the collection's points, which core.data.load reads like the scene itself; made now unless it exists.
 
-    wanted: where it should lie; if something else does, a number is added. Points that are there are used again only for the
-    very same training photos, masks and cameras. Raises BadInput where no point is found, or nothing can be written.
+    wanted: the folder; with a number if something else has it. Points are used again only for the very same training photos, masks and
+    cameras. Raises BadInput if no point is found, or nothing can be written.
     """
     training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
     root = collection.root.resolve()
@@ -51,7 +51,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
 
 
 def scene_of(folder: Path) -> tuple[Path, str] | None:
-    """The scene, and its kind, whose points the folder holds; None for a folder of anything else."""
+    """The scene whose points the folder holds, and its kind; None if the folder holds anything else."""
     facts = read_mark(folder / MARK)
     if not {"scene", "kind"} <= facts.keys():
         return None
@@ -59,13 +59,13 @@ def scene_of(folder: Path) -> tuple[Path, str] | None:
 
 
 def home_of(root: Path) -> Path:
-    """The folder that a collection's photos belong to: `root`, or the scene whose points it holds."""
+    """The scene's own folder: `root`, or, if that holds triangulated points, the scene that they are of."""
     scene, _ = scene_of(root) or (root, None)
     return scene
 
 
 def read_kept(folder: Path) -> tuple[Points, list[str]]:
-    """The points and notes on them; BadInput for a damaged model, or one of no points."""
+    """The points, and notes on them; BadInput for a model that is damaged or has no points."""
     points, notes = read_points(read_model(folder / MODEL), folder / MODEL)
     if points is None:
         raise BadInput(f"{folder / MODEL} holds no points any more.", f"Remove {folder} to have them found again.")

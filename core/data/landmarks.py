@@ -1,4 +1,4 @@
-"""What photos from outside are located by: the SIFT features of a collection's photos, and the SfM points that they show."""
+"""Landmarks, by which photos from outside are located: SIFT features of a collection's photos, with the SfM points they show."""
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -18,16 +18,16 @@ from core.scene.frame import SceneFrame
 
 FILE = "landmarks.npz"  # in a run folder
 PHOTOS = 40  # of the collection, at most
-NEAR_PX = 2.0  # from a feature to where its photo sees the point that it is taken for; none is placed much better than that
+NEAR_PX = 2.0  # between a feature and the projection of the point it is taken for; features are hardly more exact
 LENGTH = 128  # numbers of a SIFT descriptor
 NO_POINT = -1
 
 
 @dataclass(frozen=True)
 class Landmarks:
-    """The features of one photo after the other.
+    """The features of all photos, one photo after the other.
 
-    descriptors: (n, 128) uint8, as COLMAP has them. shows: (n,) int64, the row in `points` of what each feature is, or NO_POINT.
+    descriptors: (n, 128) uint8, as COLMAP has them. shows: (n,) int64, which row of `points` each feature shows, or NO_POINT.
     counts: (photos,) int64, how many features each photo has. points: (p, 3) float64, scene frame.
     """
 
@@ -37,7 +37,7 @@ class Landmarks:
     points: np.ndarray
 
     def in_frame(self, own: SceneFrame, other: SceneFrame) -> "Landmarks":
-        """Those of the scene frame `own`, in another frame of the same world."""
+        """The same, moved from the scene frame `own` to another frame of the same world."""
         return replace(self, points=other.to_scene(own.to_world(self.points)))
 
     def save(self, path: Path) -> None:
@@ -47,7 +47,7 @@ class Landmarks:
 
     @staticmethod
     def load(path: Path) -> "Landmarks | None":
-        """The inverse of `save`; None where there is no such file, or one that is damaged."""
+        """The inverse of `save`; None if there is no such file, or it is damaged."""
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 found = Landmarks(**{field.name: arrays[field.name] for field in fields(Landmarks)})
@@ -65,7 +65,7 @@ class Landmarks:
 
 
 def landmarks_of(collection: Collection, report: Report) -> Landmarks:
-    """Those of up to PHOTOS training photos that see SfM points, spread over the collection; of photos that can be decoded."""
+    """The landmarks of up to PHOTOS training photos that see SfM points, spread over the collection; undecodable ones are left out."""
     known = spread_over([photo for photo in collection.split("train") if len(photo.points)], PHOTOS)
     descriptors, shows = [np.zeros((0, LENGTH), np.uint8)], [np.zeros(0, np.int64)]
     with TemporaryDirectory() as folder, quiet():
@@ -77,7 +77,7 @@ def landmarks_of(collection: Collection, report: Report) -> Landmarks:
                 number = database.read_image_with_name(name).image_id
                 seen, _ = camera.project(collection.points[photo.points])
                 descriptors.append(database.read_descriptors(number).data)
-                # Where no point is near, the tree answers with the number of points: the last row here.
+                # If no point is near, the tree returns the number of points: the index of the NO_POINT appended here.
                 _, nearest = cKDTree(seen).query(database.read_keypoints(number)[:, :2], distance_upper_bound=NEAR_PX)
                 shows.append(np.append(photo.points, NO_POINT)[nearest])
     counts = np.array([len(each) for each in shows[1:]], dtype=np.int64)

@@ -31,18 +31,18 @@ def describe(camera: pycolmap.Camera) -> dict:
 
 
 def usable(camera: pycolmap.Camera) -> bool:
-    """Whether the camera, no panorama, has a finite, positive size and focal lengths."""
+    """Whether the camera (not a panorama) has a positive size, and finite parameters with positive focal lengths."""
     if min(camera.width, camera.height) < 1 or not np.isfinite(camera.params).all():
         return False
     return min(camera.focal_length_x, camera.focal_length_y) > 0
 
 
 def is_pinhole(camera: pycolmap.Camera) -> bool:
-    """Whether no pixel is farther than NEGLIGIBLE_PX from where a pinhole would put it; asked on a grid."""
+    """Whether no pixel is farther than NEGLIGIBLE_PX from where a pinhole would put it; tested on a grid."""
     x, y = np.meshgrid(np.linspace(0, camera.width, 17), np.linspace(0, camera.height, 17))
     pixels = np.stack([x.ravel(), y.ravel()], axis=1)
     moved = camera.img_from_cam(_rays(pixels, *_intrinsics(camera)))
-    return bool((np.abs(moved - pixels) <= NEGLIGIBLE_PX).all())  # NaN, a ray the lens cannot see, is not
+    return bool((np.abs(moved - pixels) <= NEGLIGIBLE_PX).all())  # False for NaN, a ray that the lens cannot see
 
 
 def pinhole(camera: pycolmap.Camera, width: int, height: int) -> tuple[float, float, float, float]:
@@ -97,7 +97,7 @@ def undistort(pixels: np.ndarray, lens: dict, camera: Camera) -> tuple[np.ndarra
         source = np.clip(np.nan_to_num(source - 0.5), -2, max(width, height) + 2).astype(np.float32)
         block = slice(top, top + x.shape[0])
         source = source.reshape(*x.shape, 2)
-        fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))  # channels that OpenCV takes at once
+        fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))  # as many channels as OpenCV remaps at once
         found = [cv2.remap(four, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE) for four in fours]
         picture[block] = np.dstack(found)
         valid[block] = inside.reshape(x.shape)

@@ -1,4 +1,4 @@
-"""From a folder to a Collection: finds out what kind it is and reads it."""
+"""From a folder to a Collection: find out its kind, then read it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,17 +14,17 @@ from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transfo
 from core.errors import BadInput, command
 
 PHOTO_FOLDERS = (".", "images", "input", "photos")
-FOUND_BY_SFM = {"colmap": read_colmap, "phototourism": read_colmap}  # cameras that hang on their points
+FOUND_BY_SFM = {"colmap": read_colmap, "phototourism": read_colmap}  # cameras estimated together with their points
 POSED = {**FOUND_BY_SFM, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
 
 
 def load_collection(path: Path, all_photos: bool = False) -> Collection:
     """The posed photos in the folder `path`, of any kind but plain photos.
 
-    all_photos: if all are held out, all are trained on.
-    Where cameras come without points (most often in NeRF's formats), the collection has none; core.data.prepare makes them.
-    Raises BadInput where there is no such folder, no photos, no cameras, or nothing usable in them; photos that cannot be
-    used while others can are left out and named in the collection's notes.
+    all_photos: if the scene holds out every photo, train on all of them.
+    If cameras come without points (most often in NeRF's formats), the collection has none; core.data.prepare makes them.
+    Photos that cannot be used are left out and named in the collection's notes. Raises BadInput if there is no such folder, or no photo
+    with a camera in it can be used.
     """
     path = Path(path)
     kind = find_kind(path)
@@ -70,7 +70,7 @@ def find_kind(path: Path) -> str:
 
 
 def kind_with_cameras(path: Path) -> str | None:
-    """Which kind of scene with cameras the folder holds, None for none; BadInput where there is but a part of a model."""
+    """The kind of scene with cameras that the folder holds, or None; BadInput if it holds only a part of a model."""
     try:
         if find_model(path):
             return kind_of(path)
@@ -81,7 +81,7 @@ def kind_with_cameras(path: Path) -> str | None:
 
 
 def posed_kind(path: Path) -> str | None:
-    """Which of NeRF's kinds the folder is, by the files in it; None for none."""
+    """Which of NeRF's kinds of scene the folder holds, by the files in it, or None."""
     if (path / FILE).exists():
         return "nerfstudio"
     if (path / BLENDER_FILES["train"]).exists():
@@ -90,14 +90,14 @@ def posed_kind(path: Path) -> str | None:
 
 
 def check_cameras_unknown(path: Path) -> None:
-    """Raise BadInput for a folder that has cameras and no plain photos: there is nothing that structure from motion could do."""
+    """Raise BadInput for a folder with cameras but no plain photos: there is nothing for structure from motion to do."""
     if path.is_dir() and (kind := kind_with_cameras(path)) and not list_photos(path):
         fix = f"Type: {command('wegs', 'train', path)} (or name the folder of its photos, to have them found anew)."
         raise BadInput(f"{path} is a {kind} scene, which has cameras.", fix)
 
 
 def find_photos(path: Path) -> Path:
-    """The folder of plain photos: `path`, or images/, input/ or photos/ in it, whichever holds most. Raises BadInput where there are none."""
+    """The folder of plain photos: `path`, or images/, input/ or photos/ in it, whichever holds most. Raises BadInput if none holds any."""
     counts = count_photos(path)
     if any(counts.values()):
         return max(counts, key=counts.get)  # the first of equals
@@ -108,6 +108,6 @@ def find_photos(path: Path) -> Path:
 
 
 def count_photos(path: Path) -> dict[Path, int]:
-    """How many photos there are in each folder of plain photos that `path` may mean."""
+    """How many photos are in each folder that `path` may stand for: itself, or one of PHOTO_FOLDERS in it."""
     folders = [path / name for name in PHOTO_FOLDERS]
     return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not is_of_run(folder)}

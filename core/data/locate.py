@@ -1,4 +1,4 @@
-"""Where a photo from outside a collection was taken: by its features among the collection's landmarks, with pycolmap, on a CPU."""
+"""Locates a photo from outside a collection: its camera, from features matched with the collection's landmarks (pycolmap, CPU)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,16 +17,16 @@ from core.scene.camera import Camera
 
 QUERY = "query.jpg"
 NO_POINTS = np.zeros(0, dtype=np.int64)  # that a photo from outside sees
-OFF = 0.006  # of the long side: how far from a point's projection a feature agrees with it, 10 of 1600 px; COLMAP takes 12
-USUAL_FOCAL_LENGTH = 1.2  # long sides, to start from; COLMAP's guess
-# Training photos, each located by the others: 17 of 19 of the Statue of Liberty to within 1 px of 400, with 13 to 296 features that agree,
-# 44 to 100 % of all; matches that are wrong altogether agree in at most 11 of 332.
+OFF = 0.006  # RANSAC's largest reprojection error, of the long side: 10 of 1600 px; COLMAP takes 12
+USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
+# Training photos, each located by the others: 17 of 19 of the Statue of Liberty are found to within 1 px of 400, with 13 to 296 inliers, 44
+# to 100 % of all matches; wrong matches alone give at most 11 inliers of 332.
 LEAST_AGREEING, LEAST_SHARE = 12, 1 / 3
 
 
 @dataclass(frozen=True)
 class Located:
-    """camera: a pinhole in the collection's scene frame, at the size of the photo as displayed. agreeing: features, of so many `matched`."""
+    """camera: a pinhole in the collection's scene frame, at the size of the photo as displayed. agreeing: inliers among the `matched` features."""
 
     camera: Camera
     agreeing: int
@@ -34,11 +34,11 @@ class Located:
 
 
 def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None = None) -> Located | None:
-    """The camera of a photo file; None where too few of its features are found again, or do not agree.
+    """The camera of a photo file; None if too few of its features match the landmarks or agree on a camera.
 
-    Its features are matched with the landmarks, photo by photo; what matches is a pixel and a point, and many of them are a camera
-    (P3P, or P4P with an unknown focal length, in LO-RANSAC). mask: a picture that is white where the photo is to be used.
-    The same for any number of threads. Raises BadInput for a photo that cannot be read, or of which its mask leaves nothing.
+    Features are matched with the landmarks photo by photo; each match pairs a pixel with a point, and the camera follows from these pairs
+    (P3P, or P4P if the focal length is unknown, in LO-RANSAC). mask: a picture, white where the photo is to be used.
+    The same for any number of threads. Raises BadInput for a photo that cannot be read, or that its mask hides altogether.
     """
     width, height = probe(path).displayed
     long_side = max(width, height)
@@ -53,7 +53,7 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
 
 
 def _matched(work: Path, landmarks: Landmarks, report: Report) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2) px of the picture QUERY and (n, 3) points that are matched with each other, each pair once."""
+    """(n, 2) pixels of the picture QUERY and the (n, 3) points that they match, each pair once."""
     starts = np.cumsum(landmarks.counts) - landmarks.counts
     rows = {f"{number}.jpg": slice(start, start + count) for number, (start, count) in enumerate(zip(starts, landmarks.counts, strict=True))}
     with pycolmap.Database.open(work / DATABASE) as database:
@@ -72,7 +72,7 @@ def _matched(work: Path, landmarks: Landmarks, report: Report) -> tuple[np.ndarr
 
 
 def _add(database: pycolmap.Database, name: str, descriptors: np.ndarray) -> int:
-    """Add a picture of these features, (n, 128) uint8, wherever they lie in it; its number."""
+    """Add an image with these descriptors, (n, 128) uint8, at no particular pixels; returns its id."""
     lens = database.write_camera(pycolmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=[1, 0, 0]))
     number = database.write_image(pycolmap.Image(name=name, camera_id=lens))
     database.write_keypoints(number, np.zeros((len(descriptors), 2), np.float32))
@@ -81,7 +81,7 @@ def _add(database: pycolmap.Database, name: str, descriptors: np.ndarray) -> int
 
 
 def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
-    """A pinhole of this size (px), with the focal length that the photo's EXIF says, if it does."""
+    """A pinhole of this size (px), with the focal length of the photo's EXIF if it gives one."""
     try:
         said = pycolmap.infer_camera_from_image(path)
     except ValueError:  # a format that COLMAP does not read
@@ -95,7 +95,7 @@ def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
 
 
 def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
-    """The camera, of a picture of this `size`, that sees the points at these pixels of the lens's; None where none does."""
+    """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree."""
     estimation, refinement = pycolmap.AbsolutePoseEstimationOptions(), pycolmap.AbsolutePoseRefinementOptions()
     estimation.estimate_focal_length = not lens.has_prior_focal_length
     estimation.ransac.max_error = max(NEAR_PX, OFF * max(lens.width, lens.height))

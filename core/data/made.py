@@ -1,4 +1,4 @@
-"""What wegs made, found again: runs, scenes made from photos, and what they were made of."""
+"""Folders that wegs made (runs, scenes, points): made once, and recognised later by a mark that says what they were made of."""
 
 import json
 import os
@@ -13,9 +13,9 @@ FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interp
 
 
 def made_once(wanted: Path, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report) -> Path:
-    """The folder `wanted`, or the first of wanted-2, wanted-3, ... that `is_it`; else the first that is free, which `make` makes.
+    """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds, or that does not exist yet; that one is made by `make`.
 
-    what: it holds, as "Points as triangulated", to say that it is used again. Raises what `make` raises.
+    what: words for the content, such as "Points as triangulated", to say that it is used again. Raises what `make` raises.
     """
     folder, number = wanted, 1
     while folder.exists() and not is_it(folder):
@@ -26,19 +26,19 @@ def made_once(wanted: Path, is_it: Callable[[Path], bool], make: Callable[[Path]
             make(folder)
             return folder
         except MadeMeanwhile:
-            if not is_it(folder):  # else by a training of the same photos that was faster
+            if not is_it(folder):  # made meanwhile by another training, and of something else
                 raise
     report.say(f"{what} before in {folder}; remove it to have them found again.")
     return folder
 
 
 def write_mark(path: Path, facts: dict) -> None:
-    """What `read_mark` reads again."""
+    """Write facts for `read_mark`."""
     path.write_text(json.dumps(facts, indent=1), encoding="utf-8")
 
 
 def read_mark(path: Path) -> dict:
-    """The facts in a JSON file that says what a folder was made of; none where it is missing or garbled."""
+    """The facts in a JSON file that says what a folder was made of; none if it is missing or garbled."""
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -47,13 +47,13 @@ def read_mark(path: Path) -> dict:
 
 
 def path_within(path: Path, root: Path) -> str:
-    """The path relative to `root` where it lies in it, so that the folder may be moved; else the whole."""
+    """The path relative to `root` if it lies in it, so that the folder may be moved; else the whole path."""
     path, root = path.resolve(), root.resolve()
     return (path.relative_to(root) if path.is_relative_to(root) else path).as_posix()
 
 
 def way_to(target: Path, folder: Path) -> str | None:
-    """The relative path from `folder` to `target`; None where there is none: from one drive of Windows to another."""
+    """The relative path from `folder` to `target`; None if there is none, as between drives of Windows."""
     try:
         return Path(os.path.relpath(target.resolve(), folder.resolve())).as_posix()
     except ValueError:
@@ -61,13 +61,13 @@ def way_to(target: Path, folder: Path) -> str | None:
 
 
 def followed(place: Path, way: str | None, folder: Path) -> Path:
-    """The folder `place`, or, if it is gone, the one that `way` leads to from `folder`: where both were moved with each other."""
+    """The folder `place`; if it is gone, the one that `way` leads to from `folder`, as when both were moved together."""
     together = (folder / str(way)).resolve()
     return together if way and together.is_dir() and not place.is_dir() else place
 
 
 def is_of_run(folder: Path) -> bool:
-    """Whether the folder is a run of wegs, whose pictures are no photos."""
+    """Whether the folder is a run, whose pictures are not photos."""
     return "wegs" in read_mark(folder / CONFIG)
 
 
@@ -77,5 +77,5 @@ def is_of_wegs(folder: Path) -> bool:
 
 
 def stamp(path: Path) -> list[int]:
-    """Size (bytes) and time of change (ns) of a file: whether it is the one it was."""
+    """Size (bytes) and modification time (ns) of a file, which tell whether it has changed."""
     return [path.stat().st_size, path.stat().st_mtime_ns]

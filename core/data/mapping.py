@@ -1,4 +1,4 @@
-"""From matches to cameras and points, by COLMAP's incremental mapping; where that loses most photos, by a second one that guesses less."""
+"""From matches to cameras and points, by COLMAP's incremental mapping; if that loses most photos, once more with focal lengths refined last."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,16 +10,16 @@ from core.data.placing import is_usual
 from core.errors import BadInput
 from core.report import Report
 
-REPEATABLE = 100  # up to so many photos one thread maps them, the same each time, a sixth slower than two do (87 photos: 21 s)
+REPEATABLE = 100  # up to this many photos one thread maps them, with the same result each time; a sixth slower than two (87 photos: 21 s)
 
 
 def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
-    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput where there is none.
+    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput if there is none.
 
-    COLMAP refines focal lengths from the second photo on. Few photos hold them badly: they run away, the poses with them, and other
-    photos find no place (COLMAP drops such cameras only from models of 20 photos and more). Where fewer than half the photos got a
-    place and a focal length that lenses have, they are mapped again with focal lengths as EXIF says or COLMAP guesses, and refined in
-    the end. This model is taken if it has more such photos, and more points (core/TRIED.md has the figures).
+    COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses follow, and other photos
+    cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So if fewer than half the photos are registered
+    with a focal length that lenses have, they are mapped again with the focal lengths of EXIF, or COLMAP's guess, refined only at the
+    end. That model is taken if it has more such photos, and more points (core/TRIED.md has the figures).
     """
     models = _models(work, names, report, refined=True)
     found = _plausible(models)
@@ -45,7 +45,7 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
 
 
 def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:
-    """What COLMAP makes of the matches, the model with the most photos first. refined: focal lengths are, as photos are added."""
+    """COLMAP's models of the matches, the one with the most photos first. refined: whether focal lengths are refined as photos are added."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = min(3, len(names))  # COLMAP's 10 would refuse small collections
     options.random_seed = SEED
@@ -65,7 +65,7 @@ def _models(work: Path, names: list[str], report: Report, refined: bool) -> list
 
 
 def _refine(models: list[pycolmap.Reconstruction]) -> None:
-    """A bundle adjustment of all that the largest model holds, focal lengths included."""
+    """A bundle adjustment of the whole largest model, focal lengths included."""
     for model in models[:1]:
         config = pycolmap.BundleAdjustmentConfig()
         for number in model.reg_image_ids():
@@ -78,22 +78,22 @@ def _refine(models: list[pycolmap.Reconstruction]) -> None:
 
 
 def _threads(photos: int) -> int:
-    """Of COLMAP; -1 stands for one a core."""
+    """How many threads COLMAP may use for this many photos; -1: one a core."""
     return 1 if photos <= REPEATABLE else -1
 
 
 def _plausible(models: list[pycolmap.Reconstruction]) -> int:
-    """How many photos have a place in the largest model and a focal length that lenses have."""
+    """How many photos of the largest model have a pose, and a focal length that lenses have."""
     return sum(is_usual(image.camera) for model in models[:1] for image in model.images.values() if image.has_pose)
 
 
 def _points(models: list[pycolmap.Reconstruction]) -> int:
-    """How many the largest model has."""
+    """How many points the largest model has."""
     return sum(model.num_points3D() for model in models[:1])
 
 
 def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
-    """A callback that counts photos placed; several models may place one twice."""
+    """A callback that counts registered photos, which several models may share. first: the number at its first call."""
     placed = first - 1
 
     def count() -> None:

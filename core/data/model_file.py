@@ -1,4 +1,4 @@
-"""Reading a COLMAP model with pycolmap, after a look at whether its binary files are whole.
+"""Reading a COLMAP model with pycolmap, after a check that its binary files are whole.
 
 pycolmap 4.2 never returns from some truncated files and reads others as zeros, so each file is walked first, record by
 record.
@@ -19,7 +19,7 @@ from core.errors import BadInput
 
 NEEDED, POINTS = ("cameras", "images"), "points3D"
 SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
-EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file of no points
+EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file with no points
 POSE_BYTES = 7 * 8  # quaternion and translation
 TRACK_BYTE, TRACK_COLUMN = 8 + 24 + 3 + 8, 8  # of a point, after its id, place, colour and error
 REFUSALS = (ValueError, IndexError, RuntimeError)  # of pycolmap
@@ -30,12 +30,12 @@ if threading.current_thread() is threading.main_thread():  # Python sets handler
 
 
 def holds_model(folder: Path) -> bool:
-    """Whether `folder` has the files of a COLMAP model, binary or text; that of the points may be missing."""
+    """Whether `folder` has the files of a COLMAP model, binary or text; the file of points may be missing."""
     return any(_has(folder, suffix, *NEEDED) for suffix in SUFFIXES)
 
 
 def lacking_files(folder: Path) -> list[str]:
-    """The files that `folder` lacks for the COLMAP model of which it has a part; none where it has all, or nothing."""
+    """The files that are missing from a COLMAP model of which `folder` has a part; none if it has all of it, or nothing."""
     begun = [suffix for suffix in SUFFIXES if any(_has(folder, suffix, part) for part in (*NEEDED, POINTS))]
     lacking = ([part + suffix for part in NEEDED if not _has(folder, suffix, part)] for suffix in begun)
     return min(lacking, key=len, default=[])
@@ -48,8 +48,8 @@ def _has(folder: Path, suffix: str, *parts: str) -> bool:
 def read_model(folder: Path) -> pycolmap.Reconstruction:
     """The model in `folder`, binary (preferred) or text, with or without rigs, frames and points.
 
-    Where its parts do not agree, as after photos were taken out by hand, it is read without rigs and frames, and points know no
-    photos. Raises BadInput for files that are truncated, damaged or no model.
+    If its parts do not agree, as after photos were removed by hand, it is read without rigs, frames and tracks (which photos see a
+    point). Raises BadInput for files that are truncated, damaged or not a model.
     """
     fix = "Copy the model again, or run COLMAP again."
     whole = next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
@@ -82,8 +82,8 @@ def _read(folder: Path, suffix: str | None, whole: bool) -> pycolmap.Reconstruct
 
 
 def _names_with_spaces(path: Path) -> dict[int, str]:
-    """The names in an images.txt, by image, of which pycolmap would read the first word. BadInput where an image has not two lines,
-    of which it would skip every other."""
+    """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. BadInput if an image has one line,
+    not two: pycolmap would skip every other image."""
     names = {}
     with open(path, encoding="utf-8", errors="replace") as file:
         for line in file:
@@ -99,7 +99,7 @@ def _names_with_spaces(path: Path) -> dict[int, str]:
 
 
 def _read_parts(folder: Path, suffix: str, parts: Iterable[str], points: bytes) -> pycolmap.Reconstruction:
-    """The model of these parts of it, where they are there, and of a file of these points: pycolmap wants one."""
+    """The model read from those of these `parts` that exist, with `points` as its file of points, which pycolmap insists on."""
     with tempfile.TemporaryDirectory() as copy:
         for part in parts:
             if _has(folder, suffix, part):
@@ -109,7 +109,7 @@ def _read_parts(folder: Path, suffix: str, parts: Iterable[str], points: bytes) 
 
 
 def _without_tracks(path: Path) -> bytes:
-    """A file of points that is whole, without what says which photos see them."""
+    """The content of a whole file of points, without their tracks."""
     data = path.read_bytes()
     if path.suffix == ".txt":
         return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.splitlines())
@@ -122,7 +122,7 @@ def _without_tracks(path: Path) -> bytes:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """pycolmap says only what is fatal; its log is global, so it is put back afterwards."""
+    """Inside, pycolmap logs only fatal errors. Its log level is global, so it is restored afterwards."""
     before = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
     try:
@@ -132,7 +132,7 @@ def quiet() -> Iterator[None]:
 
 
 def _whole(data: bytes, walk: Callable[[bytes, int], int]) -> bool:
-    """Whether the records that the file announces fill it exactly."""
+    """Whether the records that the file's header counts fill it exactly."""
     try:
         count = _integer(data, 0, "Q")
         position = 8

@@ -20,7 +20,7 @@ from core.words import Note, Reasons
 
 PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
 TRAINING, HELD_OUT = "train", ("test", "validation")  # the first of these that has photos
-LARGEST_SKEW = 1e-3  # of the focal length; no pinhole has any
+LARGEST_SKEW = 1e-3  # of the focal length; a pinhole has none
 
 
 def find_nerf_osr(root: Path) -> Path | None:
@@ -30,9 +30,9 @@ def find_nerf_osr(root: Path) -> Path | None:
 
 
 def read_nerf_osr(root: Path) -> Posed:
-    """What the folders of `root` say: train/ is trained on, test/ held out, or validation/ where there is no test/.
+    """What the folders of `root` say: train/ is trained on; test/ is held out, or validation/ if test/ has no photos.
 
-    Photos belong to the text files and masks of their stem, in folders below as well. Raises BadInput where train/ has no photos.
+    Text files and masks have the stem of their photo, also in subfolders. Raises BadInput if train/ has no photos.
     """
     source = find_nerf_osr(root)
     if source is None:
@@ -65,13 +65,13 @@ def read_nerf_osr(root: Path) -> Posed:
 
 
 def _pictures(folder: Path) -> list[Path]:
-    """The pictures in the folder and in those below, as paths from it; none where there is no such folder."""
+    """The pictures in the folder and its subfolders, as relative paths; none if there is no such folder."""
     places = sorted(Path(place) for place, _, _ in os.walk(folder))
     return [path.relative_to(folder) for place in places for path in list_photos(place)]
 
 
 def _matrix(folder: Path, place: Path) -> np.ndarray:
-    """(4, 4), of the text file of a photo at this place; Fault where it holds none."""
+    """The (4, 4) matrix in the text file of the photo with this relative path; Fault if it holds none."""
     path = folder / place.with_suffix(".txt")
     try:
         numbers = np.array(path.read_text(encoding="utf-8").split(), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What stands where a photo shows nothing of use: the colours around it, so that nobody's clothes tint a look."""
+"""Fills the parts of a photo that are not used with the colours around them, so that nobody's clothes tint a look."""
 
 import cv2
 import numpy as np
@@ -6,10 +6,10 @@ from jaxtyping import Bool, UInt8
 
 
 def fill(pixels: UInt8[np.ndarray, "h w 3"], use: Bool[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
-    """The photo where `use` (bit for bit), and elsewhere a smooth continuation of it; somewhere `use` must be True.
+    """The photo where `use` is True (bit for bit), and a smooth continuation of it elsewhere; `use` must be True somewhere.
 
     Pull-push (Gortler et al. 1996, The Lumigraph, section 3.4): known colours are averaged down to a single pixel, and holes
-    are filled on the way back from the coarser level. Linear in the number of pixels, whatever the size of the holes.
+    are filled on the way back from the coarser level. Time is linear in the number of pixels, however large the holes.
     """
     weights = [use.astype(np.float32)]
     colours = [pixels * weights[0][..., None]]

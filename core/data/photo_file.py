@@ -24,9 +24,9 @@ TRUNCATED = "ends before its picture does (truncated)"
 
 @dataclass(frozen=True)
 class Header:
-    """Size in pixels as stored; orientation: EXIF's 1..8, where 5..8 swap width and height when displayed.
+    """Size in pixels as stored. orientation: EXIF's 1..8, where 5..8 swap width and height when displayed.
 
-    exif: the EXIF block (a TIFF file in small), or empty.
+    exif: the EXIF block (a small TIFF file), or empty.
     """
 
     kind: str  # "jpeg", "png", "webp" or "other"
@@ -47,15 +47,15 @@ def bad_photo(path: Path, why: str) -> BadInput:
 
 
 def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
-    """A photo for a list of those that cannot be used: its name, and in brackets what `problem` says of `path`."""
+    """A photo in a list of unusable ones: its name, and in brackets what `problem` says about `path`."""
     return f"{name} ({problem.what.removeprefix(str(path)).removeprefix(name).strip(' .')})"
 
 
 def probe(path: Path) -> Header:
     """The header of a photo. JPEG and PNG are not decoded; the few other formats are.
 
-    Raises BadInput for a file that is missing, empty, truncated or no photo. OpenCV shows a truncated JPEG with its
-    lower part grey and says nothing, so the end of the file is looked at here.
+    Raises BadInput for a file that is missing, empty, truncated or not a photo. OpenCV decodes a truncated JPEG with its lower part grey
+    and reports nothing, so the end of the file is checked here.
     """
     try:
         with open(path, "rb") as file:
@@ -68,7 +68,7 @@ def probe(path: Path) -> Header:
 
 
 def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
-    """The header of a photo whose bytes are at hand; raises BadInput like `probe`."""
+    """The header of a photo from its bytes; raises BadInput like `probe`."""
     header = peek(path, data)
     if header.width:
         return header
@@ -78,7 +78,7 @@ def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
 
 
 def peek(path: Path, data: bytes | mmap.mmap) -> Header:
-    """As `read_header`, but nothing is decoded: width and height are 0 of what is neither a JPEG nor a PNG, whole or not."""
+    """As `read_header`, but nothing is decoded: width and height are 0 unless it is a JPEG or PNG, and only these are checked to be whole."""
     if data[:2] == JPEG_START:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:
@@ -89,7 +89,7 @@ def peek(path: Path, data: bytes | mmap.mmap) -> Header:
 
 
 def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
-    """OpenCV's picture of the file's bytes; raises BadInput where it has none."""
+    """The file's bytes decoded by OpenCV; raises BadInput if it cannot."""
     if not data:
         raise bad_photo(path, "is empty")
     try:
@@ -106,8 +106,8 @@ def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
 def _read_jpeg(path: Path, data: bytes | mmap.mmap) -> Header:
     """Walk the segments to the first scan, then look for the end marker.
 
-    Inside a scan FF is always followed by 00 or a restart marker, and thumbnails lie in segments before it, so FF D9
-    after it is the end of the picture. More may follow: phones append depth maps and films.
+    Inside a scan FF is always followed by 00 or a restart marker, and thumbnails lie in segments before the scan, so an FF D9 after its
+    start is the end of the picture. More may follow: phones append depth maps and films.
     """
     position, size, exif, orientation = 2, None, b"", 1
     while True:
@@ -173,7 +173,7 @@ def _read_webp(data: bytes | mmap.mmap) -> Header:
 
 
 def orientation_of(exif: bytes) -> int:
-    """EXIF's orientation, 1..8; 1 where there is none or it is nonsense."""
+    """EXIF's orientation, 1..8; 1 if there is none or it is out of range."""
     entry = _orientation_entry(exif)
     if entry is None:
         return 1
@@ -192,7 +192,7 @@ def without_orientation(exif: bytes) -> bytes:
 
 
 def _orientation_entry(exif: bytes) -> tuple[int, str] | None:
-    """Where the orientation's value lies in the EXIF block, and struct's byte order."""
+    """The offset of the orientation's value in the EXIF block, and the byte order as struct writes it; None if there is none."""
     order = {b"II": "<", b"MM": ">"}.get(exif[:2])
     if order is None:
         return None

@@ -15,7 +15,7 @@ from core.errors import BadInput
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
-LIGHT_PX = 2000  # a side is more than enough for light, of which the encoder sees a square of 144
+LIGHT_PX = 2000  # a side; more than enough for light, as the encoder sees a square of 144
 LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake, such as a white of 1 instead of 255
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
@@ -44,10 +44,10 @@ def read(path: Path) -> np.ndarray:
 
 
 def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
-    """A photo of which only the light matters: as `read`, but what is transparent or hidden by a mask shows the colours around.
+    """A photo for its light alone: as `read`, but what is transparent or hidden by a mask is filled with the colours around it.
 
-    mask: a picture that is white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises
-    BadInput as `read`, and where nothing of the photo is left.
+    mask: a picture, white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises BadInput
+    as `read`, and if nothing of the photo is left.
     """
     header, pixels, alpha = _read_file(Path(path), (LIGHT_PX, LIGHT_PX))
     pixels = upright(pixels, header.orientation)
@@ -60,9 +60,9 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
 def load(photo: Photo, width: int, height: int, cut_out: bool = False) -> Picture:
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
-    A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Invalid are pixels that
-    the lens did not see, those with any transparency, and those that the photo's mask hides; the last two show the colours
-    around them. cut_out: what is transparent is empty, and valid. Raises BadInput like `read`.
+    A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the lens did not see
+    them, if they are at all transparent, or if the photo's mask hides them; the latter two are filled with the colours around them.
+    cut_out: transparent pixels are valid, and empty space. Raises BadInput like `read`.
     """
     header, pixels, alpha = _read_file(Path(photo.path), (width, height))
     pixels = _on_white(pixels, alpha)
@@ -102,7 +102,7 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """`upright` backwards."""
+    """The inverse of `upright`."""
     if orientation in (3, 4, 7, 8):
         pixels = pixels[::-1]
     if orientation in (2, 3, 6, 7):
@@ -111,10 +111,10 @@ def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
 
 
 def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
-    """(H, W) bool, True where the mask of a photo of this `size` is white, both as displayed; resized to the nearest pixel.
+    """(H, W) bool: where the mask of a photo of this `size` is white, both as displayed; resized by nearest pixel.
 
-    photo: of a collection; its mask is undistorted as its file was (Photo.mask_lens), and beyond the mask's edges all is used.
-    What is transparent is not white: many programs save a selection so.
+    photo: of a collection; if its mask_lens says so, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
+    Transparent is not white: many programs save selections like that.
     """
     try:
         header, pixels, alpha = _read_file(path)
@@ -138,7 +138,7 @@ def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path | None) 
 
 
 def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
-    """What `peek` says, stored pixels (H, W, 3) RGB, and alpha (H, W) or None.
+    """The header as of `peek`, stored pixels (H, W, 3) RGB, and alpha (H, W) or None.
 
     A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
     """
@@ -161,7 +161,7 @@ def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Heade
         return header, cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[..., 3]
     if header.kind != "other":
         return header, cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB), None
-    # Decoded once more: of these formats OpenCV alone knows the rotation, and how to make 8 bits of what they hold.
+    # Decoded once more: for these formats only OpenCV knows the rotation, and how to convert to 8 bits.
     return header, cv2.cvtColor(decode(path, data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), None
 
 
@@ -177,7 +177,7 @@ def _reduction(header: Header, wanted: tuple[int, int] | None) -> int:
 
 
 def _runs_out(pixels: np.ndarray) -> bool:
-    """Whether the last row is the decoder's grey: an end marker was put where the data ran out, as some servers do."""
+    """Whether the last row is the decoder's grey: some servers put an end marker where the data ran out."""
     return bool((pixels[-1] == FILL).all() and not (pixels == FILL).all())
 
 
@@ -216,7 +216,7 @@ def _resize(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _resize_valid(valid: np.ndarray | None, width: int, height: int) -> np.ndarray | None:
-    """A pixel is valid where all that it averages is."""
+    """A pixel is valid if all pixels averaged into it are."""
     if valid is None or valid.all():
         return None
     return _resize(valid * np.uint8(255), width, height) >= 254

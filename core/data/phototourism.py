@@ -16,7 +16,7 @@ SPLITS = ("train", "test")
 class SplitTable:
     """The rows of a split .tsv.
 
-    splits: photo name -> "train" or "test". without_id, unknown_split: names of rows not used.
+    splits: photo name -> "train" or "test". without_id, unknown_split: photo names of the rows that are not used.
     """
 
     splits: dict[str, str]
@@ -27,7 +27,7 @@ class SplitTable:
 def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
     """The .tsv files in `root`, by name: those that hold a split, and others.
 
-    A split's first line names its columns. Where none does, those that name photos count as splits: reading them says what they lack.
+    A split's first line names its COLUMNS. If no file has all of them, those with file names count as splits: reading one reports what it lacks.
     """
     paths = sorted(path for path in root.glob("*.tsv") if path.is_file() and not path.name.startswith("."))
     columns = {path: columns_of(path) for path in paths}
@@ -36,27 +36,26 @@ def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
 
 
 def encoding_of(path: Path) -> str:
-    """The encoding of a table or list: UTF-8, or UTF-16 where it begins with its mark, as Windows programs save it."""
+    """The encoding of a table or list: UTF-8, or UTF-16 if it begins with the byte-order mark that Windows programs write."""
     with open(path, "rb") as file:
         return "utf-16" if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
 
 
 def columns_of(path: Path) -> set[str]:
-    """What the first line of a table names."""
+    """The columns that the first line of a table names."""
     with open(path, encoding=encoding_of(path), errors="replace") as file:
         line = file.readline().replace("\0", "")
     try:
         return set(next(csv.reader([line], delimiter="\t"), []))
-    except csv.Error:  # longer than any line of names
+    except csv.Error:  # a line longer than csv allows
         return set()
 
 
 def read_split_table(path: Path) -> SplitTable:
     """Read filename, id and split; other columns are ignored.
 
-    Ids are floats in the official files and serve one purpose: a row without one is not used (NeRF-W's reader drops
-    it).
-    Raises BadInput for a file without these columns.
+    Ids, floats in the official files, have one purpose: a row without an id is not used, as in NeRF-W's reader. Raises BadInput for a file
+    without these columns.
     """
     fix = "Remove it, or give it the tab-separated columns filename, id and split."
     try:

@@ -1,4 +1,4 @@
-"""A photo meets its camera: scaled to the file that is found, turned along with it, or left out with the reason."""
+"""Fits cameras to the photo files that are found: scaled, turned as EXIF says, or left out with the reason."""
 
 import os
 from collections.abc import Callable
@@ -16,16 +16,16 @@ from core.words import Note, Reasons, counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
 LARGEST_COORDINATE = 1e100  # the square of a larger one may be infinite
-USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # in lengths of the longer side: of fisheyes and telephotos, in mm, on a frame 36 mm wide
+USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # in lengths of the longer side: from fisheye to telephoto, mm on a frame 36 mm wide
 
 
 @dataclass(frozen=True)
 class View:
-    """A photo as the files of a collection describe it, before it is looked at.
+    """A photo as a collection's files describe it, before the photo itself is opened.
 
-    lens: the camera of a file of this width and height (px, as stored); only formats that state no size make use of them.
-    rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units. split: "train", "test", or None where nothing is
-    said. mask: a picture that is white where the photo is to be used.
+    lens: the camera for a photo of this width and height (px, as stored), which matter only to formats that state no size.
+    rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units. split: "train", "test", or None if the files do not say.
+    mask: a picture, white where the photo is to be used.
     """
 
     name: str
@@ -47,9 +47,9 @@ class Placed:
 
 @dataclass
 class Placing:
-    """Turns views into placed photos, and remembers what is to be said of them.
+    """Places views one by one, and collects what to tell the user about them.
 
-    missing_words: what is said of photos that are not there, after "3 photos".
+    missing_words: what to say of missing photos, after "3 photos".
     """
 
     missing_words: str
@@ -60,7 +60,7 @@ class Placing:
     missing: int = 0
 
     def place(self, view: View) -> Placed | None:
-        """The view's photo with its camera, or None, and what is said of it is remembered."""
+        """The camera fitted to the view's photo, or None; the reason goes into the notes."""
         if not os.path.isfile(view.path):  # pathlib's raises for names that are too long
             self.missing += 1
             self.said.add(self.missing_words, view.name)
@@ -80,8 +80,8 @@ class Placing:
         return self._fit(view, lens, header)
 
     def _fit(self, view: View, lens: pycolmap.Camera, header: Header) -> Placed | None:
-        """The camera scaled to the photo. The programs that find cameras ignore EXIF rotation, so where the camera's size
-        fits the pixels as stored, it is that of the stored pixels, and is turned together with them."""
+        """The camera scaled to the photo. Programs that find cameras ignore EXIF rotation, so a camera that fits the pixels as stored is
+        taken for theirs, and is turned together with them."""
         stored = _same_shape(lens, header.width, header.height)
         if not stored and not _same_shape(lens, *header.displayed):
             sizes = f"{header.width}x{header.height}, camera {lens.width}x{lens.height}"
@@ -117,7 +117,7 @@ class Placing:
 
 
 def is_usual(lens: pycolmap.Camera) -> bool:
-    """Whether there are lenses of this focal length."""
+    """Whether lenses of this focal length exist."""
     low, high = USUAL_FOCAL_LENGTHS
     return low <= lens.mean_focal_length() / max(lens.width, lens.height) <= high
 

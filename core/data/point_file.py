@@ -1,4 +1,4 @@
-"""Points from a .ply: positions and, where it has them, colours. Nothing else of the file is looked at."""
+"""Points from a .ply: positions and, if it has them, colours; anything else in the file is ignored."""
 
 from pathlib import Path
 
@@ -9,17 +9,16 @@ from core.ply_file import read_rows
 
 PLACE, COLOUR = ("x", "y", "z"), ("red", "green", "blue")
 GREY = 0.5  # of points without colours
-WHITE = {"u1": 255.0, "u2": 65535.0}  # of colours by their type
-WHITE_OF_OTHERS = 255.0  # whole numbers, and floats too bright for [0, 1]
-BRIGHTEST = 2.0  # of floats in [0, 1], which burn out where they were computed from light
+WHITE = {"u1": 255.0, "u2": 65535.0}  # the value of full colour, by type
+WHITE_OF_OTHERS = 255.0  # of other integers, and of floats too large for [0, 1]
+BRIGHTEST = 2.0  # floats up to this are taken for [0, 1]: colours computed from light exceed 1 a little
 
 
 def read_points_file(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (P, 3) float64 and colours (P, 3) float32 in [0, 1], of a .ply in any of the three forms.
+    """Positions (P, 3) float64 and colours (P, 3) float32 in [0, 1] of a .ply in any of its three encodings.
 
-    Colours of 8 or 16 bits without a sign are divided by the largest of their type. Other whole numbers hold 8 bits (what NumPy makes
-    of them by itself), and so do floats of which any is above BRIGHTEST. What is not finite is black. Raises BadInput for what
-    cannot be read.
+    Unsigned colours of 8 or 16 bits are divided by their type's largest value. Other integers, and floats if any is above BRIGHTEST, are
+    taken for 8 bits (0 to 255). Colours that are not finite become black. Raises BadInput for a file that cannot be read.
     """
     rows = read_rows(path, ".ply of points")
     if not _has_numbers(rows, PLACE):
@@ -40,5 +39,5 @@ def _white(channel: np.ndarray) -> float:
 
 
 def _has_numbers(rows: np.ndarray, columns: tuple[str, ...]) -> bool:
-    """Whether these columns are there and hold no lists."""
+    """Whether these columns exist and hold numbers, not lists."""
     return all(name in rows.dtype.names and rows.dtype[name].kind in "fiu" for name in columns)

@@ -1,4 +1,4 @@
-"""From what a collection's own files say, whichever kind they are, to the Collection: photos placed, split, framed."""
+"""From what a scene's files say, of whatever kind, to a Collection: photos get their cameras, a split and the scene frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,8 +15,8 @@ from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
 from core.words import Note, counted, is_harmless, name_them
 
-STRAY = 1e6  # median distances from the middle; SfM puts points near infinity, and float32 ends there
-CROOKED = 0.01  # by which axes may differ in length: matrices are often written with three or four digits
+STRAY = 1e6  # median distances from the centre; SfM puts some points near infinity, beyond what float32 resolves
+CROOKED = 0.01  # by how much axes may differ in length: matrices are often written with three or four digits
 NO_POINTS = "No points are given with the cameras: `wegs train` triangulates them from the photos."
 UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos need cannot be judged by their colours."
 
@@ -29,7 +29,7 @@ class Fault(Exception):
 class Points:
     """Points of a scene in world units: positions (P, 3) float64, colours (P, 3) float32 in [0, 1].
 
-    seen: for each photo that was looked at the indices of the points it sees; None where nobody knows.
+    seen: by photo name, the indices of the points it sees; None if unknown.
     """
 
     positions: np.ndarray
@@ -39,9 +39,9 @@ class Points:
 
 @dataclass(frozen=True)
 class Posed:
-    """What a collection's own files say. source: the file or folder that says it. notes: what was left out already.
+    """What a scene's files say. source: the file or folder that says it. notes: what was left out so far.
 
-    missing_words, fix: what to say of photos that are not there, and to do where none can be used.
+    missing_words: what to say of missing photos, after "3 photos". fix: what to do if they are missing and none is left.
     """
 
     kind: str
@@ -54,10 +54,10 @@ class Posed:
 
 
 def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
-    """The collection of the posed photos below `root`. all_photos: if all are held out, all are trained on.
+    """The collection of the posed photos below `root`. all_photos: if the scene holds out every photo, train on all of them.
 
-    Photos that are missing, unreadable or of another shape than their camera are left out and noted. Without points the frame
-    is that of the cameras. Raises BadInput where no photo is left, or none to train on.
+    Photos that are missing, unreadable or of another shape than their camera are left out and noted. Without points the frame follows
+    the cameras. Raises BadInput if no photo is left, or none to train on.
     """
     placing = Placing(posed.missing_words)
     views = {view.name: view for view in sorted(posed.views, key=lambda view: view.name)}
@@ -106,7 +106,7 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
 
 
 def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[str] = ()) -> BadInput:
-    """The error for a collection that gives nothing, with all that was left out and why. fix: what to do unless photos are missing."""
+    """The error for a scene without usable photos, with what was left out and why. fix: what to do if no photos are missing."""
     reasons = "; ".join(note.rstrip(".") for note in [*posed.notes, *placing.notes(), *notes] if not is_harmless(note))
     return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing else fix)
 
@@ -119,7 +119,7 @@ def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
 
 
 def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str], Path]:
-    """The split of each placed photo, notes, and the file that says it: the collection's own, or as for any where they say nothing."""
+    """The split of each placed photo, notes, and the file that says so: that of the views, or if they have none, as `split_photos`."""
     said = {view.name: view.split for view in posed.views if view.split}
     if not said:
         return split_photos(root, posed.source, names, {view.name for view in posed.views})
@@ -132,7 +132,7 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
 
 
 def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """(P,) bool, which of the points (P, 3) lie at usable coordinates, and a note on those that do not."""
+    """(P,) bool: which of the points (P, 3) have usable coordinates; and a note on the others."""
     finite = (np.abs(positions) < LARGEST_COORDINATE).all(axis=1)  # so that NaN fails it
     if finite.any():
         frame = SceneFrame.around(positions[finite], quantile=0.5)
@@ -144,10 +144,10 @@ def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """A camera-to-world matrix (4, 4) or (3, 4) as View.rotation and View.centre; camera axes stay those it has.
+    """A camera-to-world matrix (4, 4) or (3, 4) as View.rotation and View.centre, in the camera axes that it has.
 
-    Axes of one common length other than 1 are those of a scaled camera, which sees the same. Rounded ones are made
-    orthonormal (the nearest rotation, by SVD). Raises Fault, in which the matrix is called `what`, for any other that is no rotation.
+    Axes may share a length other than 1: a scaled camera sees the same. Rounded axes are made orthonormal (the nearest rotation, by SVD).
+    Raises Fault if it is no rotation otherwise. what: the matrix, in words for the Fault.
     """
     axes, centre = matrix[:3, :3], matrix[:3, 3]
     if not (np.abs(matrix[:3]) < LARGEST_COORDINATE).all():

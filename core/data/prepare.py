@@ -1,4 +1,4 @@
-"""What a scene lacks for training is made once and kept beside the runs: cameras of plain photos, points of posed ones."""
+"""Makes what a scene lacks for training, once, and keeps it beside the runs: cameras for plain photos, points for posed ones."""
 
 from pathlib import Path
 
@@ -14,10 +14,10 @@ from core.words import counted
 
 
 def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False) -> Collection:
-    """The collection in the folder `scene`, with what it lacks made now unless it was made before.
+    """The collection in the folder `scene`; what it lacks is made now, unless it was made before.
 
-    all_photos: as of load_collection. wanted: where what is made should lie; it is the collection's root then. Nothing is written into the scene. Errors: as of
-    structure from motion, and of reading.
+    wanted: the folder for what is made, which is then the collection's root; nothing is written into the scene. all_photos: as in
+    load_collection. Errors: as in structure from motion and load_collection.
     """
     plain = find_kind(scene) == "photos"
     if plain:
@@ -31,7 +31,7 @@ def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False
 
 
 def _with_cameras(scene: Path, wanted: Path, report: Report) -> Path:
-    """The scene that is made of the plain photos in the folder `scene`."""
+    """The COLMAP scene made of the plain photos in the folder `scene`."""
     photos = find_photos(scene)
     for folder, count in count_photos(scene).items():
         if count and folder != photos:

@@ -76,10 +76,10 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
 
 
 def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
-    """Put the readable photos into `folder` as COLMAP needs them; returns the copies' names and those to give back.
+    """Copy the readable photos into `folder` as COLMAP needs them; returns, by a copy's name, the photo's name in the scene.
 
-    COLMAP ignores EXIF rotation, so turned photos are written upright; what is not a JPEG is converted to one. The
-    copies are numbered, because COLMAP's list of pairs is split at spaces.
+    COLMAP ignores EXIF rotation, so turned photos are written upright; anything but a JPEG is converted to one. Copies are named by
+    numbers, because COLMAP splits its list of pairs at spaces.
     """
     folder.mkdir()
     copies, turned, twins = {}, 0, copies_among(paths)
@@ -88,14 +88,14 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
         try:
             if path in twins:
                 raise BadInput(f"{path.name} is a copy of {twins[path].name}.")
-            header, pixels = probe(path), read(path)  # decoded in any case: some damage shows only then
+            header, pixels = probe(path), read(path)  # always decoded: some damage shows only then
             if header.kind == "jpeg" and header.orientation == 1:
                 shutil.copyfile(path, folder / copy)
             else:
                 (folder / copy).write_bytes(_encode(path, pixels, header))
             turned += header.orientation != 1
-            name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes no other bytes
-            name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes what the suffix says
+            name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
+            name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
             copies[copy] = f"{done}-{name}" if name in copies.values() else name
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")
@@ -106,10 +106,10 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
 
 
 def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:
-    """A JPEG of the displayed RGB pixels of `path`; keeps the EXIF block, whose focal length COLMAP starts from."""
+    """A JPEG of the RGB pixels of `path` as displayed, with its EXIF block, whose focal length COLMAP starts from."""
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     done, data = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)
-    if not done:  # 65,500 px a side are the most
+    if not done:  # of more than 65,500 px a side
         raise bad_photo(path, "is too large for a JPEG")
     jpeg = data.tobytes()
     block = JPEG_EXIF + without_orientation(header.exif)

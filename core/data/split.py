@@ -1,4 +1,4 @@
-"""Which photos are held out for testing: as a .tsv says, or test.txt, or else every eighth."""
+"""Which photos are held out for testing: as a .tsv or test.txt says, or else every eighth."""
 
 import filecmp
 import shutil
@@ -9,16 +9,16 @@ from core.atomic import replacing
 from core.data.phototourism import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
 from core.words import Note, list_names, name_them
 
-EVERY = 8  # of the original 3DGS and of everything compared with it
+EVERY = 8  # as in the original 3DGS and everything compared with it
 TEST_LIST = "test.txt"
 
 
 def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str], Path]:
-    """The split of each usable photo ("train" or "test"; photos that are in none are left out), notes, and the file that says so, or `model`.
+    """The split of each usable photo ("train" or "test"; photos in neither are left out), notes, and the file that says so, or `model`.
 
-    A .tsv lies in `root`, a test.txt there or, as for the original 3DGS, in the folder `model` (cameras may be in a file).
-    names: the usable photos, sorted. in_model: all photos that the model knows, usable or not, so that a list naming a
-    photo that is merely missing is not called wrong. Raises BadInput for a table that cannot be read.
+    A .tsv lies in `root`; a test.txt there or, as in the original 3DGS, in the folder `model`. names: the usable photos, sorted.
+    in_model: all photos of the model, so that a list is not called wrong for naming a photo that is merely missing.
+    Raises BadInput for a table that cannot be read.
     """
     tables, others = find_tables(root)
     no_splits = [f"{path.name} holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}." for path in others]
@@ -43,7 +43,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
 
 
 def copy_lists(photos: Path, scene: Path) -> None:
-    """Put the tables and the list that lie with plain photos into the scene of their cameras, where they are looked for."""
+    """Copy the split tables and the test list beside plain photos into the scene made of these, where they are looked for."""
     tables = [path for path in find_tables(photos)[0] if columns_of(path) >= COLUMNS]  # others may be about anything
     for path in (*tables, photos / TEST_LIST):
         copy = scene / path.name
@@ -72,7 +72,7 @@ def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str
 
 
 def _rows_of(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], list[str]]:
-    """As rows_of, of the list in the file `path`, and notes on what is of no use in it."""
+    """As rows_of, for the list in the file `path`; and notes on the rows that are of no use."""
     rows, unclear = rows_of(names, listed)
     several = [f"{row} ({list_names(fitting)})" for row, fitting in sorted(unclear.items())]
     notes = name_them(f"of {path.name} not in the model", sorted(listed - set(rows.values()) - unclear.keys()))
@@ -80,9 +80,9 @@ def _rows_of(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[s
 
 
 def rows_of(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """What photos are called in a list, if they are in it, and what in it fits several photos, with these.
+    """The row of a list that means each photo, for the photos it names; and the rows that fit several photos, with these.
 
-    A photo is called by its name or its end, with or without the suffix, or by the one longer path that ends in its name.
+    A row means a photo if it is the photo's name or an end of it, with or without the suffix, or the only longer path that ends in the name.
     """
     longer: dict[str, list[str]] = {}
     for row in listed:
@@ -110,6 +110,6 @@ def _stem(name: str) -> str:
 
 
 def _ends(name: str) -> list[str]:
-    """The name, and what is left of it without the outermost folder, the next one, and so on."""
+    """The name, then the name without its outermost folder, without the next one, and so on."""
     parts = name.split("/")
     return ["/".join(parts[number:]) for number in range(len(parts))]

@@ -25,20 +25,20 @@ from core.words import Note, Reasons, list_names, name_them
 
 FILE = "transforms.json"
 BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
-# Read alike: all with the lens terms that are given.
+# All read alike, with whatever lens terms are given.
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 FISHEYE = "OPENCV_FISHEYE"
 LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
 LARGEST_SIDE = 1 << 20  # px
-IN_VIEW = 0.5  # of the points; a file of which the cameras show less is likely to be in another frame
-POINTS_ASKED = 10_000  # for that, evenly spread
+IN_VIEW = 0.5  # of the points; if the cameras show less, the file is likely to be in another frame
+POINTS_ASKED = 10_000  # evenly spread, to find that out
 
 
 def read_transforms(root: Path) -> Posed:
-    """What transforms.json in `root` says; a split by train_filenames, test_filenames and val_filenames is kept.
+    """What transforms.json in `root` says, with the split of its train_filenames, test_filenames and val_filenames.
 
-    Raises BadInput for a file that is broken or without frames, and for lists that are none.
+    Raises BadInput for a file that is broken or has no frames, and for a ..._filenames that is not a list of names.
     """
     reading = _Reading(root)
     source = root / FILE
@@ -50,9 +50,9 @@ def read_transforms(root: Path) -> Posed:
 
 
 def read_blender(root: Path) -> Posed:
-    """What transforms_train.json in `root` says, and of what transforms_test.json, or else transforms_val.json, holds out.
+    """What transforms_train.json in `root` says; transforms_test.json, or else transforms_val.json, is held out.
 
-    Raises BadInput for a file that is broken, and where there are no frames to train on.
+    Raises BadInput for a file that is broken, and if there are no frames to train on.
     """
     reading = _Reading(root)
     source = root / BLENDER_FILES["train"]
@@ -75,7 +75,7 @@ def read_blender(root: Path) -> Posed:
 
 @dataclass
 class _Reading:
-    """Reads frames, and remembers which it could not use, and why. Views are named by their paths until all are known."""
+    """Reads frames, and collects which could not be used and why. Views are named by their whole paths until all are known."""
 
     root: Path
     notes: list[str] = field(default_factory=list)
@@ -83,7 +83,7 @@ class _Reading:
     sources: list[str] = field(default_factory=list)
 
     def views(self, source: Path, facts: dict) -> list[View]:
-        """The frames that can be used, each photo once."""
+        """The usable frames, each photo once."""
         views: dict[Path, View] = {}
         for number, frame in enumerate(facts["frames"]):
             label = f"frame {number} of {source.name}"
@@ -107,7 +107,7 @@ class _Reading:
         return list(views.values())
 
     def find(self, name: str) -> Path:
-        """The file that a file_path means: relative to the root; Blender scenes leave the suffix out."""
+        """The file that a file_path means, relative to the root. Blender scenes omit the suffix."""
         path = os.path.abspath(self.root / name)
         if os.path.isfile(path):  # pathlib's raises for names that are too long
             return Path(path)
@@ -116,8 +116,8 @@ class _Reading:
         return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if os.path.isfile(path + suffix)), path))
 
     def split_as_listed(self, source: Path, facts: dict, views: list[View]) -> list[View]:
-        """The views with the split that the file's lists give them, or as they are where there are no lists; without a list of
-        training photos those that are not held out. Names may lack their folder and suffix where that leaves no doubt."""
+        """The views with the split of the file's lists; unchanged if it has none. Without train_filenames, all that is not held out is trained
+        on. Names may omit folder and suffix if they stay unambiguous."""
         lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
         if not lists:
             return views
@@ -140,8 +140,8 @@ class _Reading:
         return [replace(view, split=split[view.path]) for view in views if view.path in split]
 
     def points(self, facts: dict, views: list[View]) -> Points | None:
-        """The points of ply_file_path, or None. They lie in the frame of the poses: applied_transform has been applied to
-        both. (Older versions of nerfstudio left them where they were; so they are looked at through the cameras.)"""
+        """The points of ply_file_path, or None. They are in the frame of the poses: applied_transform has been applied to both. (Older
+        versions of nerfstudio did not apply it to points, so the cameras are asked whether they see them.)"""
         name = facts.get("ply_file_path")
         if not isinstance(name, str):
             return None
@@ -162,7 +162,7 @@ class _Reading:
         return Points(positions[good], colours[good], None)
 
     def posed(self, kind: str, source: Path, views: list[View], points: Points | None) -> Posed:
-        """All of it, photos named from the folder on that holds them all, or by whole paths where none does (drives of Windows)."""
+        """All that was read. Photos are named by paths below their common folder, or by whole paths if there is none (drives of Windows)."""
         folder = self.root
         with suppress(ValueError):
             folder = Path(os.path.commonpath([view.path.parent for view in views]))
@@ -175,14 +175,14 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Lens:
-    """A frame's intrinsics as the file has them; what it leaves out follows from the size of the photo."""
+    """A frame's intrinsics as the file gives them; what it omits follows from the size of the photo."""
 
     model: str
     numbers: dict[str, float]
 
     @staticmethod
     def of(facts: dict) -> "_Lens":
-        """The lens of a frame, whose own values come before those at the top of the file."""
+        """The lens of a frame. facts: those at the top of the file, overridden by the frame's own."""
         model = str(facts.get("camera_model") or (FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])).upper()
         if model not in (*PERSPECTIVE, FISHEYE):
             raise Fault(f"with a camera_model that is not read ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
@@ -205,7 +205,7 @@ class _Lens:
         width, height = round(numbers.get("w", width)), round(numbers.get("h", height))
         x = numbers.get("fl_x", _focal_length(numbers.get("camera_angle_x"), width))
         y = numbers.get("fl_y", _focal_length(numbers.get("camera_angle_y"), height))
-        focal = [y if x is None else x, x if y is None else y]  # one of them is for square pixels
+        focal = [y if x is None else x, x if y is None else y]  # only one is given if pixels are square
         centre = [numbers.get("cx", width / 2), numbers.get("cy", height / 2)]
         k1, k2, k3, k4, p1, p2 = (numbers.get(name, 0.0) for name in LENS_TERMS)
         if self.model == FISHEYE:  # has no p1 and p2, though files may list them
@@ -218,7 +218,7 @@ class _Lens:
 
 
 def _focal_length(angle: float | None, side: int) -> float | None:
-    """px, of a lens that sees `angle` radians over a side of that many px; NaN for an angle that no lens has."""
+    """The focal length (px) of a lens that sees `angle` radians across `side` px; NaN for an angle that no lens has."""
     if angle is None:
         return None
     return side / 2 / math.tan(angle / 2) if 0 < angle < math.pi else math.nan
@@ -236,7 +236,7 @@ def _pose(frame: dict) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _share_in_view(points: np.ndarray, views: list[View]) -> float:
-    """The share of the points (P, 3) that lie in front of a camera, within 45 degrees of where it looks."""
+    """The share of the points (P, 3) that some camera sees within 45 degrees of its viewing direction."""
     points = points[:: -(-len(points) // POINTS_ASKED)]
     seen = np.zeros(len(points), bool)
     for view in views:
@@ -246,7 +246,7 @@ def _share_in_view(points: np.ndarray, views: list[View]) -> float:
 
 
 def _read_json(path: Path, may_be_empty: bool = False) -> dict:
-    """The file's facts, of which "frames" is a list with something in it."""
+    """The file's facts, with a list of "frames" that is not empty unless it may be."""
     fix = f"Write {path.name} again with the program that made it."
     try:
         facts = json.loads(path.read_bytes())

@@ -254,7 +254,7 @@ def interpolate(
     `export`.
     """
     if steps < 2:
-        raise BadSetting(f"A fade has two ends, and {steps} is fewer.", "Take 2 steps or more.")
+        raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
     trained = load_run(run.find_run(folder))
     photo = find_view(trained, view)
     output = output or Path(f"{_short(first)}-to-{_short(last)}")

@@ -54,7 +54,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
     """Draw the looks of RUN (default: the newest)."""
     trained = load_run(run.find_run(run_folder))
     if output is not None and output.suffix.lower() not in (".jpg", ".jpeg"):
-        raise BadInput(f"{output} is no JPEG by its name.", "Let it end in .jpg.")
+        raise BadInput(f"{output} is not named like a JPEG.", "End it in .jpg.")
     if len(views) > 1 and not renders:
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
     if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):

@@ -70,7 +70,7 @@ def test_a_sheet_without_photos(folder, tmp_path):
 @pytest.mark.parametrize(
     "options, words",
     [
-        (["-o", "x.png"], "no JPEG by its name"),
+        (["-o", "x.png"], "not named like a JPEG"),
         (["--style", "photo_1.png", "--view", "photo_5.png", "--view", "photo_1.png"], "Without --renders one --view"),
         (["-o", "x.jpg"], "of samples/plaza"),
         (["--style", "photo_1.png", "-o", "x.jpg"], "add --renders"),

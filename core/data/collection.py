@@ -90,7 +90,7 @@ class Collection:
             return (self.split("test") or self.photos)[0]
         if (photo := self.called(name)) is not None:
             return photo
-        raise BadInput(f"There is no photo {name} in this run.", f"Choose one such as {self.photos[0].name}.")
+        raise BadInput(f"There is no photo {name} in this run.", f"Choose another, such as {self.photos[0].name}.")
 
 
 def relative_path(name: str) -> Path:

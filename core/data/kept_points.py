@@ -40,7 +40,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
             model = triangulate(training, work, report)
             if not model.num_points3D():
                 what = f"No point could be triangulated from the photos and cameras of {collection.root}"
-                fix = "Look whether its poses are in the axes of its format, or have cameras found anew: wegs sfm PHOTOS -o SCENE"
+                fix = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
                 raise BadInput(f"{what}.", fix)
             (work / "scene" / MODEL).mkdir(parents=True)
             model.write(work / "scene" / MODEL)

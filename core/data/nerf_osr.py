@@ -89,5 +89,5 @@ def _lens(matrix: np.ndarray) -> Callable[[int, int], pycolmap.Camera]:
     fx, skew, cx = matrix[0, :3]
     fy, cy = matrix[1, 1:3]
     if not abs(skew) <= LARGEST_SKEW * abs(fx):
-        raise Fault("with intrinsics of slanted pixels")
+        raise Fault("with intrinsics whose skew is not 0")
     return lambda width, height: pycolmap.Camera(model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])

@@ -62,7 +62,7 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
         return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
     if is_of_run(folder):
-        return BadInput(f"{folder} is a run, whose pictures are no photos.", "Give the folder that holds your photos.")
+        return BadInput(f"{folder} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
     if below := fuller_below(folder, folder):
         inner = below.relative_to(folder)
         return BadInput(f"{folder} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")

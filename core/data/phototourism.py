@@ -64,7 +64,7 @@ def read_split_table(path: Path) -> SplitTable:
     except UnicodeDecodeError as problem:
         raise BadInput(f"{path} is not in {problem.encoding.upper()}.", "Save it as UTF-8, or remove it.") from None
     except csv.Error as problem:  # such as a quotation mark that nothing closes
-        raise BadInput(f"{path} is no table that can be read: {problem}.", fix) from None
+        raise BadInput(f"{path} cannot be read as a table: {problem}.", fix) from None
     if not rows:
         raise BadInput(f"{path} names no photos.", "Remove it, or write a line for each photo.")
     if not COLUMNS <= set(rows[0]):

@@ -154,7 +154,7 @@ def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.
         raise Fault(f"with {what} with numbers that are not finite")
     left, lengths, right = np.linalg.svd(axes)
     if not lengths[2] > (1 - CROOKED) * lengths[0]:
-        raise Fault(f"with {what} that is no rotation: its axes differ in length or are not at right angles")
+        raise Fault(f"with {what} that is not a rotation: its axes differ in length or are not at right angles")
     rotation = left @ right
     if np.linalg.det(rotation) < 0:
         raise Fault(f"with {what} that is mirrored")

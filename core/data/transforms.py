@@ -124,7 +124,7 @@ class _Reading:
         if not all(
             isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
         ):
-            raise BadInput(f"{source} has a list of file names that is none.", "Correct or remove its ..._filenames.")
+            raise BadInput(f"{source} has a ..._filenames that is not a list of file names.", "Correct or remove it.")
         paths = {view.path for view in views}
         meant = {row: Path(name) for name, row in rows_of((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
         listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
@@ -185,12 +185,12 @@ class _Lens:
         """The lens of a frame. facts: those at the top of the file, overridden by the frame's own."""
         model = str(facts.get("camera_model") or (FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])).upper()
         if model not in (*PERSPECTIVE, FISHEYE):
-            raise Fault(f"with a camera_model that is not read ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
+            raise Fault(f"with a camera_model that is not supported ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
         terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)
         try:
             numbers = {name: float(facts[name]) for name in terms if facts.get(name) is not None}
         except (TypeError, ValueError, OverflowError):
-            raise Fault("with intrinsics that are no numbers") from None
+            raise Fault("with intrinsics that are not numbers") from None
         if not {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} & numbers.keys():
             raise Fault("without fl_x or camera_angle_x")
         if not all(1 <= numbers.get(name, 1) <= LARGEST_SIDE for name in ("w", "h")):
@@ -253,9 +253,9 @@ def _read_json(path: Path, may_be_empty: bool = False) -> dict:
     except OSError as problem:
         raise BadInput(f"{path} cannot be read: {problem.strerror}.", fix) from None
     except RecursionError:
-        raise BadInput(f"{path} is no JSON that can be read: it is nested too deeply.", fix) from None
+        raise BadInput(f"{path} is not valid JSON: it is nested too deeply.", fix) from None
     except ValueError as problem:  # of the text or of its encoding
-        raise BadInput(f"{path} is no JSON that can be read: {problem}.", fix) from None
+        raise BadInput(f"{path} is not valid JSON: {problem}.", fix) from None
     if not isinstance(facts, dict) or not isinstance(facts.get("frames"), list):
         raise BadInput(f"{path} has no list of frames.", fix)
     if not facts["frames"] and not may_be_empty:

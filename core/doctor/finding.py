@@ -1,4 +1,4 @@
-"""What the doctor says: one line for each thing looked at."""
+"""What the doctor says: one line for each check."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """figure: what was found. meaning: why it matters. advice: what to do, empty where nothing needs doing."""
+    """The result of a check. figure: what was found. meaning: why it matters. advice: what to do, empty if nothing needs doing."""
 
     name: str
     figure: str
@@ -20,11 +20,11 @@ class Finding:
 
 
 def verdict(findings: Sequence[Finding]) -> str:
-    """The last line: how many findings ask for something, and which."""
+    """The last line: how many findings need attention, and which."""
     open_ones = [finding.name for finding in findings if finding.advice]
     if not open_ones:
-        return f"Verdict: sound; {len(findings)} things looked at, nothing to do."
-    return f"Verdict: {len(open_ones)} of {len(findings)} things ask for a look: {', '.join(dict.fromkeys(open_ones))}."
+        return f"Verdict: sound; {len(findings)} checks, nothing to do."
+    return f"Verdict: {len(open_ones)} of {len(findings)} checks need attention: {', '.join(dict.fromkeys(open_ones))}."
 
 
 def part(count: int, total: int) -> str:

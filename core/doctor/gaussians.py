@@ -96,7 +96,7 @@ def _sizes(splats: Splats) -> Finding:
     figure = f"{part(near, len(splats))} in the scene, {part(beyond, len(splats))} beyond {FAR:.0f} radii"
     advice = "Remove them, or train with a smaller largest_scale." if near > WASTE * len(splats) else ""
     if near + beyond > len(splats) / 2:
-        fix = "Look whether they are natural logarithms, in the units of the centres, and export it again."
+        fix = "Check that they are natural logarithms, in the units of the centres, and export it again."
         return Finding("scales", figure, "longer than half the scene's radius, most of all: nothing but haze", fix)
     return Finding("giants", figure, "longer than half the scene's radius: haze inside, background outside", advice)
 

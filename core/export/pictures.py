@@ -69,4 +69,4 @@ def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Non
             writer.write(cv2.cvtColor(frame[:height, :width], cv2.COLOR_RGB2BGR))
         writer.release()
         if not cv2.VideoCapture(file).isOpened():  # the writer says nothing, but its index comes last
-            raise WegsError(f"{path} could not be written whole.", "Look whether the disk is full.")
+            raise WegsError(f"{path} could not be written whole.", "Check whether the disk is full.")

@@ -83,7 +83,7 @@ def find_view(trained: Run, word: str | None) -> Photo:
     """
     photo = None if word is None else _of_collection(trained, word)
     if photo is None and word is not None and (lost := _left_out(trained, word)):
-        raise BadInput(f"{lost.name} was left out when the cameras were found.", f"Choose one such as {trained.collection.photos[0].name}.")
+        raise BadInput(f"{lost.name} was left out when the cameras were found.", f"Choose another, such as {trained.collection.photos[0].name}.")
     return photo or trained.collection.view(word)
 
 

@@ -76,7 +76,7 @@ def test_pictures_of_runs_and_fades_are_no_photos(tmp_path):
     (run / "config.json").write_text('{"wegs": "1.0"}')
     with pytest.raises(BadInput, match="no photos and no COLMAP model. Give the folder"):
         find_kind(tmp_path)
-    with pytest.raises(BadInput, match="photos is a run, whose pictures are no photos"):
+    with pytest.raises(BadInput, match="photos is a run, whose pictures are not photos"):
         find_kind(run)
     (run / "config.json").write_text('{"lens": 35}')  # another program's
     assert find_photos(tmp_path) == run and find_photos(fade) == fade

@@ -106,9 +106,9 @@ def matrix(change):
         ("pose", "one " * 16, "whose text file in pose/ does not hold 16 numbers"),
         ("pose", matrix(lambda m: m.__setitem__((0, 3), np.nan)), "with a pose with numbers that are not finite, not used: photo_1.png"),
         ("pose", matrix(lambda m: m.__setitem__((0, 0), -1)), "with a pose that is mirrored"),
-        ("pose", matrix(lambda m: m.__setitem__((0, 0), 3)), "with a pose that is no rotation"),
+        ("pose", matrix(lambda m: m.__setitem__((0, 0), 3)), "with a pose that is not a rotation"),
         ("intrinsics", None, "without a text file in intrinsics/"),
-        ("intrinsics", matrix(lambda m: m.__setitem__((0, 1), 0.5)), "with intrinsics of slanted pixels"),
+        ("intrinsics", matrix(lambda m: m.__setitem__((0, 1), 0.5)), "with intrinsics whose skew is not 0"),
         ("intrinsics", matrix(lambda m: m.__setitem__((1, 1), -1)), "camera or pose that is broken"),
     ],
 )  # fmt: skip

@@ -18,8 +18,8 @@ def test_rotation_and_centre(scale):
     ("matrix", "words"),
     [
         (TURN * [1, 1, -1, 1], "that is mirrored"),
-        (TURN * [1, 1, 1.02, 1], "that is no rotation"),
-        (TURN * [0, 0, 0, 1], "that is no rotation"),
+        (TURN * [1, 1, 1.02, 1], "that is not a rotation"),
+        (TURN * [0, 0, 0, 1], "that is not a rotation"),
         (TURN * [1, 1, np.nan, 1], "not finite"),
         (TURN * [1, 1, 1, np.inf], "not finite"),
         (TURN * [1, 1, 1, 1e200], "not finite"),

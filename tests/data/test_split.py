@@ -109,7 +109,7 @@ def test_a_split_in_capitals_and_a_folder_named_like_a_table(tmp_path):
         (b"filename\tid\tsplit\n", "names no photos"),
         (b"filename\tid\tsplit\n\xff\xfe\x80\n", "is not in UTF-8. Save it as UTF-8"),
         ("\ufefffilename\tid\tsplit\n".encode("utf-16-le") + b"x", "is not in UTF-16-LE. Save it as UTF-8"),
-        (b'filename\tid\tsplit\n"a.jpg\t1\ttrain\nb.jpg\t2\ttest\n', "is no table that can be read: unexpected end"),
+        (b'filename\tid\tsplit\n"a.jpg\t1\ttrain\nb.jpg\t2\ttest\n', "cannot be read as a table: unexpected end"),
     ],
 )
 def test_a_split_table_that_cannot_be_read(tmp_path, content, words):

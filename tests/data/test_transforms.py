@@ -186,12 +186,12 @@ def turned(by):
         (spoil("transform_matrix", [[10**400] * 4] * 4), "without a transform_matrix of 4 x 4 numbers"),
         (turned(np.diag([1, 1, 1, np.nan])), "with numbers that are not finite, not used: photo_1.png"),
         (turned(np.diag([1, -1, 1, 1])), "that is mirrored, not used: photo_1.png"),
-        (turned(np.diag([1, 1, 1.1, 1])), "that is no rotation.*: photo_1.png"),
-        (spoil("transform_matrix", np.zeros((4, 4)).tolist()), "that is no rotation"),
-        (spoil("camera_model", "FISHEYE624"), "camera_model that is not read .FISHEYE624; OPENCV and OPENCV_FISHEYE are."),
-        (spoil("camera_model", ["OPENCV"]), "camera_model that is not read"),
-        (spoil("fl_x", "wide"), "intrinsics that are no numbers, not used: photo_1.png"),
-        (spoil("fl_x", 10**400), "intrinsics that are no numbers, not used: photo_1.png"),
+        (turned(np.diag([1, 1, 1.1, 1])), "that is not a rotation.*: photo_1.png"),
+        (spoil("transform_matrix", np.zeros((4, 4)).tolist()), "that is not a rotation"),
+        (spoil("camera_model", "FISHEYE624"), "camera_model that is not supported .FISHEYE624; OPENCV and OPENCV_FISHEYE are."),
+        (spoil("camera_model", ["OPENCV"]), "camera_model that is not supported"),
+        (spoil("fl_x", "wide"), "intrinsics that are not numbers, not used: photo_1.png"),
+        (spoil("fl_x", 10**400), "intrinsics that are not numbers, not used: photo_1.png"),
         (spoil("fl_x", float("nan")), "camera or pose that is broken, not used: photo_1.png"),
         (spoil("fl_x", 0), "camera or pose that is broken"),
         (spoil("w", 0), "a w or h that no photo has"),
@@ -209,7 +209,7 @@ def test_frames_that_are_wrong_are_named_and_the_others_used(scene, fault, words
 def test_no_frame_that_can_be_used(scene):
     changed(scene, lambda facts: [spoil("camera_model", "EQUIRECTANGULAR")(frame) for frame in facts["frames"]])
     with pytest.raises(
-        BadInput, match="No photo of .*transforms.json can be used: 4 photos with a camera_model that is not read"
+        BadInput, match="No photo of .*transforms.json can be used: 4 photos with a camera_model that is not supported"
     ):
         load_collection(scene)
 
@@ -234,10 +234,10 @@ def test_a_scaled_camera_sees_the_same_and_rounded_digits_are_made_whole(scene):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("{", "transforms.json is no JSON that can be read: .*line 1"),
-        ("", "is no JSON that can be read"),
-        ("\xff\xfe", "is no JSON that can be read"),
-        ("[" * 100_000, "is no JSON that can be read: it is nested too deeply"),
+        ("{", "transforms.json is not valid JSON: .*line 1"),
+        ("", "is not valid JSON"),
+        ("\xff\xfe", "is not valid JSON"),
+        ("[" * 100_000, "is not valid JSON: it is nested too deeply"),
         ("[]", "has no list of frames"),
         ('{"frames": {}}', "has no list of frames"),
         ('{"frames": []}', "has no frames"),

@@ -50,7 +50,7 @@ def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
         ({"test": named(0, 1, 2, 3)}, "transforms.json leaves no photo to train on. .* --all-photos"),
         ({"train": [], "test": named(0)}, "leaves no photo to train on: 3 photos listed neither for training nor for testing"),
         ({"train": named(9), "test": named(0)}, "leaves no photo to train on: 1 photo listed in transforms.json without a usable frame: photo_9.png"),
-        ({"train": 3}, "has a list of file names that is none"),
+        ({"train": 3}, "has a ..._filenames that is not a list of file names"),
     ],
 )
 def test_lists_that_leave_nothing(scene, lists, words):

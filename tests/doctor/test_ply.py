@@ -59,7 +59,7 @@ def test_a_sound_file_of_any_program_is_sound(tmp_path, rest, degree, kind):
     assert asked_for(findings) == set()
     assert f"{ROWS} Gaussians of SH degree {degree}" in findings["file"].figure
     assert findings["harmonics"].figure.startswith(f"degree {min(degree, 1)} used of {degree}")
-    assert heard.lines[-1].endswith(f"Verdict: sound; {len(findings)} things looked at, nothing to do.")
+    assert heard.lines[-1].endswith(f"Verdict: sound; {len(findings)} checks, nothing to do.")
     assert len(heard.lines) == len(findings) + 1 and not any("\n" in line for line in heard.lines)
 
 
@@ -92,7 +92,7 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
     assert "coefficients up to 12" in findings["harmonics"].figure
     expected = {*figures, "extent", "colours", "harmonics"} - {"saturated"}
     assert asked_for(findings) == expected
-    assert heard.lines[-1].endswith(f"ask for a look: {', '.join(n for n in findings if n in expected)}.")
+    assert heard.lines[-1].endswith(f"need attention: {', '.join(n for n in findings if n in expected)}.")
 
 
 @pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, look dusk", True), ("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)])

@@ -194,7 +194,7 @@ def stray_scene(root):
 
 def test_the_verdict_names_each_thing_once():
     findings = [Finding("reading", "one", "said", "Correct it."), Finding("reading", "two", "said", "Correct it.")]
-    assert verdict(findings) == "Verdict: 2 of 2 things ask for a look: reading."
+    assert verdict(findings) == "Verdict: 2 of 2 checks need attention: reading."
 
 
 def test_a_scene_with_faults_names_them(tmp_path):
@@ -249,7 +249,7 @@ def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, wor
     save_photos(tmp_path, count)
     findings, heard = examined(tmp_path)
     assert findings["scene"].meaning == f"photos without cameras; next, `wegs train {tmp_path}` finds them ({words}) and trains"
-    assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 4 things looked at, nothing to do."
+    assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 4 checks, nothing to do."
 
 
 def test_one_photo_is_too_few_to_find_cameras(tmp_path):

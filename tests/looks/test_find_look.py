@@ -36,7 +36,7 @@ def test_a_view_is_called_as_a_look_is(trained):
     photo = trained.collection.photos[4]
     assert find_view(trained, str(photo.path)) is photo
     assert find_view(trained, None).name == trained.collection.view(None).name == "photo_2.png"
-    with pytest.raises(BadInput, match="no photo bogus in this run. Choose one such as photo_0.png"):
+    with pytest.raises(BadInput, match="no photo bogus in this run. Choose another, such as photo_0.png"):
         find_view(trained, "bogus")
 
 
@@ -49,7 +49,7 @@ def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
         said = f"{name} was left out when the cameras were found."
         with pytest.raises(BadInput, match=f"{said} Give its path, as of a photo from outside: /photos/{name}"):
             find_appearance(made, word)
-        with pytest.raises(BadInput, match=f"{said} Choose one such as photo_0.png"):
+        with pytest.raises(BadInput, match=f"{said} Choose another, such as photo_0.png"):
             find_view(made, word)
     with pytest.raises(BadInput, match="lust.jpg is neither a photo file"):
         find_appearance(made, "lust.jpg")

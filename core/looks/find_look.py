@@ -1,4 +1,4 @@
-"""The look that a word stands for: `neutral`, a saved look, a photo by its path, or one of the collection by its name."""
+"""Finds the look that the user names: `neutral`, a saved look, a photo file, or a photo of the collection by its name."""
 
 import difflib
 from dataclasses import replace
@@ -20,7 +20,7 @@ from core.looks.saved_look import NEUTRAL
 from core.looks.trained import Appearance, Run
 from core.report import QUIET, Report
 
-SMALLEST_PHOTO_PX = 16  # a short side below this says nothing about light that could be told from noise
+SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not be told from noise
 
 
 @torch.no_grad()
@@ -29,14 +29,13 @@ def find_appearance(
 ) -> Appearance:
     """The look that `word` stands for.
 
-    mask: a picture that is white where the photo is to be used; what it hides does not enter the look at all. refine: read a photo
-    that was not trained on better than the encoder does, where its camera is known or found; this takes seconds, which `report` hears of.
+    mask: a picture, white where the photo is to be used; what it hides does not enter the look at all. refine: refine the encoder's look
+    of a photo that was not trained on, if its camera is known or can be found; this takes seconds, with progress in `report`.
 
-    Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection,
-    or the file that structure from motion made it of; the name of a look saved in the run; that of a photo of the
-    collection, without its suffix too where only one is called so.
-    A photo of the collection is encoded with its predicted mask, any other with M := 1. Raises BadInput naming what is near,
-    if nothing fits, and for the mask of a look that comes from no photo.
+    Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection, or the file
+    that structure from motion made it of; the name of a look saved in the run; the name of a photo of the collection, also without its
+    suffix if that is unambiguous. A photo of the collection is encoded with its predicted mask, any other with M := 1.
+    Raises BadInput, with the nearest name, if nothing fits; and for a mask with a look that is not read from a photo.
     """
     saved = _saved_as(trained, word)
     reads_photos = trained.settings.appearance != "off" and trained.settings.embedding == "encoder"
@@ -58,7 +57,7 @@ def find_appearance(
 
 
 def _saved_as(trained: Run, word: str) -> Path | None:
-    """The file of a saved look, given by its path or its name; a path that does not exist is told when it is read."""
+    """The file of a saved look, named by its path or its name; that a path does not exist is reported when it is read."""
     path = Path(word)
     named = path if path.name != word else trained.folder / saved_look.FOLDER / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":
@@ -77,9 +76,9 @@ def _of_collection(trained: Run, word: str) -> Photo | None:
 
 
 def find_view(trained: Run, word: str | None) -> Photo:
-    """The photo of the collection that `word` stands for, as in `find_appearance`; for None the first held-out one, or the first.
+    """The photo of the collection that `word` stands for, as in `find_appearance`; for None the first held-out one, or the first of all.
 
-    Raises BadInput where there is none.
+    Raises BadInput if there is none.
     """
     photo = None if word is None else _of_collection(trained, word)
     if photo is None and word is not None and (lost := _left_out(trained, word)):
@@ -88,7 +87,7 @@ def find_view(trained: Run, word: str | None) -> Photo:
 
 
 def _left_out(trained: Run, word: str) -> Path | None:
-    """The file called `word`, with its suffix or without, that structure from motion was given and did not take into the scene."""
+    """The file called `word`, with or without suffix, that structure from motion was given but could not place."""
     root = trained.collection.root
     names = read_mark(root / sfm_record.NAMES)
     known = {photo.name for photo in trained.collection.photos}

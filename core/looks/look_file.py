@@ -1,4 +1,4 @@
-"""A look of a run as a file for viewers."""
+"""Writes a look of a run as a file for viewers."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from core.words import counted
 
 
 def write_look(trained: Run, appearance: Appearance, path: Path, report: Report, trim: Trim | None, sky: bool = True) -> int:
-    """Bake and write one look, trimmed unless that is None, with its sky or without; returns how many Gaussians it has."""
+    """Bake and write one look, with or without its sky; returns how many Gaussians were written. trim: None keeps all Gaussians."""
     look = bake(trained, appearance)
     trimmed = Trimmed(look, 0, 0, 0.0) if trim is None else trim(look)
     splats = trimmed.splats if sky else trimmed.splats[: len(trimmed.splats) - trained.sky]

@@ -11,21 +11,21 @@ from core.appearance.tone import band_means, taken_off, tone_between, toned
 from core.data.collection import spread_over
 from core.looks.trained import Run
 
-VIEWS = 16  # training cameras that tell where in a photo the sky is
-SHRUNK = 4  # times smaller than they were trained at
-TRIES = 20  # shares of the tone, from little to all
-PLAIN = 1.1  # a gain, or that of a channel over the mean of all, that is worth a word
+VIEWS = 16  # training cameras, which show where in a photo the sky usually is
+SHRUNK = 4  # times; their pictures are that much smaller than in training
+TRIES = 20  # shares of the tone that are tried, from 1/20 to all of it
+PLAIN = 1.1  # a gain, or a channel's gain over the mean, worth mentioning
 TINTS = "redder", "greener", "bluer"
 
 
 @torch.no_grad()
 def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Float[Tensor, " e"], Float[Tensor, "2 3"] | None]:
-    """(embedding, tone) of a photo ([0, 1], any size); tone None where the embedding is within what training photos reach.
+    """(embedding, tone) of a photo ([0, 1], any size); the tone is None if the embedding is within reach of the training photos'.
 
     Otherwise the whole tone is what turns the mean of the training views, in the neutral look, into the photo. The smallest share of it
-    (a power of its gains) that brings the embedding within reach is taken off the photo. Where none does, the share that brings it
-    nearest is taken off, and the embedding is moved within reach. Where transparent pixels are empty space it is moved without a tone:
-    what such a photo shows around the object is no sky of the run.
+    (a power of its gains) that brings the embedding within reach is taken off the photo. If none does, the share that brings it nearest
+    is, and the embedding is moved within reach. If transparent pixels are empty space, it is moved without a tone: what such a photo
+    shows around the object is not the run's sky.
     """
     model, reach, picture = trained.model, trained.reach, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
@@ -36,13 +36,13 @@ def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Fl
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
     embeddings = [model.embedding_from_outside(taken_off(picture, tone, shares)) for tone in tones]
     distances = [reach.distance(embedding) for embedding in embeddings]
-    nearest = min(range(TRIES), key=lambda number: (distances[number], -number))  # all of it for a black photo, whatever is taken off
+    nearest = min(range(TRIES), key=lambda number: (distances[number], -number))  # the largest of equals: all of it for a black photo, which nothing changes
     chosen = next((number for number in range(TRIES) if distances[number] <= 1), nearest)
     return reach.nearest(embeddings[chosen]), tones[chosen]
 
 
 def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
-    """How a photo that needs this tone, of gains > 0, is lit, against those of the place: "darker, bluer", or nothing worth a word."""
+    """How a photo with this tone (gains > 0) is lit compared with the training photos, such as "darker, bluer"; empty if about the same."""
     channels = tone.log().mean(dim=0)
     brightness = channels.mean()
     words = []
@@ -54,7 +54,7 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
 
 
 def _shares(trained: Run) -> Float[Tensor, "2 bands 3"]:
-    """What the place and the sky each add to the mean colours of the bands of training views, in the neutral look."""
+    """What place and sky each contribute to the mean colours of the bands of the training views, in the neutral look."""
     neutral = trained.model.bake(trained.splats, trained.model.mean_embedding, trained.latents)
     alone = [toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
     shares = []

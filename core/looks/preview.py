@@ -1,4 +1,4 @@
-"""What a trained run looks like, to be seen without a viewer: photos beside the scene in their looks."""
+"""A first look at a trained run without a viewer: photos beside the scene in their looks."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ PHOTOS = 4
 
 
 def write_preview(trained: Run, pictures: Sequence[Picture]) -> Path:
-    """PREVIEW in the run folder: up to PHOTOS of the training photos, each beside the scene from its camera, in its look and the neutral one."""
+    """Write PREVIEW into the run folder: up to PHOTOS training photos, each beside the scene from its camera, in its look and in the neutral one."""
     has_looks = trained.settings.appearance != "off"
     columns = ("photo", "the scene in its look", "in the neutral look") if has_looks else ("photo", "the scene")
     neutral, rows = bake(trained, find_appearance(trained, NEUTRAL)), []

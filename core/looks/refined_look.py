@@ -1,4 +1,4 @@
-"""A look refined against the photo that it was read from: one that was not trained on, whose camera is known or can be found."""
+"""Refines a look against the photo it was read from, if that was not trained on and its camera is known or can be found."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -22,16 +22,16 @@ from core.training.pictures import Picture, shown_on
 
 
 def refined_held_out(trained: Run, look: Appearance, picture: Picture, report: Report) -> Appearance:
-    """The look of a held-out photo. That of a training photo would be no better for it: the encoder has learnt it by heart."""
+    """The look of a held-out photo, refined. (A training photo's would gain nothing: the encoder has learnt it by heart.)"""
     pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
     better = refined(trained, look, picture.camera, pixels, valid, report)
     return look if better is None else replace(better, source=f"{look.source}, refined")
 
 
 def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | None, report: Report) -> Appearance:
-    """The look of a photo file from outside the collection; as it was read, and said why, where the photo cannot be located.
+    """The look of a photo file from outside the collection, refined; unchanged if the photo cannot be located, with the reason in `source`.
 
-    It is drawn at its own size, or that of a training photo if that is smaller. mask: white where the photo is to be used.
+    The photo is compared at its own size, or the mean size of a training photo if that is smaller. mask: white where it is to be used.
     """
     if trained.settings.appearance == "off":
         return look
@@ -41,7 +41,7 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
 
     try:
         known = landmarks_of_run(trained, report)
-    except BadInput:  # moved or removed since
+    except BadInput:  # the scene was moved or removed since
         return as_read("the scene cannot be read")
     try:
         found = locate(path, known, report, mask)
@@ -51,7 +51,7 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
         photo = Photo(path.name, path, found.camera, "test", NO_POINTS, mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
         picture = files.load(photo, camera.width, camera.height, trained.is_cut_out)
-    except BadInput:  # a mask of which nothing is left in a smaller picture
+    except BadInput:  # nothing is left of a mask in a smaller picture
         return as_read("too little of it is left at the size at which it is drawn")
     pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
     better = refined(trained, look, camera, pixels, valid, report)
@@ -60,9 +60,9 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
 
 
 def landmarks_of_run(trained: Run, report: Report) -> Landmarks:
-    """What photos from outside are located by, in the run's scene frame: searched for once, then kept in the run folder.
+    """The landmarks that photos from outside are located by, in the run's scene frame: found once, then kept in the run folder.
 
-    Raises BadInput where there are none yet and the scene cannot be read.
+    Raises BadInput if there are none yet and the scene cannot be read.
     """
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path)) is not None:
@@ -70,7 +70,7 @@ def landmarks_of_run(trained: Run, report: Report) -> Landmarks:
     collection = load_collection(trained.collection.root, trained.settings.all_photos)
     report.say("Photos are located by the features of the training photos, which are searched for once")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
-    with suppress(WegsError):  # the folder may not be written in: searched for again the next time
+    with suppress(WegsError):  # the folder cannot be written to: they are found again next time
         found.save(path)
     return found
 
@@ -83,7 +83,7 @@ def refined(
     valid: Bool[Tensor, "h w"] | None,
     report: Report = QUIET,
 ) -> Appearance | None:
-    """The look refined against what `camera` sees in it, [0, 1]; None where looks follow no embedding."""
+    """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
     best = None
     steps = refinement(trained.seen_by(camera), trained.bound, look.embedding, pixels, valid, look.tone)
     for step, best in enumerate(steps):

@@ -1,4 +1,4 @@
-"""Looks kept by name: an embedding in a small JSON file, which means something only to the model that made it, that of one run at one step."""
+"""Looks saved by name: an embedding in a small JSON file, which only the model that made it understands (one run at one step)."""
 
 import json
 import re
@@ -14,11 +14,11 @@ from core.training.run import check_writable
 from core.words import counted
 
 FOLDER = "appearance"
-NEUTRAL = "neutral"  # the look that every run has, and so the name of no other
+NEUTRAL = "neutral"  # the look that every run has; no other can have its name
 
 
 def path_of(folder: Path, name: str) -> Path:
-    """Where a run keeps the look `name`; BadSetting unless it is a plain file name other than `neutral`, with `.json` or without."""
+    """Where a run saves the look `name`; BadSetting unless that is a plain file name other than `neutral`, with or without `.json`."""
     name = name.removesuffix(".json")
     if name == NEUTRAL:
         raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
@@ -28,9 +28,9 @@ def path_of(folder: Path, name: str) -> Path:
 
 
 def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) -> None:
-    """Raise BadInput where a run cannot keep a look `name`, or has one that is not to be replaced: asked before the work.
+    """Raise BadInput, before the work, if a run cannot save a look `name`, or has one that may not be replaced.
 
-    photos: names of the run's photos. BadSetting for one of them, whose own look nobody could ask for by name any more.
+    photos: names of the run's photos. BadSetting for one of them: its own look could no longer be asked for by name.
     """
     path = path_of(folder, name)
     if path.stem in photos:
@@ -41,14 +41,14 @@ def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) ->
 
 
 def names(folder: Path) -> list[str]:
-    """The looks that a run keeps."""
+    """The names of the looks saved in a run."""
     return sorted(path.stem for path in (folder / FOLDER).glob("*.json"))
 
 
 def save(folder: Path, look: Appearance, identity: str, step: int) -> Path:
-    """Write the look into a run folder, in place of an older one of that name.
+    """Write the look into a run folder, replacing an older one of that name.
 
-    identity: of the run (config.json), whose SH transfer alone, as it is after `step` steps, understands the embedding.
+    identity: the run's (config.json); only its SH transfer after `step` steps understands the embedding.
     """
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
@@ -59,9 +59,9 @@ def save(folder: Path, look: Appearance, identity: str, step: int) -> Path:
 
 
 def load(path: Path, identity: str, size: int, step: int) -> Appearance:
-    """Read a look of the run `identity` after `step` steps; looks saved by versions that did not keep the step are taken for such.
+    """Read a look of the run `identity` after `step` steps; a file from a version that did not save the step is accepted.
 
-    Raises BadInput unless it is one, with `size` finite numbers, and its tone, if any, is six gains >= 0.
+    Raises BadInput if it is anything else, or its embedding is not `size` finite numbers, or its tone, if any, not six gains >= 0.
     """
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")

@@ -30,8 +30,8 @@ from core.training.pictures import Picture, Sizes, load_picture
 class Run:
     """What `load_run` finds in a run folder.
 
-    splats: base Gaussians, scene frame; the last `sky` are the dome. latents: theirs, where the run has any. seconds: spent
-    on training. It is a Subject of core.evaluation.
+    splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
+    seconds: spent on training. A Run is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -46,9 +46,9 @@ class Run:
     model: AppearanceModel
 
     def picture(self, photo: Photo) -> Picture:
-        """A photo of the collection at the size it was trained at, with its camera and the encoder's input.
+        """A photo of the collection at its training size, with its camera and the encoder's input.
 
-        Raises BadInput where the photo is missing or damaged.
+        Raises BadInput if the photo is missing or damaged.
         """
         root = self.collection.root
         if not photo.path.is_file() and not root.is_dir():
@@ -56,7 +56,7 @@ class Run:
         return load_picture(photo, self.sizes, self.device, self.is_cut_out)
 
     def camera(self, photo: Photo) -> Camera:
-        """The camera of a photo of the collection at the size it was trained at; the photo itself is not needed."""
+        """The camera of a photo of the collection at its training size; the photo itself is not needed."""
         return self.sizes.camera(photo)
 
     @torch.no_grad()
@@ -66,7 +66,7 @@ class Run:
 
     @torch.no_grad()
     def mask(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "h4 w4"] | None:
-        """What is static in a picture (1) and what is not (0), or None without a network that says so."""
+        """The mask of a picture, 1 = static; None if the run has no mask network."""
         mask = self.model.look(picture).mask
         return None if mask is None else mask[0]
 
@@ -75,7 +75,7 @@ class Run:
         return self.reach.nearest(embedding, refinement.FARTHEST)
 
     def seen_by(self, camera: Camera) -> Render:
-        """What renders its view in any look, as of its bake; differentiable in the tone, and in the embedding if looks follow it at all."""
+        """A function that renders the camera's view in any look, as `bake` gives it; differentiable in the tone, and in the embedding if looks follow it."""
         visible = self.rasterizer.visible(self.splats, camera)
         base = self.splats[visible.rows].detached()
         latents = None if self.latents is None else self.latents[visible.rows].detach()
@@ -92,22 +92,22 @@ class Run:
 
     @cached_property
     def reach(self) -> Reach:
-        """Where its looks may lie."""
+        """Where the embeddings of its looks may lie."""
         return self.model.reach
 
     @cached_property
     def sizes(self) -> Sizes:
-        """What sizes its photos were trained at."""
+        """The sizes its photos were trained at."""
         return Sizes.of(self.settings, self.collection.photos)
 
     @property
     def is_cut_out(self) -> bool:
-        """Whether what is transparent in photos was learnt as empty space."""
+        """Whether transparent pixels were learnt as empty space."""
         return backdrop.is_cut_out(self.settings)
 
     @property
     def backdrop(self) -> Colour:
-        """What its pictures are shown and measured over."""
+        """The background that its pictures are shown and measured over."""
         return backdrop.of_figures(self.is_cut_out)
 
     @property
@@ -117,19 +117,19 @@ class Run:
 
     @cached_property
     def rasterizer(self) -> Rasterizer:
-        """The backend that the run was trained with; with `auto`, or where its GPU is missing, the one for where it is used."""
+        """The backend that the run was trained with; for `auto`, or without the GPU it was trained on, the one for the device in use."""
         moved = self.settings.device == "cuda" and self.device.type == "cpu"
         return core.rasterizer.create("auto" if moved else self.settings.backend, self.device.type)
 
     @property
     def where(self) -> str:
-        """A few words for the user where the GPU, or its absence, is news; else nothing."""
+        """Words for the user on the device in use, if the run was trained on a GPU; else nothing."""
         return f", on {device.named(self.device)}" if self.settings.device == "cuda" else ""
 
 
 @dataclass(frozen=True)
 class Appearance:
-    """A look by name. source: what it was taken from, in words. tone: of place and sky, where the embedding does not say all of it."""
+    """A look by name. source: where it comes from, in words. tone: gains of place and sky, for what the embedding cannot express."""
 
     name: str
     source: str
@@ -138,9 +138,9 @@ class Appearance:
 
 
 def load_run(folder: Path, on_gpu: bool = True) -> Run:
-    """The newest checkpoint of a run folder and all that is needed to use it; BadInput if there is none.
+    """The newest checkpoint of a run folder, and all that is needed to use it; BadInput if there is none.
 
-    on_gpu: use a run that was trained on a GPU there, if there is one here; else on the CPU.
+    on_gpu: if the run was trained on a GPU and there is one here, use it there; else on the CPU.
     """
     identity, settings, collection = run.read_config(folder)
     path = checkpoint.newest(folder)
@@ -159,13 +159,13 @@ def load_run(folder: Path, on_gpu: bool = True) -> Run:
 
 
 def bake(trained: Run, appearance: Appearance) -> Splats:
-    """The Gaussians of the run in one look, scene frame: one pass of the SH transfer; appearance is over after it."""
+    """The run's Gaussians in one look, scene frame: one pass of the SH transfer, after which appearance plays no part."""
     look = trained.model.bake(trained.splats, appearance.embedding, trained.latents)
     return look if appearance.tone is None else toned(look, appearance.tone, trained.sky)
 
 
 def blend(first: Appearance, last: Appearance, share: float) -> Appearance:
-    """The look `share` of the way from one to the other; at 0 and 1 the ends themselves, so that bakes are equal."""
+    """The look `share` of the way from `first` to `last`; at 0 and 1 exactly these, so that their bakes are equal."""
     if share in (0.0, 1.0):
         return last if share else first
     name = f"{share:.3f} of the way from {first.name} to {last.name}"

@@ -1,4 +1,4 @@
-"""What a baked look can do without: Gaussians and SH bands whose absence no training view shows. The sky stays whole."""
+"""Prunes a baked look: Gaussians and SH bands that no training view would miss are left out. The sky stays whole."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from core.scene.camera import Camera
 from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 
-HALF_STEP = 0.5 / 255  # no 8-bit picture need show a smaller change
+HALF_STEP = 0.5 / 255  # a smaller change need not show in an 8-bit picture
 
 
 @dataclass(frozen=True)
 class Trimmed:
-    """What is left of a look. gaussians, bands: how many went. largest: change of any pixel of any view, 8-bit steps."""
+    """A pruned look. gaussians, bands: how many were left out. largest: change of any pixel in any view, in 8-bit steps."""
 
     splats: Splats
     gaussians: int
@@ -29,16 +29,15 @@ class Trimmed:
 
 
 class Trim:
-    """Decides for the looks of one scene, all of one geometry.
+    """Prunes the looks of one scene, which share its geometry.
 
-    Which Gaussians go follows from the geometry alone, so that all looks keep the same ones in the same order (viewers
-    fade between them, and a fade begins and ends with the two bakes bit for bit). Which bands go follows from the look.
+    Which Gaussians go depends on the geometry alone, so that all looks keep the same ones in the same order: viewers can fade between
+    them, and a fade begins and ends with the two bakes bit for bit. Which bands go depends on the look.
 
-    sky: how many of the last Gaussians are the dome. A viewer turns where no photo looked, and would see holes in it.
-    background: what looks are shown over, and so what their changes are seen over.
-    kept: (N,) Gaussians that stay in every look, unless one is so bright that it must keep all of `drawn`.
-    drawn: (N,) Gaussians that reach any pixel of any view at all, the dome, and those that are not finite, which the writer
-    of the file counts.
+    sky: how many of the last Gaussians are the dome. It is kept, because a viewer may look where no photo does, and would see holes.
+    background: what looks are shown and compared over.
+    kept: (N,) Gaussians that stay in every look, except one so bright that it must keep all of `drawn`.
+    drawn: (N,) Gaussians that reach any pixel of any view, the dome, and those that are not finite, which the file's writer counts.
     """
 
     def __init__(
@@ -58,11 +57,11 @@ class Trim:
         self.kept = self._kept(splats, strongest)
 
     def _kept(self, splats: Splats, strongest: Tensor) -> Bool[Tensor, " n"]:
-        """All but the faintest, as many as together weigh at most HALF_STEP in every pixel.
+        """All but as many of the faintest as together weigh at most HALF_STEP in every pixel.
 
-        Taking away a Gaussian of weight w = alpha T changes a pixel by w |c - B|, c its colour and B what is behind it. From
-        back to front, those in front keep their weights; so a set changes it by at most the sum of their w times the
-        brightest colour. The sum is drawn: it is the picture in which they are white and all others black.
+        Leaving out a Gaussian of weight w = alpha T changes a pixel by w |c - B|, with c its colour and B what is behind it. Taken from
+        back to front, those in front keep their weights, so a set changes a pixel by at most the sum of its w times the brightest
+        colour. That sum is rendered: it is the picture in which the set is white and all others are black.
         """
         order = torch.argsort(strongest, stable=True)
         never = int((strongest == 0).sum())
@@ -82,10 +81,10 @@ class Trim:
 
     @torch.no_grad()
     def __call__(self, look: Splats) -> Trimmed:
-        """The look without what no view shows: no pixel of any view changes by more than HALF_STEP, all taken together.
+        """The pruned look: all in all, no pixel of any view changes by more than HALF_STEP.
 
-        Proved by drawing it: the lowest degree that holds the bound in every view wins. Where the look is too bright for
-        the bound at any degree, only what is drawn nowhere goes, which changes nothing.
+        Proved by rendering: the lowest degree that keeps the bound in every view is taken. If the look is too bright for the bound at any
+        degree, only Gaussians that no view draws are left out, which changes nothing.
         """
         if not self.drawn.any():
             return Trimmed(look, 0, 0, 0.0)
@@ -112,7 +111,7 @@ class Trim:
 
 
 def trim_of(trained: Run, report: Report) -> Trim:
-    """The Trim of a run, over its training views at training size; the photos themselves are not needed."""
+    """The Trim of a run for its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
     given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.backdrop
     return Trim(*given, lambda done, total: report.progress("Pruning", done, total))

@@ -4,5 +4,5 @@ PROTOCOLS = {
     "half": "embedding from the left half of a test photo (W - W//2 columns), figures from the right half",
     "full": "embedding and figures from the whole test photo",
 }
-# Whose look a render shows, as in the keys of results.json and in words.
+# How the look of a render was read: key in results.json -> words.
 LOOKS = {"zero_shot": "zero-shot", "refined": "refined"}

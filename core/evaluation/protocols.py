@@ -1,4 +1,4 @@
-"""The two protocols by which scenes in the wild are compared; figures of one never stand in a table of the other.
+"""The two protocols by which methods for scenes in the wild are compared; their figures never share a table.
 
 half (NeRF-W, nerfbaselines): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures
 from the right half. full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come from the whole photo.
@@ -26,7 +26,7 @@ Distance = Callable[[Tensor, Tensor], float | None]  # LPIPS
 
 @dataclass(frozen=True)
 class View:
-    """A test photo. picture: [0, 1], at the size of `camera`. valid: False where an undistorted photo shows nothing."""
+    """A test photo. picture: [0, 1], at the size of `camera`. valid: where the photo shows something; None if everywhere."""
 
     name: str
     picture: Float[Tensor, "h w 3"]
@@ -37,9 +37,10 @@ class View:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a look of a view is read from, and where it is scored. start: the encoder's embedding of `region`.
+    """The part of a view that gives the look, and the part that is scored.
 
-    photo: quantised, whole. region: its columns that give the look, as `camera` sees them. valid: of the region. scored: columns.
+    photo: quantised, whole. region: the columns of it that give the look, as `camera` sees them. valid: as in View, of the region.
+    scored: the columns that are scored. start: the encoder's embedding of the region.
     """
 
     photo: Float[Tensor, "h w 3"]
@@ -51,7 +52,7 @@ class Fit:
 
 
 def fit_of(subject: Subject, view: View, protocol: str) -> Fit:
-    """The fit of a view by `protocol`; raises what `regions` raises."""
+    """The Fit of a view by `protocol`; raises as `regions` does."""
     fitted, scored = regions(view, protocol)
     photo = metrics.quantised(view.picture)
     region = photo[:, fitted]
@@ -78,10 +79,10 @@ class Scores:
 class ViewResult:
     """The figures of one photo.
 
-    scores: by what the render is compared with, then by whose embedding it was rendered with.
-      photo: the test photo, in the protocol's region. clean: all of the clean truth. clean_right: its right half.
-      zero_shot: the encoder's embedding. refined: that look after the refinement, where there was one.
-    mask_iou: overlap of predicted and true passers-by, where both are known.
+    scores: by what the render is compared with, then by the look it shows.
+      photo: the test photo, in the scored columns. clean: all of the clean truth. clean_right: its right half.
+      zero_shot: the encoder's look. refined: that look refined, if it was.
+    mask_iou: overlap of predicted and true passers-by, if both are known.
     """
 
     name: str
@@ -93,7 +94,7 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """What to look at. embedding: whose `render` shows, refined where there is one. mask: [0, 1], of any size, or None."""
+    """Pictures to look at. embedding: a key of LOOKS, the look that `render` shows. mask: [0, 1], of any size, or None."""
 
     name: str
     photo: UInt8[ndarray, "h w 3"]
@@ -105,10 +106,9 @@ class ViewPictures:
 def measure(
     subject: Subject, view: View, protocol: str, refine: bool = True, lpips: Distance | None = None
 ) -> tuple[ViewResult, ViewPictures]:
-    """One photo through `protocol`, a key of PROTOCOLS.
+    """Measure one photo by `protocol`, a key of PROTOCOLS.
 
-    refine: also refine the embedding on the region it came from. The figures without it are given in any case.
-    Raises what `regions` raises.
+    refine: score the refined look, too, beside the zero-shot one. Raises as `regions` does.
     """
     fit = fit_of(subject, view, protocol)
     photo, scored = fit.photo, fit.scored
@@ -142,7 +142,7 @@ def measure(
 def regions(view: View, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
-    Raises BadSetting for an unknown protocol and BadInput for a photo too narrow to be halved, or without a valid pixel in either.
+    Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to be halved or has no valid pixel in one of them.
     """
     if protocol not in PROTOCOLS:
         raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
@@ -164,7 +164,7 @@ def compare(
     valid: Bool[Tensor, "h w"] | None = None,
     lpips: Distance | None = None,
 ) -> Scores:
-    """All metrics of two quantised pictures. LPIPS, which takes the whole, sees the photo where that is not valid."""
+    """All metrics of two quantised pictures. LPIPS needs whole pictures, so invalid pixels are taken from the photo in both."""
     shown = image if valid is None else torch.where(valid[..., None], image, photo)
     distance = None if lpips is None else lpips(shown, photo)
     return Scores(metrics.psnr(image, photo, valid), metrics.ssim(image, photo, valid), distance)

@@ -1,4 +1,4 @@
-"""The result of an evaluation as files: results.json for the table, per_view.json for each photo; of `full` results_full.json and so on."""
+"""An evaluation as files: results.json with the means, per_view.json with each photo; results_full.json and so on for protocol `full`."""
 
 import math
 from collections.abc import Sequence
@@ -22,19 +22,18 @@ PICTURES = "pictures"  # a folder for each protocol
 
 
 def file_of(name: str, protocol: str) -> str:
-    """The name of one of these files, where figures of one protocol leave those of the other alone."""
+    """The name of one of these files for a protocol, so that the figures of one leave those of the other alone."""
     stem, ending = name.split(".")
     return name if protocol == "half" else f"{stem}_{protocol}.{ending}"
 
 
 @dataclass(frozen=True)
 class Results:
-    """What a table may quote, with everything that decides whether two tables may be compared.
+    """The figures of a run, with everything that decides whether they may be compared with others.
 
-    run: its identity, as in config.json. gaussians: of the run, those of the sky among them.
-    scale: width of the pictures measured / width of the photos on disk. lpips_backbone: a key of lpips.TRUNKS, or None
-    where its weights are absent. training_seconds, evaluation_seconds: wall clock. over_white: photos and renders were laid on
-    white, so that transparent pixels count; else they do not.
+    run: its identity, as in config.json. gaussians: of the run, with those of the sky. scale: width of the pictures measured / width of
+    the photos on disk. lpips_backbone: a key of lpips.TRUNKS, or None without weights. training_seconds, evaluation_seconds: wall clock.
+    over_white: photos and renders are laid on white, so that transparent pixels are scored; otherwise they are not.
     """
 
     protocol: str
@@ -54,7 +53,7 @@ class Results:
     def means(self) -> dict[str, dict[str, dict[str, float | None]]]:
         """Means over the photos: [photo | clean | clean_right][zero_shot | refined][psnr | ssim | lpips].
 
-        A metric that some photos lack is averaged over the others; None where all lack it.
+        A metric that some photos lack is averaged over the others; None if all lack it.
         """
         found: dict[str, dict[str, dict[str, list]]] = {}
         for view in self.views:
@@ -75,7 +74,7 @@ class Results:
         return _mean([view.mask_iou for view in self.views])
 
     def rows(self) -> list[tuple[str, str]]:
-        """The means as lines of a table, by what is compared with and whose look it was."""
+        """The means as rows of a table: (what was compared with, which look; figures)."""
         rows = []
         for against, by_embedding in self.means().items():
             for whose, figures in by_embedding.items():
@@ -117,7 +116,7 @@ class Results:
 
 
 def measured_earlier(folder: Path, step: int) -> list[str]:
-    """The names of the results in a run folder that are of another step than `step`, the newest: it was trained on since."""
+    """The names of the results in a run folder that were measured at another step than `step`, the newest."""
     names = [file_of(RESULTS, protocol) for protocol in PROTOCOLS]
     return [name for name in names if read_mark(folder / name).get("steps", step) != step]
 

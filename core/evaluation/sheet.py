@@ -1,4 +1,4 @@
-"""What to look at of an evaluation: a sheet with a row a photo, photo | render | mask | error; and the pictures one by one."""
+"""The pictures of an evaluation: a sheet with a row for each photo (photo | render | mask | error), and all of them one by one."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,10 +15,10 @@ from core.evaluation.protocols import ViewPictures
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, tile_size, write_png
 
-# Folders of renders and photos, and what says how they were made, as nerfbaselines reads them; its names of our protocols.
+# Folders of renders and photos, a file on how they were made, and the names of the protocols, all as nerfbaselines reads them.
 PARTS, INFO = ("color", "gt-color"), "info.json"
 NERFBASELINES = {"half": "nerfw", "full": "default"}
-FULL_ERROR = 0.5  # the mean |difference| over the channels that gets the brightest colour
+FULL_ERROR = 0.5  # mean |difference| over the channels that is drawn in the brightest colour
 BLANK = 32  # grey of a tile without a picture
 
 
@@ -30,14 +30,14 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
 
 
 def titles(protocol: str, step: int, looks: str) -> tuple[str, str, str, str]:
-    """What stands above the columns. step: after which the run was measured. looks: those shown, in words."""
+    """The titles of the columns. step: the run's, when it was measured. looks: those shown, in words."""
     error = f"error ({looks}; brightest: {FULL_ERROR})"
     return f"photo (protocol {protocol}, step {step})", f"render ({looks})", "mask (white: static)", error
 
 
 @dataclass(frozen=True)
 class Row:
-    """A photo on the sheet, shrunk already, so that many can wait for the others. tiles: of one size, RGB."""
+    """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB."""
 
     line: str
     embedding: str
@@ -45,21 +45,21 @@ class Row:
 
 
 def row_of(view: ViewPictures, note: str) -> Row:
-    """The row of a view; `note` (a figure, say) stands beside its name. Without a mask there is a grey tile in its place."""
+    """The row of a view. note: text beside its name, such as its figures. Without a mask its tile is grey."""
     mask = _mask_picture(view.mask, tile_size(*view.photo.shape[:2]))
     tiles = tile(view.photo), tile(view.render), mask, tile(error_picture(view.photo, view.render))
     return Row(f"{view.name}  {note}", view.embedding, tiles)
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """All rows below a line of titles, each above a line with its name and its note; RGB."""
+    """A line of titles, then all rows, each above its line of text; RGB."""
     columns = titles(protocol, step, " or ".join(dict.fromkeys(LOOKS[row.embedding] for row in rows)))
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 
 @contextmanager
 def pictures_kept(folder: Path, protocol: str) -> Iterator[Path]:
-    """A temporary folder for `write_view`, whose pictures replace those in `folder` when the block ends well."""
+    """A temporary folder for `write_view`; its pictures replace those in `folder` when the block ends without an error."""
     with filling(folder, (*PARTS, INFO), force=True) as work:
         yield work
         write_json(work / INFO, {"evaluation_protocol": NERFBASELINES[protocol], "dataset_metadata": {"color_space": "srgb"}})

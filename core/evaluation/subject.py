@@ -1,4 +1,4 @@
-"""What is evaluated: something that embeds pictures and renders looks. Protocols know no more of it."""
+"""What is evaluated: anything that embeds pictures and renders looks. The protocols know nothing else about it."""
 
 from typing import Protocol, runtime_checkable
 
@@ -17,10 +17,10 @@ class Subject(Protocol):
         """The embedding of a picture ([0, 1]) that was not trained on."""
 
     def mask(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "h4 w4"] | None:
-        """What is static in a picture (1) and what is not (0), of any size, or None without a network that says so."""
+        """The mask of a picture, 1 = static, of any size; None if there is no mask network."""
 
     def seen_by(self, camera: Camera) -> Render:
-        """What renders its view in any look; differentiable in the tone, and in the embedding if looks follow it at all."""
+        """A function that renders the camera's view in any look; differentiable in the tone, and in the embedding if looks follow it."""
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""

@@ -1,4 +1,4 @@
-"""What a made scene knows about its photos: clean renders and masks, in SCENE/truth/. Photographed scenes have none."""
+"""The known truth about the photos of a synthetic scene: clean renders and masks, in SCENE/truth/."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,8 +35,8 @@ UNKNOWN = Truth()
 def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
     """The truth of a photo at a picture size (px): truth/clean/NAME.png and truth/masks/NAME.png (white = static).
 
-    NAME is the photo's name without its suffix. scene: or the folder of points that were triangulated for it. What is not there is
-    None. Raises BadInput for what cannot be read.
+    NAME is the photo's name without its suffix. scene: its folder, or that of points triangulated for it. Parts without a file are None.
+    Raises BadInput for a file that cannot be read.
     """
     scene = home_of(scene)
     name = relative_path(photo_name).with_suffix(".png")

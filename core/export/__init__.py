@@ -1,4 +1,4 @@
-"""Files for other programs, by suffix. Adding a format is a module and a line in FORMATS."""
+"""Files for other programs, by suffix. A new format takes a module and a line in FORMATS."""
 
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +11,7 @@ FORMATS = {".ply": "core.export.ply:write_ply"}
 
 
 def check_format(path: Path) -> None:
-    """Raise BadInput unless the suffix of `path` is a key of FORMATS: asked before the work, not after it."""
+    """Raise BadInput, before the work, unless the suffix of `path` is a key of FORMATS."""
     if path.suffix.lower() not in FORMATS:
         suffixes = " or ".join(FORMATS)
         raise BadInput(f"{path} was not written: its name does not end in {suffixes}.", f"End it in {suffixes}; SuperSplat converts that to other formats.")

@@ -1,4 +1,4 @@
-"""Rows of pictures below titles, each row above a line of text: what the sheets that wegs writes are made of."""
+"""A sheet of pictures with text: a line of titles, then rows of pictures, each above a line of text."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ TEXT = (230, 230, 230)
 def labelled_sheet(
     columns: Sequence[str], rows: Sequence[tuple[str, Sequence[UInt8[np.ndarray, "_ _ 3"]]]]
 ) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """All rows below a line of titles, RGB: the tiles of a row, of one size and one a column, stand above its text."""
+    """The sheet, RGB. columns: the titles. rows: text and tiles, one tile a column, of one size."""
     width = max(tiles[0].shape[1] for _, tiles in rows) + GAP_PX
     parts = [_line(width, columns)]
     for text, tiles in rows:

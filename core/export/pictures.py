@@ -15,7 +15,7 @@ from core.errors import WegsError
 SHEET_COLUMNS = 5  # at most
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 VIDEO_SECONDS = 3.0
-VIDEO_CODECS = "vp09", "mp4v"  # VP9, because browsers and editors play it; MPEG-4 part 2, which they do not, where OpenCV lacks that
+VIDEO_CODECS = "vp09", "mp4v"  # VP9, which browsers and editors play; if OpenCV lacks it, MPEG-4 part 2, which they do not
 
 
 def to_8_bit(image: Float[Tensor, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
@@ -26,23 +26,23 @@ def to_8_bit(image: Float[Tensor, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
 def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
     """Write RGB or grey pixels, whole or not at all."""
     data = cv2.imencode(".png", pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1]
-    write_bytes(path, data.tobytes())  # OpenCV would not say that the disk is full
+    write_bytes(path, data.tobytes())  # imwrite would not report a full disk
 
 
 def tile_size(height: int, width: int) -> tuple[int, int]:
-    """Width and height, px, of a picture on a sheet: those of the picture itself, or shrunk to a width of TILE_PX."""
+    """Width and height (px) of a picture on a sheet: shrunk to a width of TILE_PX if it is wider."""
     share = min(1.0, TILE_PX / width)
     return max(1, round(width * share)), max(1, round(height * share))
 
 
 def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_w 3"]:
-    """The picture at its `tile_size`, so that many can wait for the others."""
+    """The picture at its `tile_size`."""
     size = tile_size(*picture.shape[:2])
     return picture if picture.shape[1::-1] == size else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
 
 
 def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """All frames (of one size), shrunk, in reading order, in as few and as even rows as can be; unused tiles are white."""
+    """All frames (of one size), shrunk, in reading order, in as few and as even rows as possible; unused tiles are white."""
     width, height = tile_size(*frames[0].shape[:2])
     rows = math.ceil(len(frames) / SHEET_COLUMNS)
     columns = math.ceil(len(frames) / rows)
@@ -54,10 +54,10 @@ def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndar
 
 
 def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> None:
-    """Write an .mp4 of VIDEO_SECONDS; frames of one size lose an odd last row or column."""
+    """Write an .mp4 of VIDEO_SECONDS. Frames, of one size, lose an odd last row or column."""
     height, width = (side - side % 2 for side in frames[0].shape[:2])  # the codec stores colour at half the size
     with replacing(path) as temporary:
-        file = str(temporary.absolute())  # FFmpeg takes what stands before a colon for a protocol
+        file = str(temporary.absolute())  # FFmpeg takes anything before a colon for a protocol
         for codec in VIDEO_CODECS:
             writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*codec), len(frames) / VIDEO_SECONDS, (width, height))
             if writer.isOpened():

@@ -35,13 +35,13 @@ def _properties(rest: int) -> list[str]:
 
 
 PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
-# What converters from formats of 8 bits write as a logit or logarithm of 1 or 0 is Inf. Far beyond what a renderer can tell from it:
+# Converters from 8-bit formats write the logits and logarithms of 0 and 1 as Inf; they are read as this, which no renderer can tell from it.
 ENDLESS = 30.0
 BYTES_A_GAUSSIAN = 4 * len(PROPERTIES)
 
 
 def _undrawable(table: Float32[np.ndarray, "n p"], names: list[str]) -> Bool[np.ndarray, " n"]:
-    """Which rows (n,) no viewer can draw: anything NaN or infinite, or a quaternion of zero length."""
+    """(n,): which rows no viewer can draw: with anything NaN or infinite, or a quaternion of length zero."""
     quaternions = table[:, names.index("rot_0") : names.index("rot_3") + 1]
     norm2 = np.einsum("nk,nk->n", quaternions, quaternions, dtype=np.float64)
     # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
@@ -101,13 +101,13 @@ def read_ply(path: Path) -> Splats:
 
 
 def read_every_row(path: Path) -> Splats:
-    """As `read_ply`, rows that cannot be drawn included: for a look at what is wrong with a file."""
+    """As `read_ply`, but with the rows that cannot be drawn, to find out what is wrong with a file."""
     table, degree = _table(path)
     return _splats(torch.from_numpy(table), coefficient_count(degree))
 
 
 def maker_of(run: str, sky: int, look: str) -> str:
-    """The comment in a file of ours. sky: how many of its last Gaussians are the dome."""
+    """The comment in a file that wegs writes. sky: how many of its last Gaussians are the dome."""
     return f"wegs {core.__version__}, run {run}, sky {sky}, look {look}"
 
 

@@ -26,7 +26,7 @@ from core.evaluation import PROTOCOLS
 from samples.measurements.finished import measured, with_split
 from samples.measurements.seeds import METRICS, cell, folder_name
 from samples.measurements.variants import FULL, VARIANTS
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 HEADER = (
@@ -36,7 +36,7 @@ HEADER = (
 GLO = "GLO has no encoder: its zero-shot look of a held-out photo is the mean embedding. "
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
 @click.option("--preset", "preset_name", default="quick", show_default=True, type=click.Choice(sorted(PRESETS)))
 @click.option("--steps", type=click.IntRange(min=1), help="Of each run.  [default: the preset's]")

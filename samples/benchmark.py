@@ -31,7 +31,7 @@ from core.atomic import check_file, write_json
 from core.bench.machine import made_on
 from samples.measurements import baking, drawing, first_use, reach, steps, threads
 from samples.measurements.stopwatch import peak_memory
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 
 SMALL = 0.01  # of all sizes
 
@@ -77,7 +77,7 @@ def tables(name: str, measured: dict) -> list[rich.table.Table]:
     return made
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("what", nargs=-1, type=click.Choice(list(MEASUREMENTS)))
 @click.option("--json", "file", type=click.Path(path_type=Path), help="Write the numbers into this file as well.")
 @click.option("--small", is_flag=True, help="A hundredth of all sizes, only to try it out.")

@@ -21,12 +21,12 @@ import torch
 from core import device
 from core.atomic import check_file, write_json
 from core.bench.machine import made_on
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 
 NAMES = ("picture", "baked", "steps", "paper", "kernels")
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("what", nargs=-1, type=click.Choice(NAMES))
 @click.option("--json", "file", type=click.Path(path_type=Path), help="Write the lines into this file as well.")
 def main(what: tuple[str, ...], file: Path | None) -> None:

@@ -23,13 +23,13 @@ from core.evaluation import PROTOCOLS
 from samples.measurements.finished import measured
 from samples.measurements.seeds import METRICS, cell
 from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 RIVALS = {"wegs": FULL, "affine exposure": AFFINE, "plain 3DGS": PLAIN}
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--preset", "preset_name", default="quick", show_default=True, type=click.Choice(sorted(PRESETS)))
 @click.option("-r", "--resolution", default=-1, show_default=True, help="As of `wegs train`.")

@@ -34,7 +34,7 @@ from core.looks.refined_look import refined
 from core.looks.trained import Run, bake, blend, load_run
 from core.report import QUIET, Report
 from core.training import run
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
@@ -44,7 +44,7 @@ FRAMES = 6  # of the strip
 QUALITY = 88  # of JPEG
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
 @click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
 @click.option("--view", "views", multiple=True, help="Photo of the run whose camera looks on.  [default: a held-out one]")

@@ -29,12 +29,12 @@ from core.looks.trained import Run, load_run
 from core.report import QUIET
 from core.scene.camera import Camera
 from core.training import run
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 
 WIDTH_PX = 400  # of the picture in which a camera's error is told
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
 def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""

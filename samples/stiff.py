@@ -23,7 +23,7 @@ from core.config import preset
 from core.data.phototourism import read_split_table
 from samples.measurements.finished import measured
 from samples.measurements.seeds import cell, folder_name
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 SCENE = Path(__file__).parent / "plaza"
@@ -64,7 +64,7 @@ CASES = {
 }
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.option("--steps", default=500, show_default=True)
 @click.option("-r", "--resolution", default=4, show_default=True)
 @click.option("--seeds", default=3, show_default=True, type=click.IntRange(min=1), help="Runs of each case.")

@@ -28,7 +28,7 @@ from core.errors import BadInput
 from core.evaluation.metrics import mask_iou
 from core.evaluation.truth import load_truth
 from core.threads import one_torch_thread
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 RATE, DECAY = 2e-3, 0.1  # of Adam, at the first step and by the last
@@ -38,7 +38,7 @@ CERTAIN = 1e-4  # a prediction is held this far from 0 and 1: their logarithms c
 Taught = tuple[Float[Tensor, "3 s s"], Bool[Tensor, "h w"]]  # a squeezed photo, and where it is static
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--steps", type=click.IntRange(min=1), default=6000, show_default=True)
 @click.option("--seeds", type=click.IntRange(min=1), default=3, show_default=True)

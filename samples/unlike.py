@@ -32,7 +32,7 @@ from core.looks.trained import Appearance, Run, bake, load_run
 from core.training import run
 from core.training.trainer import Trainer
 from core.words import counted
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 # Of a photo's mean colour; the quarter in which it is least is held out.
@@ -40,7 +40,7 @@ LIGHTS = {"dark": lambda red, green, blue: red + green + blue, "bright": lambda 
 SMALL_PX = 64  # wide: of what tells a photo's mean colour
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.option("--by", type=click.Choice(list(LIGHTS)), default="dark", show_default=True)
 @click.option("--preset", "preset_name", default="quick", show_default=True)

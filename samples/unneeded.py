@@ -23,14 +23,14 @@ import click
 from core import pipeline
 from core.config import preset
 from core.training import checkpoint, run
-from wegs_cli.main import Told
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 RIVALS = {"off": "vanilla", "exposure": "full"}
 HEADER = "| scene | decided | PSNR dB | CPU-s | checkpoint + .ply MB | beside it: PSNR | CPU-s | MB | time | bytes |"
 
 
-@click.command(cls=Told)
+@click.command(cls=OneLineErrors)
 @click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--preset", "preset_name", default="quick", show_default=True)
 @click.option("--steps", default=1200, show_default=True)

@@ -1,4 +1,4 @@
-"""The command group and what becomes of errors: a user's mistake is one line, ours a traceback."""
+"""The command group, and how errors end it: a user's mistake in one line, a defect of wegs in a traceback."""
 
 import errno
 import importlib.util
@@ -11,7 +11,7 @@ from types import FrameType
 
 import click
 
-# Command -> function. A module is imported when its command is wanted; none imports torch before it runs.
+# Command -> function. None of these modules imports torch before its command runs.
 COMMANDS = {
     "train": "wegs_cli.train:train",
     "bake": "wegs_cli.bake:bake",
@@ -25,8 +25,8 @@ UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
 INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
-class Told(click.Command):
-    """Turns exceptions into one line and an exit code."""
+class OneLineErrors(click.Command):
+    """A command that ends with one line and an exit code, not a traceback, where the user can mend what went wrong."""
 
     def main(self, args=None, prog_name=None, **extra):
         """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C."""
@@ -44,8 +44,8 @@ class Told(click.Command):
         sys.exit(code if isinstance(code, int) else 0)
 
 
-class Group(Told, click.Group):
-    """Finds commands in COMMANDS."""
+class Group(OneLineErrors, click.Group):
+    """Imports a command from COMMANDS when it is wanted."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -58,8 +58,8 @@ class Group(Told, click.Group):
 
 
 def explain(problem: BaseException) -> tuple[str, int] | None:
-    """The line and the exit code for an exception that is the user's to mend; None for a defect of ours."""
-    from core.errors import FULL, WegsError, disk_full  # late: only once `run` has seen that core is ours
+    """The line and the exit code for an exception that the user can mend; None for a defect of wegs."""
+    from core.errors import FULL, WegsError, disk_full  # late: not before `run` has checked that this core is wegs'
 
     if isinstance(problem, WegsError):
         return str(problem), 1
@@ -68,7 +68,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         advice = f" Try: {context.command_path} --help" if context else ""
         return " ".join(problem.format_message().split()) + advice, problem.exit_code
     if isinstance(problem, (click.Abort, KeyboardInterrupt)):
-        # click makes an Abort of every Ctrl-C; the words about what was kept are with the first one.
+        # click turns every Ctrl-C into an Abort; the words about what was kept are in its cause.
         first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem
         return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
     if isinstance(problem, OSError) and problem.errno in FULL:
@@ -80,10 +80,10 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
     if isinstance(problem, RuntimeError) and "CUDA out of memory" in str(problem):
         return "The memory of the GPU ran out. Lower -r/--resolution or --max-gaussians, or type --device cpu.", 1
-    # Numba's words: neither its package's folder nor the home folder may be written in, as in containers run by another user.
+    # Numba's words if neither its package's folder nor the home folder is writable, as in containers run by another user.
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
-    # torch has no exception of its own for a CPU that ran out: the words are all there is.
+    # torch has no exception of its own for a CPU out of memory, only these words.
     if isinstance(problem, MemoryError) or (
         isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
     ):
@@ -92,7 +92,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
 
 
 def foreign_core() -> str | None:
-    """Where `core` comes from if that is not the engine installed beside this command line, else None."""
+    """Where `core` is imported from, if that is not the engine beside this command line; else None."""
     found = importlib.util.find_spec("core")
     here = Path(__file__).resolve().parent.parent
     if found is None:
@@ -129,13 +129,13 @@ def wegs(memory: float | None) -> None:
     wegs bake --appearance dusk.jpg -o dusk.ply   # opens in every 3DGS viewer
     """
     if memory is not None:
-        from core.memory import hold_to  # late: only once `run` has seen that core is ours
+        from core.memory import hold_to  # late: not before `run` has checked that this core is wegs'
 
         hold_to(memory)
 
 
 def _hang_up(number: int, frame: FrameType | None) -> None:
-    """A closed terminal is a Ctrl-C, once: its shell and the system both send the signal."""
+    """Treat a closed terminal as one Ctrl-C: its shell and the system both send the signal."""
     signal.signal(number, signal.SIG_IGN)
     signal.default_int_handler(number, frame)
 
@@ -144,17 +144,17 @@ def run() -> None:
     """The console command `wegs`."""
     try:
         os.getcwd()
-    except FileNotFoundError:  # where Python finds no module, and torch does not load
+    except FileNotFoundError:  # Python would find no module there, and torch would not load
         sys.exit("wegs: The folder you are in was removed. Type: cd, or go to another.")
     origin = foreign_core()
     if origin is not None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
-    # None where they were closed, as some schedulers do.
+    # They are None if they were closed, as some schedulers do.
     sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115 - open to the end
     for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(errors="backslashreplace")  # a terminal without a letter shows its code
-    # What job schedulers and `kill` send is a Ctrl-C: half-written files and folders are removed, a training is kept.
+        stream.reconfigure(errors="backslashreplace")  # a letter that the terminal lacks is shown as its code
+    # The signal of job schedulers and `kill` is treated as Ctrl-C: half-written files and folders are removed, a training is kept.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
         signal.signal(signal.SIGHUP, _hang_up)

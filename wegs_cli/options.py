@@ -40,7 +40,7 @@ class AutoOrWhole(click.IntRange):
 
 
 def setting_option(name: str, *flags: str) -> Callable:
-    """A click option for the field `name` of Settings. It is None unless typed, so that a preset can show through."""
+    """A click option for the field `name` of Settings: None unless typed, so that a preset can apply."""
     item = FIELDS[name]
     rules = item.metadata
     if item.type is bool:

@@ -1,4 +1,4 @@
-"""What the engine reports, on the terminal: bars and tables where someone watches, plain lines where not."""
+"""The engine's reports on the terminal: bars and tables on a screen, plain lines in a log file."""
 
 import errno
 import os
@@ -19,7 +19,7 @@ PLAIN_SECONDS = 15.0  # between two progress lines in a log file
 
 
 class Pipe(Console):
-    """A rich console that leaves a broken pipe to its Terminal: rich ends the program."""
+    """A rich console that leaves a broken pipe to its Terminal, where rich itself would end the program."""
 
     def on_broken_pipe(self) -> NoReturn:
         raise sys.exception()
@@ -27,20 +27,20 @@ class Pipe(Console):
 
 @contextmanager
 def _whoever_listens() -> Iterator[None]:
-    """What is said into a closed pipe (`| head`) or terminal is lost, and so is all that follows: files are what was asked for."""
+    """Once a pipe (`| head`) or terminal is closed, all output is dropped and the work goes on: files are what was asked for."""
     try:
         yield
     except OSError as problem:
         if not isinstance(problem, BrokenPipeError) and problem.errno != errno.EIO:
             raise
-        with suppress(OSError, ValueError):  # a standard output that is no file
+        with suppress(OSError, ValueError):  # if standard output is not a file
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, sys.stdout.fileno())  # or Python would complain of what it could not write, at its end
+            os.dup2(nowhere, sys.stdout.fileno())  # or Python would complain at exit about what it could not write
             os.close(nowhere)
 
 
 class Terminal(Report):
-    """A Report for people. Use as a context manager: leaving it clears the bar. Where nobody listens any more, work goes on."""
+    """A Report for people. Use as a context manager: leaving it clears the bar. Work goes on when nobody listens any more."""
 
     def __init__(self):
         self.console = Pipe(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
@@ -107,6 +107,6 @@ class Terminal(Report):
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> list[str]:
-    """The rows as lines whose columns stand below each other."""
+    """The rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -84,10 +84,10 @@ def train(
 ) -> Path:
     """Train on the photos in `scene`; returns the run folder, which nothing is written into before the scene is read.
 
-    What the scene lacks, cameras or points, is made first (core.data.prepare), lies beside the run and is used again.
-    masks: a folder of pictures that are white where the photo of that name is to be used (core.data.given_masks).
+    Cameras or points that the scene lacks are made first (core.data.prepare), and kept beside the run for the next one.
+    masks: a folder of pictures, white where the photo of that name is to be used (core.data.given_masks).
     """
-    # Refused before the minutes that cameras may take.
+    # Mistakes are refused before cameras are found, which may take minutes.
     check_resolution(settings.resolution)
     if masks is not None:
         check_masks(masks)
@@ -169,7 +169,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
 
 
 def _write_results(trainer: Trainer, report: Report) -> None:
-    """What a finished training leaves to look at; the neutral look, the last file, says that it is finished."""
+    """Write what a finished training leaves to look at. The neutral look comes last: it marks the run as finished."""
     folder = trainer.folder
     trained = load_run(folder)
     neutral = run.point_cloud_path(folder, trained.step)
@@ -210,7 +210,7 @@ def export(
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
     prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. sky: write the dome, too.
-    refine: read a photo better than the encoder does, where its camera is known or found.
+    refine: refine the look of a photo that was not trained on, if its camera is known or found.
     """
     core.export.check_format(output)
     check_file(output)
@@ -248,10 +248,9 @@ def interpolate(
     force: bool = False,
     refine: bool = True,
 ) -> Path:
-    """Fade from one look to another in `steps` frames (2 or more) seen by the camera of photo `view`; returns their folder.
+    """Fade from one look to another in `steps` frames (2 or more), seen by the camera of photo `view`; returns their folder.
 
-    The first and the last step are the two looks themselves, bit for bit: their embeddings are not computed but taken. refine: as of
-    `export`.
+    The first and the last frame show the two looks themselves, bit for bit: their embeddings are not interpolated. refine: as in `export`.
     """
     if steps < 2:
         raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
@@ -281,14 +280,14 @@ def interpolate(
         write_png(work / "sheet.png", contact_sheet(frames))
         try:
             write_video(work / "video.mp4", frames)
-        except WegsError as problem:  # the frames are what the minutes went into
+        except WegsError as problem:  # the frames took the time: they are kept
             report.warn(str(problem).replace(str(work), str(output)))
     report.say(f"{output}: {steps} frames, sheet.png{', video.mp4' * (output / 'video.mp4').is_file()}")
     return output
 
 
 def _short(word: str) -> str:
-    """What names a look, without folders and without the ending of a file."""
+    """A look's name for a folder: without path and without a file's suffix."""
     path = Path(word)
     return path.stem if path.suffix.lower() in (*SUFFIXES, ".json") else path.name
 

@@ -1,4 +1,4 @@
-"""`wegs doctor`: what is the matter with a .ply, a run or a scene, a line a finding, each with what to do."""
+"""`wegs doctor`: checks a .ply, a run or a scene; one line per finding, with what to do about it."""
 
 from pathlib import Path
 
@@ -14,9 +14,9 @@ __all__ = ["Finding", "examine"]
 
 
 def examine(path: Path | None, report: Report) -> list[Finding]:
-    """Look at a .ply, a run or a scene (None: the newest run), and say every finding and a verdict.
+    """Check a .ply, a run or a scene (None: the newest run); report every finding, then a verdict.
 
-    Raises BadInput where it cannot be read at all.
+    Raises BadInput if it cannot be read at all.
     """
     path = run.find_run(None) if path is None else path
     if not path.exists():
@@ -34,6 +34,6 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
 
 
 def _progress(cloud: Path) -> tuple[int, int]:
-    """How far the training was that wrote the file, and when: a copy has any date."""
+    """To find the newest file: the step that wrote it, then its date, which copying may change."""
     step = cloud.parent.name.removeprefix("iteration_")
     return int(step) if step.isdecimal() else -1, cloud.stat().st_mtime_ns

@@ -1,4 +1,4 @@
-"""The Gaussians of one look: which are broken, wasted, out of shape or out of place."""
+"""Checks of the Gaussians of one look: which are broken, wasted, misshapen or misplaced."""
 
 import numpy as np
 import torch
@@ -10,12 +10,12 @@ from core.scene.harmonics import SH_0, coefficient_count
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 
 NEEDLE = 10.0  # longest axis over the middle one
-NEEDLES_SHARE = 0.3  # more of them show as spikes from places where no photo was taken
+NEEDLES_SHARE = 0.3  # of all; more of them show as spikes from viewpoints without photos
 # Longest axis over the shortest. Above, a c - b^2 in float32 (half a step is 6e-8) is wrong by 1 %: 6e-8 * 400^2.
 STIFF = 400.0
 GIANT = 0.5  # longest axis, in radii of the scene
 FAR = 3.0  # radii of the scene; giants beyond are a background
-STRAY = 1000.0  # radii of the scene; a viewer that fits the whole file into its window shows a dot
+STRAY = 1000.0  # radii of the scene; beyond, a viewer that fits the whole file into its window shows a dot
 WASTE = 0.02  # share of Gaussians that do nothing
 COLOURS = (-0.5, 1.5)  # of the DC term; [0, 1] can be shown, and view dependence adds and subtracts some
 BURNT_SHARE = 0.02
@@ -23,7 +23,7 @@ SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 
 
 def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int = 0) -> list[Finding]:
-    """Findings about Gaussians in the scene frame. sky: the last rows, a dome that is meant to be large and far."""
+    """Findings about Gaussians in the scene frame. sky: how many of the last ones are the dome, which is meant to be large and far."""
     total = len(splats)
     finite, turned = splats.finite_rows(), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2
     findings = [

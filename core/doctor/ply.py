@@ -19,7 +19,7 @@ from core.scene.splats import Splats
 
 MOST_CAMERAS = 100  # evenly spread over those known
 AGAIN = "Copy or export it again."
-# What to do about a file that wegs did not write, where wegs' own commands and settings are no help.
+# Advice on a file that wegs did not write, in place of wegs' own commands and settings.
 ELSEWHERE = {
     "not finite": "Remove those rows, or export the file again.",
     "zero quaternions": "Remove those rows, or export the file again.",
@@ -33,7 +33,7 @@ ELSEWHERE = {
 
 
 def examine_ply(path: Path, report: Report) -> list[Finding]:
-    """Findings about the file; with the cameras of the run folder it lies in, where it does. BadInput if unreadable."""
+    """Findings about the file; also about its cameras if it lies in a run folder. BadInput if unreadable."""
     said, splats = sky_of(path), read_every_row(path)
     sky = said if said and said <= len(splats) else 0
     findings = [*_file(path, splats, said or 0), *_findings(path, splats, sky, report)]
@@ -43,7 +43,7 @@ def examine_ply(path: Path, report: Report) -> list[Finding]:
 
 
 def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
-    """What header and rows say of each other."""
+    """Whether the header fits the rows."""
     size, beyond = path.stat().st_size, bytes_beyond(path)
     figure = f"{len(splats):,} Gaussians of SH degree {splats.degree}, {size / 1e6:.1f} MB"
     findings = [Finding("file", figure, f"{(size - beyond) / len(splats):.0f} bytes a Gaussian")]
@@ -60,7 +60,7 @@ def _findings(path: Path, splats: Splats, sky: int, report: Report) -> list[Find
     centres = solid[torch.isfinite(solid).all(dim=1)].double().numpy()
     if not len(centres):
         return look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky)
-    # Not the radius that holds 97 %: skies that are not known for such are made of Gaussians too, and of more than 3 %.
+    # Not the radius that holds 97 %: other programs' skies are Gaussians, too, and may be more than 3 % of them.
     half = SceneFrame.around(centres, quantile=0.5)
     frame = SceneFrame(half.centre, 2 * half.radius)
     in_scene = splats.in_scene(frame)

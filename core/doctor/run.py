@@ -1,4 +1,4 @@
-"""A run: its Gaussians in the neutral look, its looks, its masks and how its training went."""
+"""Checks of a run: its Gaussians in the neutral look, its looks, its masks, and how its training went."""
 
 import csv
 from dataclasses import fields
@@ -22,11 +22,11 @@ from core.training import checkpoint
 from core.training.losses import COLLAPSED
 from core.training.run import HISTORY
 
-MOST_PHOTOS = 64  # whose looks are asked for, evenly spread
-NEAR_BOUND = 0.95  # of the largest residual: there the transfer has no gradient left
+MOST_PHOTOS = 64  # whose looks are checked, evenly spread
+NEAR_BOUND = 0.95  # of the residual's bound: beyond, the transfer has hardly any gradient
 AT_BOUND_SHARE = 0.01
-SAME_LOOK = 0.007  # spread of DC residuals that changes colours (by 0.28 of it) by half an 8-bit step
-FELL_DB = 0.5  # held-out quality that fell by more was better before
+SAME_LOOK = 0.007  # spread of DC residuals; times SH_0 = 0.28 it is half an 8-bit step of colour
+FELL_DB = 0.5  # by which held-out quality may fall below its best
 OFTEN = 0.01  # share of steps that were skipped
 
 
@@ -56,7 +56,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
 
 
 def _progress(trained: Run, facts: dict) -> list[Finding]:
-    """How far the run came, what was skipped, and whether quality rose."""
+    """How far the run got, how many steps were skipped, and whether quality fell."""
     steps, wanted = trained.step, trained.settings.steps
     advice = f"Type: {command('wegs', 'train', '--resume', '-o', trained.folder)}" if steps < wanted else ""
     skipped = facts["skipped"]
@@ -81,7 +81,7 @@ def _progress(trained: Run, facts: dict) -> list[Finding]:
 
 
 def _held_out(path: Path) -> list[float]:
-    """The held-out PSNRs (dB) of a history.csv, in order. Garbled rows do not count; no file, no rows."""
+    """The held-out PSNRs (dB) of a history.csv, in order; garbled rows are ignored, and without a file there are none."""
     values = []
     if path.is_file():
         with path.open(encoding="utf-8", errors="replace", newline="") as file:
@@ -100,7 +100,7 @@ def _settings(settings: Settings) -> Finding:
 
 
 def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
-    """What the training photos' looks add to the base, and how much their masks hide."""
+    """How much the training photos' looks add to the base, and their masks hide."""
     photos = spread_over(trained.collection.split("train"), MOST_PHOTOS)
     names = trained.model.photo_names
     masks: dict[str, float] = {}
@@ -135,7 +135,7 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
 
 
 class _Residuals:
-    """What looks add to the coefficients, gathered look by look: a million Gaussians in 64 looks would not fit."""
+    """Statistics of what looks add to SH coefficients, summed look by look: a million Gaussians in 64 looks would not fit into memory."""
 
     def __init__(self, bound: float):
         self.bound = bound
@@ -172,7 +172,7 @@ class _Residuals:
 
 def _if_all_look_alike(settings: Settings) -> str:
     usual = Settings().sh_regularisation
-    if settings.sh_regularisation > usual:  # as that of the paper, under which looks never leave the base
+    if settings.sh_regularisation > usual:  # such as the paper's, under which looks never leave the base
         return f"sh_regularisation={settings.sh_regularisation:g} holds looks at the base: train with less, such as {usual:g}."
     return "Train with --set appearance=off: plain Gaussians do as well."
 

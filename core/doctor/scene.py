@@ -1,4 +1,4 @@
-"""A scene before training: its cameras, its photos, its points, and where its world lies."""
+"""Checks of a scene before training: its cameras, photos, points and world coordinates."""
 
 import math
 from collections.abc import Sequence
@@ -27,18 +27,18 @@ from core.scene.camera import Camera
 from core.training.backdrop import looks_for_empty
 from core.words import counted, is_harmless, list_names
 
-FEW_POINTS = 20  # a photo that sees fewer is held by little; SfM itself asks for 15 to 30
+FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
-ODD_DISTANCE = 10.0  # times the median camera's from the middle of the scene
-SHOWN = 0.5  # share of a photo's own points that its camera has to see
-ASPECT = 0.05  # fx and fy differ by more in no camera that was sold
+ODD_DISTANCE = 10.0  # from the scene's centre, times the median camera's
+SHOWN = 0.5  # share of a photo's own points that its camera should see
+ASPECT = 0.05  # by which fx and fy may differ; no real camera exceeds it
 OFF_CENTRE = 0.15  # of a side: the principal point of a photo that was cropped
-FLAT = 3.0  # standard deviation in 8-bit steps: a photo of nothing
+FLAT = 3.0  # standard deviation in 8-bit steps; a photo below it shows nothing
 SMALL_PX = 160  # photos are decoded to about this width
 
 
 def examine_scene(root: Path, report: Report) -> list[Finding]:
-    """Findings about photos with cameras, of any kind that is read, or about plain photos. BadInput if it is neither."""
+    """Findings about a scene of any kind that wegs reads, or about plain photos. BadInput if the folder is neither."""
     if find_kind(root) == "photos":
         return _plain_photos(root, report)
     collection = load_collection(root)
@@ -52,7 +52,7 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
 
 
 def _note(note: str) -> Finding:
-    """What the reader noted, which asks for a look unless it is harmless, or a finding of its own is about it."""
+    """A note of the reader as a finding, with advice unless it is harmless."""
     advice = "" if is_harmless(note) else "Correct it unless it is meant."
     return Finding("reading", note.rstrip("."), "said while the scene was read", advice)
 
@@ -115,7 +115,7 @@ def _cameras(collection: Collection) -> list[Finding]:
 
 
 def _shown(photo: Photo, points: np.ndarray) -> float:
-    """The share of the photo's own points (of all, if it has none, and then one is enough) inside its picture."""
+    """The share of the photo's own points inside its picture; if it has none, 1 or 0: whether any point at all is."""
     own = points[photo.points] if len(photo.points) else points
     inside, _ = photo.camera.shows(own)
     return float(inside.mean()) if len(photo.points) else float(inside.any())
@@ -124,17 +124,17 @@ def _shown(photo: Photo, points: np.ndarray) -> float:
 def _points(collection: Collection) -> list[Finding]:
     photos, count = collection.photos, len(collection.points)
     if not count:
-        return []  # the reader says so
+        return []  # a note of the reader says so
     seen = {photo.name: len(photo.points) for photo in photos}
     few = [f"{name}: {points}" for name, points in seen.items() if points < FEW_POINTS]
     farthest = np.linalg.norm(collection.points, axis=1).max()
     each, more = f", {np.median(list(seen.values())):.0f} a photo (median)", "Run SfM with more features."
-    if not any(seen.values()):  # nobody says who sees them
+    if not any(seen.values()):  # unknown which photo sees which
         each, more = "", "Give more of them, or run SfM with more features."
     figure = f"{count:,}{each}, the farthest {farthest:.3g} radii off"
     found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")
     if collection.kind not in FOUND_BY_SFM or scene_of(collection.root) or not any(seen.values()):
-        return [found]  # poses that were given do not hang on them
+        return [found]  # the poses were not estimated from these points
     return [
         found,
         _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders."),
@@ -179,7 +179,7 @@ def _photo_findings(unusable: dict[str, str], flat: list[str], total: int) -> li
 
 
 def _plain_photos(root: Path, report: Report) -> list[Finding]:
-    """Photos without any poses: whether they can be read."""
+    """Findings about photos without cameras: whether they can be read, and what comes next."""
     folder = find_photos(root)
     paths, unusable, flat, sizes = list_photos(folder), {}, [], []
     for number, path in enumerate(paths):
@@ -211,7 +211,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
-    """Photos in a folder below that are more than those in `folder`, which alone is searched."""
+    """A finding if a subfolder holds more photos than `folder`, which alone is searched."""
     if not (below := fuller_below(root, folder)):
         return []
     figure = f"{len(list_photos(below))} in {below}, more than the {len(list_photos(folder))} in {folder}"

@@ -1,4 +1,4 @@
-"""What cameras say about Gaussians: how far float32 moves them in a picture, and which are in none."""
+"""Checks of Gaussians as cameras see them: how far float32 moves them in a picture, and which no camera sees."""
 
 import json
 from pathlib import Path
@@ -17,10 +17,10 @@ from core.scene.splats import Splats
 from core.words import counted
 
 VISIBLE_PX = 0.1  # a shift that begins to show in sharp detail
-PICTURE_PX = 500.0  # of a scene radius, where no camera says more
+PICTURE_PX = 500.0  # taken for the size of a scene radius if there are no cameras
 UNSEEN = 0.1  # share of Gaussians that no photo shows
-WIDEST_PX = 640  # what Gaussians show in is asked at this size
-SAMPLE = 2000  # centres that are looked at for the depth of a view
+WIDEST_PX = 640  # views are rendered at most this wide to see which Gaussians show
+SAMPLE = 2000  # centres, from which the depth of a view is estimated
 
 
 def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -> Finding:
@@ -36,7 +36,7 @@ def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -
 
 
 def _depth(camera: Camera, means: np.ndarray) -> float | None:
-    """The median depth of what the camera sees of the centres, or None if that is nothing."""
+    """The median depth of the centres that the camera sees, or None if it sees none."""
     inside, depths = camera.shows(means[:: max(1, len(means) // SAMPLE)])
     return float(np.median(depths[inside])) if inside.any() else None
 
@@ -46,7 +46,7 @@ def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) 
     rasterizer, small = core.rasterizer.create("auto"), [camera.shrunk(WIDEST_PX / camera.width) for camera in cameras]
     try:
         largest = largest_contributions(splats, small, rasterizer, lambda done, total: report.progress("Views", done, total))
-    except BadInput as problem:  # so large that their tile lists are refused
+    except BadInput as problem:  # Gaussians so large that the rasterizer refuses them
         return Finding("never seen", "not measured", problem.what.rstrip("."), "Remove the giants first.")
     solid = len(splats) - sky
     unseen = int((largest[:solid] < ALPHA_MIN).sum())

@@ -17,7 +17,7 @@ Measured = TypeVar("Measured")
 
 
 def held_out_view(trained: Run, photo: Photo) -> View:
-    """A held-out photo at training size, with its truth where that is known; BadInput if it is missing or damaged."""
+    """A held-out photo at training size, with its truth if that is known; BadInput if the photo is missing or damaged."""
     picture = trained.picture(photo)
     camera = picture.camera
     pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
@@ -29,7 +29,7 @@ def over_views(
     trained: Run, photos: Sequence[Photo], measured: Callable[[View], Measured], what: str, report: Report, left_out: str = "not measured"
 ) -> Iterator[tuple[Photo, Measured]]:
     """(photo, measured(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
-    end; where all do, the last BadInput is raised. what: the work, for the progress bar. left_out: what is said of the skipped, after "3 photos"."""
+    end; if all do, the last BadInput is raised. what: the work, for its progress bar. left_out: what to say of skipped photos, after "3 photos"."""
     unusable = []
     for number, photo in enumerate(photos, 1):
         try:

@@ -30,8 +30,8 @@ from core.looks.find_look import find_appearance, find_view
 from core.looks.held_out_views import over_views
 from core.looks.look_file import write_look
 from core.looks.preview import write_preview
+from core.looks.pruning import pruner_of
 from core.looks.trained import bake, blend, load_run
-from core.looks.trim import trim_of
 from core.report import QUIET, Report
 from core.training import checkpoint, run
 from core.training.claim import held, new_run
@@ -175,7 +175,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     neutral = run.point_cloud_path(folder, trained.step)
     masks = write_masks(folder, trainer.model, trainer.pictures)
     preview = write_preview(trained, trainer.pictures)
-    write_look(trained, find_appearance(trained, "neutral"), neutral, report, trim_of(trained, report))
+    write_look(trained, find_appearance(trained, "neutral"), neutral, report, pruner_of(trained, report))
     rows = [
         ("run", str(folder)),
         ("steps", f"{trained.step} in {trainer.seconds:.0f} s"),
@@ -226,7 +226,7 @@ def export(
     if trained.settings.appearance == "off":
         report.warn(ONE_LOOK)
     start = time.perf_counter()
-    written = write_look(trained, appearance, output, report, trim_of(trained, report) if prune else None, sky)
+    written = write_look(trained, appearance, output, report, pruner_of(trained, report) if prune else None, sky)
     if save_as is not None:
         kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
@@ -268,12 +268,12 @@ def interpolate(
     if trained.settings.appearance == "off":
         report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
-        trim = trim_of(trained, report) if ply else None
+        pruner = pruner_of(trained, report) if ply else None
         frames = []
         for step in range(steps):
             appearance = blend(*ends, step / (steps - 1))
             if ply:
-                write_look(trained, appearance, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, trim)
+                write_look(trained, appearance, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
             frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)

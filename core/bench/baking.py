@@ -18,8 +18,8 @@ from core.bench.machine import made_on
 from core.bench.stopwatch import timed
 from core.data.collection import spread_over
 from core.looks.find_look import find_appearance
+from core.looks.pruning import pruner_of
 from core.looks.trained import Run, bake
-from core.looks.trim import trim_of
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.splats import Splats
@@ -84,7 +84,7 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
             points.append(Point(curve, label, values, is_default))
             report.progress("Baking", len(points), total, f"{curve}, {label}")
 
-        add("wegs bake", "pruned within its bound", lambda: trim_of(trained, Report())(bake(trained, neutral)).splats, is_default=True)
+        add("wegs bake", "pruned within its bound", lambda: pruner_of(trained, Report())(bake(trained, neutral)).splats, is_default=True)
         for degree in range(whole.degree, -1, -1):
             for share in SHARES:
                 rows = order[round(share * solid) :].sort().values

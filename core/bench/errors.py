@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from core.bench.figure import Spread
-from core.looks.trim import HALF_STEP
+from core.looks.pruning import HALF_STEP
 
 LIMIT = HALF_STEP, "half an 8-bit step"
 

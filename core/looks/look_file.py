@@ -4,17 +4,17 @@ from pathlib import Path
 
 import core.export
 from core.export.ply import maker_of
+from core.looks.pruning import Pruned, Pruner
 from core.looks.trained import Appearance, Run, bake
-from core.looks.trim import Trim, Trimmed
 from core.report import Report
 from core.words import counted
 
 
-def write_look(trained: Run, appearance: Appearance, path: Path, report: Report, trim: Trim | None, sky: bool = True) -> int:
-    """Bake and write one look, with or without its sky; returns how many Gaussians were written. trim: None keeps all Gaussians."""
+def write_look(trained: Run, appearance: Appearance, path: Path, report: Report, pruner: Pruner | None, sky: bool = True) -> int:
+    """Bake and write one look, with or without its sky; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
     look = bake(trained, appearance)
-    trimmed = Trimmed(look, 0, 0, 0.0) if trim is None else trim(look)
-    splats = trimmed.splats if sky else trimmed.splats[: len(trimmed.splats) - trained.sky]
+    pruned = Pruned(look, 0, 0, 0.0) if pruner is None else pruner(look)
+    splats = pruned.splats if sky else pruned.splats[: len(pruned.splats) - trained.sky]
     frame = trained.collection.frame
     maker = maker_of(trained.identity, trained.sky if sky else 0, appearance.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
@@ -24,12 +24,12 @@ def write_look(trained: Run, appearance: Appearance, path: Path, report: Report,
         )
     written = len(splats) - dropped
     gone = []
-    if trimmed.gaussians:
-        gone.append(f"{counted(trimmed.gaussians, 'Gaussian')} ({path.stat().st_size / max(written, 1) * trimmed.gaussians / 1e6:.1f} MB)")
-    if trimmed.bands:
+    if pruned.gaussians:
+        gone.append(f"{counted(pruned.gaussians, 'Gaussian')} ({path.stat().st_size / max(written, 1) * pruned.gaussians / 1e6:.1f} MB)")
+    if pruned.bands:
         # A row of a vanilla .ply is 248 bytes whatever the degree: some viewers count on it.
         gone.append(f"the SH bands above degree {splats.degree} (zeros in a .ply)")
     if gone:
-        bound = f"a pixel changes by at most {trimmed.largest:.2f} of 255; `wegs bake --prune off` keeps all"
+        bound = f"a pixel changes by at most {pruned.largest:.2f} of 255; `wegs bake --prune off` keeps all"
         report.say(f"No training view shows {' and '.join(gone)}: left out ({bound})")
     return written

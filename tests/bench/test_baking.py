@@ -7,8 +7,8 @@ from core.bench import baking
 from core.bench.baking import baking_figure
 from core.bench.errors import errors
 from core.looks.find_look import find_appearance
+from core.looks.pruning import pruner_of
 from core.looks.trained import bake
-from core.looks.trim import trim_of
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from tests.rasterizer.scenes import camera, cloud
@@ -28,7 +28,7 @@ def test_bytes_fall_and_errors_grow_along_each_curve(trained, monkeypatch):
     assert whole.label == "everything (--prune off)" and whole.values["rms_steps"].median == whole.values["max_steps"].median == 0
     assert bare.values["rms_steps"].median > 0
     assert [point for point in made.points if point.is_default] == [as_it_bakes]
-    left = trim_of(trained, Report())(bake(trained, find_appearance(trained, "neutral")))
+    left = pruner_of(trained, Report())(bake(trained, find_appearance(trained, "neutral")))
     assert as_it_bakes.values["max_steps"].median <= 0.5
     assert (as_it_bakes.values["megabytes"].median < whole.values["megabytes"].median) == (left.gaussians > 0)
 

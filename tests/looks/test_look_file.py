@@ -11,8 +11,8 @@ import torch
 from core.export.ply import read_ply
 from core.looks.find_look import find_appearance
 from core.looks.look_file import write_look
+from core.looks.pruning import pruner_of
 from core.looks.trained import Run
-from core.looks.trim import trim_of
 from core.training.tell import next_step
 from core.words import counted
 from tests.heard import Heard
@@ -40,10 +40,10 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     paths = [tmp_path / "all.ply", tmp_path / "fewer.ply"]
     assert write_look(trained, neutral, paths[0], heard, None) == len(trained.splats)
     assert heard.lines == []
-    trim = trim_of(trained, heard)
-    written = write_look(trained, neutral, paths[1], heard, trim)
+    pruner = pruner_of(trained, heard)
+    written = write_look(trained, neutral, paths[1], heard, pruner)
     gone = len(trained.splats) - written
-    assert gone >= 7 and trim.kept[-trained.sky :].all()
+    assert gone >= 7 and pruner.kept[-trained.sky :].all()
     (line,) = heard.lines
     assert line.startswith(f"No training view shows {counted(gone, 'Gaussian')} ({gone * ROW_BYTES / 1e6:.1f} MB)")
     assert re.search(r": left out \(a pixel changes by at most 0\.\d\d of 255; `wegs bake --prune off` keeps all\)$", line)

@@ -13,7 +13,7 @@ from core.config import Settings
 from core.data import load_collection
 from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
-from core.looks.trim import trim_of
+from core.looks.pruning import pruner_of
 from core.training import backdrop, checkpoint, run
 from core.training.trainer import Trainer
 from tests.heard import Heard
@@ -173,7 +173,7 @@ def test_figures_are_over_white_and_count_every_pixel(finished):
 
 
 def test_what_goes_from_a_look_is_judged_over_white(finished):
-    assert trim_of(pipeline.load_run(finished[0]), Heard()).background == backdrop.WHITE
+    assert pruner_of(pipeline.load_run(finished[0]), Heard()).background == backdrop.WHITE
 
 
 def test_frames_are_over_white(finished, tmp_path):

@@ -1,10 +1,10 @@
-"""Trimming a look: nothing that a training view shows may go, and what may go does go."""
+"""Pruning a look: nothing that a training view shows may go, and what may go does go."""
 
 import pytest
 import torch
 
 import core.rasterizer
-from core.looks.trim import HALF_STEP, Trim
+from core.looks.pruning import HALF_STEP, Pruner
 from core.rasterizer import BLACK
 from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
@@ -46,16 +46,16 @@ def test_what_no_view_draws_goes_and_changes_no_bit():
     behind = gaussians([[0.0, 0.0, -40.0], [0.0, 0.0, -50.0]], 0.1, 0.9, 1.0)  # behind every camera
     faint = gaussians(torch.zeros(50, 3), 0.1, 0.5 / 255, 1.0)  # below the weakest contribution that is drawn
     look = Splats.concatenate([behind, seen, faint])
-    trimmed = Trim(look, CAMERAS, RASTERIZER)(look)
-    assert trimmed.gaussians >= 52 and len(trimmed.splats) == len(look) - trimmed.gaussians
-    assert trimmed.largest == largest_change(look, trimmed.splats) * 255 == 0.0
+    pruned = Pruner(look, CAMERAS, RASTERIZER)(look)
+    assert pruned.gaussians >= 52 and len(pruned.splats) == len(look) - pruned.gaussians
+    assert pruned.largest == largest_change(look, pruned.splats) * 255 == 0.0
 
 
 def test_the_sky_stays_whole():
     """Who looks where no photo did would see holes in it."""
     look = Splats.concatenate([ball(200), gaussians([[0.0, 0.0, -40.0], [0.0, 0.0, -50.0]], 0.1, 0.9, 1.0)])
     for sky in (0, 1, 2):
-        assert Trim(look, CAMERAS, RASTERIZER, sky).kept[-2:].tolist() == [sky == 2, sky > 0]
+        assert Pruner(look, CAMERAS, RASTERIZER, sky).kept[-2:].tolist() == [sky == 2, sky > 0]
 
 
 def hidden(count: int) -> Splats:
@@ -68,11 +68,11 @@ def hidden(count: int) -> Splats:
 @pytest.mark.parametrize("count", [1, 30, 300])
 def test_faint_ones_go_as_long_as_their_sum_stays_below_half_a_step(count):
     look = hidden(count)
-    trim = Trim(look, CAMERAS, RASTERIZER)
-    trimmed = trim(look)
-    assert largest_change(look, trimmed.splats) <= HALF_STEP
-    assert trimmed.largest == pytest.approx(largest_change(look, trimmed.splats) * 255)
-    weights = look.with_sh(dc_of_colour((~trim.kept).float()[:, None, None].repeat(1, 1, 3)))
+    pruner = Pruner(look, CAMERAS, RASTERIZER)
+    pruned = pruner(look)
+    assert largest_change(look, pruned.splats) <= HALF_STEP
+    assert pruned.largest == pytest.approx(largest_change(look, pruned.splats) * 255)
+    weights = look.with_sh(dc_of_colour((~pruner.kept).float()[:, None, None].repeat(1, 1, 3)))
     assert max(float(RASTERIZER.render(weights, camera).image.max()) for camera in CAMERAS) <= HALF_STEP
 
 
@@ -86,32 +86,32 @@ def test_many_that_each_could_go_do_not_all_go():
     strongest = torch.stack([RASTERIZER.contributions(look, camera) for camera in CAMERAS]).amax(dim=0)
     small = (strongest > 0) & (strongest <= HALF_STEP)
     assert small.sum() >= 2
-    trim = Trim(look, CAMERAS, RASTERIZER)
+    pruner = Pruner(look, CAMERAS, RASTERIZER)
     assert largest_change(look, look[~small]) > 0
-    assert largest_change(look, look[trim.kept]) <= HALF_STEP
+    assert largest_change(look, look[pruner.kept]) <= HALF_STEP
 
 
 def test_a_band_goes_when_no_view_shows_it_and_stays_when_one_does():
     look = ball(200, degree=2)
     look.sh[:, 4:] = 0.001  # times at most 1.1 a coefficient: far below half a step over five of them
     look.sh[:, 1] = 0.2
-    trimmed = Trim(look, CAMERAS, RASTERIZER)(look)
-    assert trimmed.splats.degree == 1 and trimmed.bands == 1
-    assert 0 < trimmed.largest <= 0.5
-    assert trimmed.largest == pytest.approx(largest_change(look, trimmed.splats) * 255)
+    pruned = Pruner(look, CAMERAS, RASTERIZER)(look)
+    assert pruned.splats.degree == 1 and pruned.bands == 1
+    assert 0 < pruned.largest <= 0.5
+    assert pruned.largest == pytest.approx(largest_change(look, pruned.splats) * 255)
     look.sh[7, 6] = 1.0  # a single Gaussian needs it
-    assert Trim(look, CAMERAS, RASTERIZER)(look).splats.degree == 2
+    assert Pruner(look, CAMERAS, RASTERIZER)(look).splats.degree == 2
 
 
 def test_a_look_too_bright_for_the_bound_keeps_all_that_is_drawn():
     look = hidden(30)
-    trim = Trim(look, CAMERAS, RASTERIZER)
-    assert trim.kept.sum() < trim.drawn.sum()
+    pruner = Pruner(look, CAMERAS, RASTERIZER)
+    assert pruner.kept.sum() < pruner.drawn.sum()
     bright = look.with_sh(look.sh.clone())
-    bright.sh[trim.drawn & ~trim.kept] = 1e4
-    trimmed = trim(bright)
-    assert len(trimmed.splats) == trim.drawn.sum() and trimmed.largest == 0
-    assert largest_change(bright, trimmed.splats) == 0
+    bright.sh[pruner.drawn & ~pruner.kept] = 1e4
+    pruned = pruner(bright)
+    assert len(pruned.splats) == pruner.drawn.sum() and pruned.largest == 0
+    assert largest_change(bright, pruned.splats) == 0
 
 
 def test_the_bound_holds_over_what_the_look_is_shown_over():
@@ -120,21 +120,21 @@ def test_the_bound_holds_over_what_the_look_is_shown_over():
     front.sh[:, 2] = -0.004
     look, white = Splats.concatenate([front, behind]), (1.0, 1.0, 1.0)
     for background, bands in ((BLACK, 1), (white, 0)):
-        trimmed = Trim(look, CAMERAS[:1], RASTERIZER, background=background)(look)
-        assert (trimmed.gaussians, trimmed.bands) == (1, bands)
-        shown = [RASTERIZER.render(splats, CAMERAS[0], background).image.clamp(0, 1) for splats in (look, trimmed.splats)]
-        assert trimmed.largest == pytest.approx(255 * float((shown[0] - shown[1]).abs().max())) and 0.3 < trimmed.largest <= 0.5
+        pruned = Pruner(look, CAMERAS[:1], RASTERIZER, background=background)(look)
+        assert (pruned.gaussians, pruned.bands) == (1, bands)
+        shown = [RASTERIZER.render(splats, CAMERAS[0], background).image.clamp(0, 1) for splats in (look, pruned.splats)]
+        assert pruned.largest == pytest.approx(255 * float((shown[0] - shown[1]).abs().max())) and 0.3 < pruned.largest <= 0.5
 
 
 def test_gaussians_that_are_not_finite_are_left_for_the_writer_to_count():
     look = ball(20)
     look.means[3] = torch.nan
-    assert Trim(look, CAMERAS, RASTERIZER).kept[3]
+    assert Pruner(look, CAMERAS, RASTERIZER).kept[3]
 
 
 def test_where_no_view_shows_anything_all_is_kept():
     look = gaussians([[0.0, 0.0, -40.0]], 0.1, 0.9, 1.0)
-    assert len(Trim(look, CAMERAS, RASTERIZER)(look).splats) == 1
+    assert len(Pruner(look, CAMERAS, RASTERIZER)(look).splats) == 1
 
 
 def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_path):
@@ -143,12 +143,12 @@ def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_p
     for _ in trainer.train():
         pass
     splats, cameras = trainer.gaussians.splats, [picture.camera for picture in trainer.pictures]
-    trim = Trim(splats, cameras, trainer.rasterizer)
+    pruner = Pruner(splats, cameras, trainer.rasterizer)
     for index in range(2):
         look = trainer.model.bake(splats, trainer.model.look(trainer.pictures[index].encoder_input, index).embedding)
-        trimmed = trim(look)
-        assert 0 < trimmed.gaussians < len(look)
-        assert torch.equal(trimmed.splats.means, splats.means[trim.kept])
+        pruned = pruner(look)
+        assert 0 < pruned.gaussians < len(look)
+        assert torch.equal(pruned.splats.means, splats.means[pruner.kept])
         for camera in cameras:
-            before, after = (trainer.rasterizer.render(one, camera).image.clamp(0, 1) for one in (look, trimmed.splats))
+            before, after = (trainer.rasterizer.render(one, camera).image.clamp(0, 1) for one in (look, pruned.splats))
             assert (before - after).abs().max() <= HALF_STEP

@@ -19,7 +19,7 @@ HALF_STEP = 0.5 / 255  # a smaller change need not show in an 8-bit picture
 
 
 @dataclass(frozen=True)
-class Trimmed:
+class Pruned:
     """A pruned look. gaussians, bands: how many were left out. largest: change of any pixel in any view, in 8-bit steps."""
 
     splats: Splats
@@ -28,7 +28,7 @@ class Trimmed:
     largest: float
 
 
-class Trim:
+class Pruner:
     """Prunes the looks of one scene, which share its geometry.
 
     Which Gaussians go depends on the geometry alone, so that all looks keep the same ones in the same order: viewers can fade between
@@ -80,14 +80,14 @@ class Trim:
         return all(self.rasterizer.render(shown, camera).image.max() <= HALF_STEP for camera in self.cameras)
 
     @torch.no_grad()
-    def __call__(self, look: Splats) -> Trimmed:
+    def __call__(self, look: Splats) -> Pruned:
         """The pruned look: all in all, no pixel of any view changes by more than HALF_STEP.
 
         Proved by rendering: the lowest degree that keeps the bound in every view is taken. If the look is too bright for the bound at any
         degree, only Gaussians that no view draws are left out, which changes nothing.
         """
         if not self.drawn.any():
-            return Trimmed(look, 0, 0, 0.0)
+            return Pruned(look, 0, 0, 0.0)
         kept = look[self.kept]
         options = [kept.up_to_degree(degree) for degree in range(look.degree + 1)]
         if torch.equal(self.kept, self.drawn):
@@ -103,15 +103,15 @@ class Trim:
                     largest[number] = max(largest[number], float(change))
         for option, change in zip(options, largest, strict=True):
             if change <= HALF_STEP:
-                return Trimmed(option, len(look) - len(option), look.degree - option.degree, change * 255)
-        return Trimmed(look[self.drawn], int((~self.drawn).sum()), 0, 0.0)
+                return Pruned(option, len(look) - len(option), look.degree - option.degree, change * 255)
+        return Pruned(look[self.drawn], int((~self.drawn).sum()), 0, 0.0)
 
     def _shown(self, look: Splats, camera: Camera) -> Tensor:
         return self.rasterizer.render(look, camera, self.background).image.clamp(0, 1)
 
 
-def trim_of(trained: Run, report: Report) -> Trim:
-    """The Trim of a run for its training views at training size; the photos themselves are not needed."""
+def pruner_of(trained: Run, report: Report) -> Pruner:
+    """The Pruner of a run for its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
     given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.backdrop
-    return Trim(*given, lambda done, total: report.progress("Pruning", done, total))
+    return Pruner(*given, lambda done, total: report.progress("Pruning", done, total))

@@ -322,7 +322,7 @@ def evaluate(
         for photo, (measured, pictures) in through:
             views.append(measured)
             scales.append(measured.width / photo.camera.width)
-            figures = (f"{LOOKS[whose]} {score.psnr:.2f} dB" for whose, score in measured.scores["photo"].items())
+            figures = (f"{LOOKS[look]} {score.psnr:.2f} dB" for look, score in measured.scores["photo"].items())
             rows.append(row_of(pictures, ", ".join(figures)))
             if work is not None:
                 write_view(work, paths[photo.name], pictures)

@@ -92,8 +92,8 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
     for name, group in runs.items():
         results = [one["results"][protocol] for one in group]
         cells = [name]
-        for whose in ("zero_shot", "refined"):
-            scores, own = ([_score(r, against, whose, "psnr") for r in rs] for rs in (_of(runs[FULL], protocol), results))
+        for look in ("zero_shot", "refined"):
+            scores, own = ([_score(r, against, look, "psnr") for r in rs] for rs in (_of(runs[FULL], protocol), results))
             differences = [b - a for a, b in zip(scores, own, strict=True) if a is not None and b is not None]
             cells += [cell(own, "{:.2f}"), "" if name == FULL else cell(differences, "{:+.2f}")]
         best = "refined" if _score(results[0], against, "refined", "psnr") is not None else "zero_shot"
@@ -117,10 +117,10 @@ def csv_of(runs: dict[str, list[dict]]) -> str:
         for one in group:
             for protocol, result in one["results"].items():
                 ends = (result["mask_iou"], one["bytes"], result["training_seconds"])
-                for against, by_embedding in result["means"].items():
-                    for whose, scores in by_embedding.items():
+                for against, by_look in result["means"].items():
+                    for look, scores in by_look.items():
                         figures = (scores[metric] for metric in METRICS)
-                        rows.writerow((name, result["seed"], protocol, against, whose, *figures, *ends))
+                        rows.writerow((name, result["seed"], protocol, against, look, *figures, *ends))
     return text.getvalue()
 
 
@@ -128,8 +128,8 @@ def _of(group: list[dict], protocol: str) -> list[dict]:
     return [one["results"][protocol] for one in group]
 
 
-def _score(result: dict, against: str, whose: str, metric: str) -> float | None:
-    return result["means"][against].get(whose, {}).get(metric)
+def _score(result: dict, against: str, look: str, metric: str) -> float | None:
+    return result["means"][against].get(look, {}).get(metric)
 
 
 if __name__ == "__main__":

@@ -63,8 +63,8 @@ def table(runs: dict[str, list[dict]]) -> str:
             results = [one["results"][protocol] for one in group]
             cells = [method, protocol]
             for name in against:
-                for whose in ("zero_shot", "refined"):
-                    scores = [result["means"].get(name, {}).get(whose, {}) for result in results]
+                for look in ("zero_shot", "refined"):
+                    scores = [result["means"].get(name, {}).get(look, {}) for result in results]
                     metrics = [cell([one.get(metric) for one in scores], "{:.2f}", metric == "psnr") for metric in METRICS]
                     cells.append(" / ".join(metrics) if scores[0] else "-")
             cells.append(cell([result.get("mask_iou") for result in results], "{:.2f}"))

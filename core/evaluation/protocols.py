@@ -94,12 +94,12 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """Pictures to look at. embedding: a key of LOOKS, the look that `render` shows. mask: [0, 1], of any size, or None."""
+    """Pictures to look at. look: a key of LOOKS, what `render` shows. mask: [0, 1], of any size, or None."""
 
     name: str
     photo: UInt8[ndarray, "h w 3"]
     render: UInt8[ndarray, "h w 3"]
-    embedding: str
+    look: str
     mask: Float[ndarray, "h4 w4"] | None
 
 
@@ -115,8 +115,8 @@ def measure(
     height, width = photo.shape[:2]
     looks = {"zero_shot": (fit.start, None)}
     if refine:
-        for look in refining(subject, fit):
-            looks["refined"] = look
+        for refined in refining(subject, fit):
+            looks["refined"] = refined
 
     everything = slice(0, width)
     against = {"photo": (photo, view.valid, scored)}
@@ -126,16 +126,16 @@ def measure(
             against["clean_right"] = (against["clean"][0], None, scored)
     scores: dict[str, dict[str, Scores]] = {name: {} for name in against}
     render = subject.seen_by(view.camera)
-    for whose, (embedding, tone) in looks.items():
+    for look, (embedding, tone) in looks.items():
         with torch.no_grad():
             image = metrics.quantised(render(embedding, tone))
         for name, (truth, valid, columns) in against.items():
             part = None if valid is None else valid[:, columns]
-            scores[name][whose] = compare(image[:, columns], truth[:, columns], part, lpips)
+            scores[name][look] = compare(image[:, columns], truth[:, columns], part, lpips)
     mask = subject.mask(photo.permute(2, 0, 1).contiguous())
     overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
     shown = None if mask is None else mask.cpu().numpy()
-    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), whose, shown)
+    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), look, shown)
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 

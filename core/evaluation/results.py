@@ -57,16 +57,16 @@ class Results:
         """
         found: dict[str, dict[str, dict[str, list]]] = {}
         for view in self.views:
-            for against, by_embedding in view.scores.items():
-                for whose, scores in by_embedding.items():
+            for against, by_look in view.scores.items():
+                for look, scores in by_look.items():
                     for metric, value in asdict(scores).items():
-                        found.setdefault(against, {}).setdefault(whose, {}).setdefault(metric, []).append(value)
+                        found.setdefault(against, {}).setdefault(look, {}).setdefault(metric, []).append(value)
         return {
             against: {
-                whose: {metric: _mean(values) for metric, values in metrics.items()}
-                for whose, metrics in by_embedding.items()
+                look: {metric: _mean(values) for metric, values in metrics.items()}
+                for look, metrics in by_look.items()
             }
-            for against, by_embedding in found.items()
+            for against, by_look in found.items()
         }
 
     def mask_iou(self) -> float | None:
@@ -76,16 +76,16 @@ class Results:
     def rows(self) -> list[tuple[str, str]]:
         """The means as rows of a table: (what was compared with, which look; figures)."""
         rows = []
-        for against, by_embedding in self.means().items():
-            for whose, figures in by_embedding.items():
+        for against, by_look in self.means().items():
+            for look, figures in by_look.items():
                 words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
-                rows.append((f"{against}, {LOOKS[whose]}", "  ".join(words)))
+                rows.append((f"{against}, {LOOKS[look]}", "  ".join(words)))
         overlap = self.mask_iou()
         return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]
 
     def to_json(self) -> dict[str, Any]:
         """The content of results.json."""
-        refined = any("refined" in by_embedding for view in self.views for by_embedding in view.scores.values())
+        refined = any("refined" in by_look for view in self.views for by_look in view.scores.values())
         return {
             "wegs": core.__version__,
             "run": self.run,

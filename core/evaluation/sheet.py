@@ -40,7 +40,7 @@ class Row:
     """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB."""
 
     line: str
-    embedding: str
+    look: str
     tiles: tuple[UInt8[np.ndarray, "h w 3"], ...]
 
 
@@ -48,12 +48,12 @@ def row_of(view: ViewPictures, note: str) -> Row:
     """The row of a view. note: text beside its name, such as its figures. Without a mask its tile is grey."""
     mask = _mask_picture(view.mask, tile_size(*view.photo.shape[:2]))
     tiles = tile(view.photo), tile(view.render), mask, tile(error_picture(view.photo, view.render))
-    return Row(f"{view.name}  {note}", view.embedding, tiles)
+    return Row(f"{view.name}  {note}", view.look, tiles)
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """A line of titles, then all rows, each above its line of text; RGB."""
-    columns = titles(protocol, step, " or ".join(dict.fromkeys(LOOKS[row.embedding] for row in rows)))
+    columns = titles(protocol, step, " or ".join(dict.fromkeys(LOOKS[row.look] for row in rows)))
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 

@@ -80,7 +80,7 @@ def test_full_embeds_and_measures_the_whole():
 def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
     subject = Flat(error=0.3)
     result, pictures = measure(subject, view(picture=halves(0.4, 0.4)), "half")
-    assert pictures.embedding == "refined"
+    assert pictures.look == "refined"
     refined = [camera.width for camera in subject.cameras]
     assert refined == [13] * (STEPS + 2) + [WIDTH] * 2  # once to see whether it follows at all
     photo = result.scores["photo"]
@@ -91,7 +91,7 @@ def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
 
 def test_a_look_that_follows_nothing_is_not_refined():
     result, pictures = measure(Flat(follows=False), view(), "half")
-    assert pictures.embedding == "zero_shot"
+    assert pictures.look == "zero_shot"
     assert set(result.scores["photo"]) == {"zero_shot"}
 
 

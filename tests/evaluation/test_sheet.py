@@ -50,10 +50,10 @@ def test_labels_are_written_and_a_missing_mask_is_grey():
     assert with_name[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == [BLANK] * 3
 
 
-def test_titles_say_whose_embedding_is_shown_by_which_protocol_and_after_which_step():
+def test_titles_say_which_look_is_shown_by_which_protocol_and_after_which_step():
     photo, render, _, error = titles("full", 600, "refined")
     assert (photo, render) == ("photo (protocol full, step 600)", "render (refined)") and error.startswith("error (refined;")
-    one, other = row(8, 300), replace(row(8, 300), embedding="zero_shot")
+    one, other = row(8, 300), replace(row(8, 300), look="zero_shot")
     refined, zero_shot = map(sheet_of, (one, other))
     places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(4)]
     assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, False, True]

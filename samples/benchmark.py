@@ -1,4 +1,4 @@
-"""Time and memory of the engine beside what it should reach; scenes come from samples/plaza and fixed seeds.
+"""Time and memory of the engine beside their targets; scenes come from samples/plaza and fixed seeds.
 
     python samples/benchmark.py                                       # everything: two minutes on two idle cores
     OMP_NUM_THREADS=1 python samples/benchmark.py step --json step.json   # one measurement, one thread, and a file
@@ -29,7 +29,7 @@ import torch
 
 from core.atomic import check_file, write_json
 from core.bench.machine import made_on
-from samples.measurements import baking, drawing, first_use, reach, steps, threads
+from samples.measurements import baking, drawing, first_use, steps, targets, threads
 from samples.measurements.stopwatch import peak_memory
 from wegs_cli.main import OneLineErrors
 
@@ -92,8 +92,8 @@ def main(what: tuple[str, ...], file: Path | None, small: bool) -> None:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # a fork would begin with this process's memory
             result["measurements"][name] = pool.submit(measure, name, scale).result()
         rich.print(*tables(name, result["measurements"][name]))
-    click.echo("| what | reach | measured |\n|---|---|---|")
-    for line in reach.lines(result["measurements"]):
+    click.echo("| what | target | measured |\n|---|---|---|")
+    for line in targets.lines(result["measurements"]):
         click.echo(f"| {' | '.join(line)} |")
     if file:
         write_json(file, result)

@@ -1,4 +1,4 @@
-"""The CUDA engine beside what it should reach, on a GPU, in one run; with gsplat's figures where gsplat is installed.
+"""The CUDA engine beside its targets, on a GPU, in one run; with gsplat's figures where gsplat is installed.
 
     python samples/benchmark_cuda.py                        # everything
     python samples/benchmark_cuda.py picture --json gpu.json  # one measurement, and a file
@@ -39,7 +39,7 @@ def main(what: tuple[str, ...], file: Path | None) -> None:
     from samples.measurements.on_gpu import MEASUREMENTS  # Triton, which is there with a GPU only
 
     machine, lines = made_on(0), []
-    click.echo(f"{machine}\n\n| what | reach | measured |\n|---|---|---|")
+    click.echo(f"{machine}\n\n| what | target | measured |\n|---|---|---|")
     for name in what or MEASUREMENTS:
         torch.manual_seed(0)
         for line in MEASUREMENTS[name](Place(), 1.0):

@@ -1,4 +1,4 @@
-"""What a GPU is measured on, a line of (what, reach, found) each: samples/benchmark_cuda.py prints them."""
+"""What a GPU is measured on, a line of (what, target, found) each: samples/benchmark_cuda.py prints them."""
 
 import tempfile
 from collections.abc import Iterable
@@ -38,7 +38,7 @@ Line = tuple[str, str, str]
 
 
 def scene_of(place: Place, scale: float) -> tuple[Splats, Camera]:
-    """The garden, and its camera, at the sizes of the reach."""
+    """The garden, and its camera, at the sizes that the targets are for."""
     scene = garden(round(GAUSSIANS * scale)).map(lambda tensor: tensor.to(place.device))
     return scene, garden_camera(*(max(1, round(side * scale**0.5)) for side in SIZE_PX))
 

@@ -1,4 +1,4 @@
-"""What the engine should reach beside what was measured."""
+"""The engine's targets beside what was measured."""
 
 from core.words import counted
 
@@ -8,12 +8,8 @@ NOT_KERNELS = ("everything else", "mask, regularisers", "encoder forward", "enco
 
 
 def lines(measurements: dict[str, dict]) -> list[tuple[str, str, str]]:
-    """(what, reach, found) of everything that was measured."""
-    found = []
-    for name, line in LINES:
-        if name in measurements:
-            found.append(line(measurements[name]))
-    return found
+    """(what, target, found) for each measurement."""
+    return [line(measurements[name]) for name, line in LINES if name in measurements]
 
 
 def _cpu(measured: dict, part: str = "whole") -> float:

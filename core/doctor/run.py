@@ -94,8 +94,7 @@ def _held_out(path: Path) -> list[float]:
 
 
 def _settings(settings: Settings) -> Finding:
-    values = {item.name: getattr(settings, item.name) for item in fields(settings)}
-    changed = [f"{item.name}={values[item.name]}" for item in fields(settings) if values[item.name] != item.default]
+    changed = [f"{item.name}={value}" for item in fields(settings) if (value := getattr(settings, item.name)) != item.default]
     return Finding("settings", ", ".join(changed) or "all defaults", "what differs from the defaults of this version: chosen, or decided by the photos")
 
 

@@ -1,11 +1,11 @@
-"""The method beside its rivals on one scene: same photos, cap, steps and renderer. Prints a table for the README.
+"""wegs beside its rivals on one scene, with the same photos, cap, steps and renderer. Prints a table for the README.
 
     python samples/compare.py samples/plaza --preset quick
     python samples/compare.py SCENE -r 2 --seeds 3 --output runs/compare
 
 The rivals: plain 3DGS (`--preset vanilla`) and the affine exposure model (`--set appearance=exposure`), the latter with
-all else of the method. What is finished in the output folder is neither trained nor measured again. With several seeds the table
-holds means, those of PSNR with their standard deviation.
+everything else of the method. What is finished in the output folder is neither trained nor measured again. With several seeds the table
+holds means, for PSNR with the standard deviation.
 """
 
 import os

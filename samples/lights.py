@@ -1,13 +1,13 @@
-"""The README's pictures of looks: a run from one camera in the lights of its own photos, and in those of photos from outside.
+"""Draws the README's pictures of looks: a run, from one camera, in the looks of its own photos and of photos from outside.
 
     python samples/lights.py                                    # of the newest run of samples/plaza: lights.jpg and styles.jpg
     python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
     python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg      # without its photos
 
-lights.jpg, without -o: six looks. styles.jpg, or what -o names: for each style photo a row, photo | neutral | its look | truth where it is known; below them
-the looks between the first style (or neutral) and the last. Where the truth is known it also prints how near the look
-comes to it, beside the nearest look of a training photo and the look fitted to the truth itself, in dB of PSNR. With --renders: for each
-view a row, neutral and each look, and no photo, whose licence may not allow it.
+lights.jpg (without -o): six looks. styles.jpg, or the file of -o: a row for each style photo (photo | neutral | its look | truth if it is
+known), and below them the looks between the first style (or neutral) and the last. If the truth is known, the script also prints how close
+the look comes to it in PSNR (dB), beside the nearest look of a training photo and the look fitted to the truth itself. With --renders:
+a row for each view, with the neutral look and each style's, but no photos, whose licences may not allow it.
 """
 
 import os
@@ -80,7 +80,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
 
 
 def sheet(trained: Run, styles: tuple[str, ...], photo: Photo, report: Report = QUIET) -> list[list[np.ndarray]]:
-    """Rows of pictures: one a style, then the strip of what lies between the first look and the last."""
+    """Rows of pictures: one for each style, then a strip of looks from the first to the last."""
     neutral, *looks = (find_appearance(trained, word, report=report) for word in ("neutral", *styles))
     rows = []
     for style, look in zip(styles, looks, strict=True):
@@ -110,7 +110,7 @@ def tile(picture: np.ndarray, height: int) -> np.ndarray:
 
 
 def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None:
-    """The rows below each other, white where one is shorter."""
+    """Write the rows below each other; shorter ones are filled up with white."""
     width = max(sum(picture.shape[1] for picture in row) for row in rows)
     lines = [np.concatenate(row, axis=1) for row in rows]
     canvas = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0)), constant_values=255) for line in lines]
@@ -120,14 +120,14 @@ def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None
 
 
 def truths(trained: Run, style: str) -> dict[str, Path]:
-    """The views of a made scene that are known in the light of a style photo, by the photo's name."""
+    """The true pictures of a synthetic scene in the light of a style photo, by the name of the photo whose view they show."""
     known = {Path(photo.name).stem: photo.name for photo in trained.collection.photos}
     folder = trained.collection.root / "truth" / "styles" / Path(style).stem
     return {known[path.stem]: path for path in sorted(folder.glob("*.png")) if path.stem in known}
 
 
 def nearness(trained: Run, style: str, report: Report = QUIET) -> str | None:
-    """How near the look of a style photo comes to the truth in its light; None where that is not known."""
+    """How close the look of a style photo comes to the true pictures in its light, in words; None if these are unknown."""
     known = truths(trained, style)
     if not known:
         return None

@@ -1,9 +1,9 @@
-"""Photos from outside, located and refined: are their cameras found, and what is the look worth that is refined from there?
+"""Photos from outside: how well are they located, and what is gained by refining their looks from there?
 
     python samples/located.py RUN
 
-Each held-out photo of RUN (default: the newest) is located as a file that nothing is known of. By the protocol `half` its look is then read
-from the left half, refined there as seen by the camera that was found, and scored on the right half as seen by the camera that is known.
+Each held-out photo of RUN (default: the newest) is located like a file of unknown origin. By protocol `half`, its look is then read from the
+left half, refined there with the camera that was found, and scored on the right half with the known camera.
 """
 
 import os
@@ -31,7 +31,7 @@ from core.scene.camera import Camera
 from core.training import run
 from wegs_cli.main import OneLineErrors
 
-WIDTH_PX = 400  # of the picture in which a camera's error is told
+WIDTH_PX = 400  # of the picture in which a camera's error is measured
 
 
 @click.command(cls=OneLineErrors)
@@ -59,7 +59,7 @@ def main(run_folder: Path | None) -> None:
 
 
 def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
-    """By how much, of WIDTH_PX, the SfM points that a photo sees lie off in the median."""
+    """The median distance, in px of a picture of WIDTH_PX, between the photo's SfM points as both cameras see them."""
     points = collection.points[photo.points] if len(photo.points) else collection.points[photo.camera.shows(collection.points)[0]]
     height = max(1, round(WIDTH_PX * photo.camera.height / photo.camera.width))
     there, known = (each.resized(WIDTH_PX, height).project(points)[0] for each in (camera, photo.camera))
@@ -68,7 +68,7 @@ def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
 
 @torch.no_grad()
 def scores(trained: Run, photo: Photo, found: Camera) -> list[float]:
-    """dB of the right half: with the look of the left one as encoded, refined from the camera found, and from the one known."""
+    """PSNR (dB) of the right half in the look of the left one: as encoded, refined with the camera found, and with the known one."""
     view = held_out_view(trained, trained.collection.view(photo.name))
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
     looks = [(fits[0].start, None), *(list(refining(trained, fit))[-1] for fit in fits)]

@@ -1,9 +1,9 @@
-"""What a scene at the edge of what numbers hold costs in quality: samples/plaza, spoilt, beside plaza as it is.
+"""What extreme coordinates, wrong cameras and blank photos cost in quality: spoilt copies of samples/plaza beside plaza itself.
 
     python samples/stiff.py --seeds 3
 
-Each case is a copy of the scene with its model or its photos changed, trained like any other, from files to files. PSNR is
-that of the held-out photos, zero-shot, protocol full, in dB: means over the seeds with their standard deviation.
+Each case is a copy of the scene with a changed model or changed photos, trained like any other. Prints the zero-shot PSNR (dB) of the
+held-out photos by protocol `full`: the mean over the seeds, with their standard deviation.
 """
 
 import os

@@ -1,10 +1,10 @@
-"""How much of the passers-by a mask predicted from one photo finds if nothing is hidden from it: the network taught with the true masks.
+"""How well the mask network finds passers-by if it is taught with the true masks, which wegs never sees.
 
     python samples/taught_masks.py samples/plaza
 
-wegs learns its masks without knowing any. Here the same layers (Enc1 and UNet, on their own) see the truth of every training photo, mirrored
-and brightened at random, by binary cross-entropy. What they find on held-out photos shows how far
-labels alone would lead; it is no strict bound. Prints the mean mask IoU as `wegs eval` measures it.
+Here the same layers (Enc1 and UNet, on their own) learn the true mask of every training photo by binary cross-entropy, with photos mirrored
+and brightened at random. Their masks of held-out photos show how far labels alone would lead; they are no strict bound. Prints the mean mask
+IoU as `wegs eval` measures it.
 """
 
 import os
@@ -86,7 +86,7 @@ def taught(train: list[Taught], steps: int, seed: int, terminal: Terminal) -> Pl
 
 @torch.no_grad()
 def found_of(network: PlainMask, test: list[Taught]) -> float:
-    """The mean mask IoU of photos."""
+    """The network's mean mask IoU on these photos."""
     overlaps = [mask_iou(network(picture)[0], static) for picture, static in test]
     return sum(overlaps) / len(overlaps)
 

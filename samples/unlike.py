@@ -1,11 +1,11 @@
-"""Photos in a light that no training photo has: how near their looks come to them, with the gains of sky and place and without.
+"""Photos in a light that no training photo has: how close their looks come to them, with and without the gains of sky and place.
 
     python samples/unlike.py samples/plaza --by dark
     python samples/unlike.py statue_of_liberty --by dark -r 2
 
-The darkest (or warmest, or brightest) quarter of a scene's training photos is held out, the others are trained on, and each of the quarter is shown to
-the run as a photo from outside. Its look is drawn from the photo's own camera and compared with the photo where that is valid
-and, if the scene knows its passers-by, static. The scene's own held-out photos are not touched.
+The darkest (or warmest, or brightest) quarter of a scene's training photos is held out and the others are trained on. Each photo of the
+quarter is then read as one from outside; its look is rendered with the photo's camera and compared with the photo, where that is valid and,
+if the scene's passers-by are known, static. The scene's own held-out photos play no part.
 """
 
 import os
@@ -84,7 +84,7 @@ def train(collection: Collection, settings: Settings, folder: Path, terminal: Te
 
 @torch.no_grad()
 def compared(trained: Run, photo: Photo) -> tuple[float, float, float]:
-    """How far out a photo's embedding lies (1: the end of reach), and the PSNR of its look drawn into reach, and with gains."""
+    """How far out a photo's embedding lies (1: the end of reach), and the PSNR of its look moved into reach, and of its look with gains."""
     view = held_out_view(trained, photo)
     counted = [part for part in (view.valid, view.truth.static) if part is not None]
     counted = torch.stack(counted).all(dim=0) if counted else None

@@ -1,12 +1,12 @@
-"""What is left out of a scene, and what that costs and saves: the run as decided beside the one that it has to equal.
+"""What leaving out unneeded parts costs and saves: a run with the parts that its photos call for, beside the run it has to equal.
 
     python samples/make_plaza.py --variant calm --output calm
     python samples/make_plaza.py --variant exposure --output exposure
     python samples/unneeded.py calm exposure samples/plaza --steps 1200
 
-A scene without looks is compared with plain 3DGS (`--preset vanilla`), one that differs in exposure alone with the full transfer
-(`--appearance full`). A scene that keeps everything has nothing to be compared with. Seconds are CPU seconds of the whole
-`train`, medians of --repeats runs taken in turn; PSNR is that of the held-out photos, looks refined on their left half.
+A scene without looks is compared with plain 3DGS (`--preset vanilla`), one whose photos differ in exposure alone with the full transfer
+(`--appearance full`); one that needs every part is compared with nothing. Seconds are CPU seconds of the whole `train`, medians of
+--repeats runs in turn; PSNR is that of the held-out photos, with looks refined on their left half.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""A run with its figures, once: what was measured is read, what was killed goes on, and only the rest is trained."""
+"""Trains and measures a run once: finished figures are read from a file, and a run that was killed goes on."""
 
 import json
 import shutil
@@ -16,7 +16,7 @@ from core.training import run
 def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[str], report: Report) -> dict:
     """The figures of `settings` on `scene`, by protocol as in results.json, under "results"; the .ply's size under "bytes".
 
-    They are kept beside the run's folder, in FOLDER.json, with what was asked for, and not measured twice; delete the file to train
+    They are kept beside the run's folder, in FOLDER.json, with the scene and settings, and not measured twice; delete the file to train
     again.
     """
     path = folder.with_name(f"{folder.name}.json")
@@ -26,7 +26,7 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
         kept = key | {"results": {}}
         path.unlink(missing_ok=True)
         if run.is_run(folder):
-            shutil.rmtree(folder)  # of other settings, or nobody knows of which
+            shutil.rmtree(folder)  # of other or unknown settings
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, kept)
     missing = [protocol for protocol in protocols if protocol not in kept["results"]]
@@ -44,9 +44,9 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
 
 
 def with_split(scene: Path, table: Path, folder: Path) -> Path:
-    """A scene like `scene`, but split as the .tsv `table` says, for choices that no published figure may depend on.
+    """A copy of `scene` that is split as the .tsv `table` says, for choices that no published figure may depend on.
 
-    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput where one of another content is there: its figures are of that.
+    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput if one with another split is there, to which older figures belong.
     """
     made = folder / f"{scene.resolve().name}-{table.stem}"
     copy = made / table.name

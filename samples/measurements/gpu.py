@@ -1,4 +1,4 @@
-"""How a GPU is measured: by its own clock, by what torch's profiler sees of it, and by what the compiler says of a kernel."""
+"""Measures a GPU: by its own clock, by torch's profiler, and by what the compiler says about a kernel."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ RESERVED_SHARED = 1024  # bytes that the driver takes of every block's shared me
 
 
 def event() -> torch.cuda.Event:
-    """A moment of the GPU's: when all that was started before is through."""
+    """A moment on the GPU's clock: when all work started before is done."""
     moment = torch.cuda.Event(enable_timing=True)
     moment.record()
     return moment
@@ -23,7 +23,7 @@ def event() -> torch.cuda.Event:
 
 @dataclass(frozen=True)
 class Place:
-    """Where to measure; a test puts a CPU and Triton's interpreter here. mark: makes a moment, with elapsed_time (ms) to another."""
+    """Where to measure; tests use a CPU with Triton's interpreter. mark: makes a moment, which has elapsed_time (ms) to another."""
 
     device: torch.device = field(default_factory=lambda: torch.device("cuda"))
     mark: Callable = event
@@ -60,7 +60,7 @@ class GpuStopwatch:
 
 
 def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -> dict[str, float]:
-    """The median seconds of each, done in turns, so that clocks and heat meet all of them."""
+    """The median seconds of each, done in turns, so that clocks and heat affect all alike."""
     stopwatch, spent = GpuStopwatch(place), {name: [] for name in works}
     for _ in range(1 + turns):
         for name, work in works.items():

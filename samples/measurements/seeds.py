@@ -1,4 +1,4 @@
-"""Runs that differ in their seed alone: what their folders are called, and their figures in one cell of a table."""
+"""Tables of runs with several seeds: the runs' folders, and the figures of all seeds in one cell."""
 
 from collections.abc import Sequence
 from statistics import fmean, stdev
@@ -7,7 +7,7 @@ METRICS = ("psnr", "ssim", "lpips")
 
 
 def folder_name(title: str) -> str:
-    """The title without what a path could not hold."""
+    """The title without characters that a path cannot hold."""
     return "".join(letter if letter.isalnum() else "-" for letter in title)
 
 

@@ -1,4 +1,4 @@
-"""One thread against two: the same work in turns, so that whatever else the machine does meets all."""
+"""One thread against two: the same work in turns, so that whatever else the machine does affects both alike."""
 
 import math
 from collections.abc import Callable
@@ -38,7 +38,7 @@ def measure_threads(scale: float) -> dict:
 
 
 def in_turns(work: Callable[[], object], turns: int) -> dict[str, dict]:
-    """Figures as of `Stopwatch.repeat` for each of WAYS; every turn warms up, as what keeps cores awake has to start."""
+    """Figures as of `Stopwatch.repeat` for each of WAYS; every turn warms up, because the threads that keep cores awake have to start."""
     runs = {way: [] for way in WAYS}
     before = torch.get_num_threads()
     for _ in range(1 + turns):

@@ -1,4 +1,4 @@
-"""What is taken away, put in or exchanged in an ablation, as changes of settings, beside what the paper's own cost it."""
+"""The variants of an ablation: what each removes, adds or exchanges, as changes of settings, and the paper's own figures."""
 
 from dataclasses import dataclass, field
 from typing import Any

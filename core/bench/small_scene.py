@@ -65,7 +65,7 @@ def collection(folder: Path, seed: int = 0) -> Collection:
             pixels = with_passer_by(pixels, random)
         path = folder / f"photo_{index:02d}.png"
         write_png(path, pixels)
-        photos.append(Photo(path.name, path, camera, split, np.zeros(0, dtype=np.int64)))
+        photos.append(Photo(path.name, path, camera, split))
     found = random.random(len(surface.means)) < POINTS_SHARE
     points = surface.means[found] + POINT_ERROR * random.normal(size=(int(found.sum()), 3))
     colours = (0.7 * surface.albedo[found]).astype(np.float32)

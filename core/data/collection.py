@@ -24,7 +24,7 @@ class Photo:
 
     lens: the COLMAP camera as {"model", "width", "height", "params"} if the file is distorted (core.data.photos undistorts with it), else
     None. With "orientation" (EXIF's) it is the lens of the pixels as stored, else of the picture as displayed.
-    points: indices into Collection.points of the SfM points it sees.
+    points: indices into Collection.points of the SfM points it sees; none of a photo from outside.
     mask: a picture, white where training uses the photo (core.data.given_masks), or None. mask_lens: as lens, if the photo is an
     undistorted copy and the mask was drawn on the original.
     """
@@ -33,7 +33,7 @@ class Photo:
     path: Path
     camera: Camera
     split: str  # "train" or "test"
-    points: np.ndarray
+    points: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     lens: dict | None = None
     mask: Path | None = None
     mask_lens: dict | None = None

@@ -16,7 +16,6 @@ from core.report import Report
 from core.scene.camera import Camera
 
 QUERY = "query.jpg"
-NO_POINTS = np.zeros(0, dtype=np.int64)  # that a photo from outside sees
 OFF = 0.006  # RANSAC's largest reprojection error, of the long side: 10 of 1600 px; COLMAP takes 12
 USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
 # Training photos, each located by the others: 17 of 19 of the Statue of Liberty are found to within 1 px of 400, with 13 to 296 inliers, 44
@@ -43,7 +42,7 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     width, height = probe(path).displayed
     long_side = max(width, height)
     anywhere = Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
-    photo = Photo(path.name, path, anywhere, "test", NO_POINTS, mask=mask)
+    photo = Photo(path.name, path, anywhere, "test", mask=mask)
     with TemporaryDirectory() as folder, quiet():
         work = Path(folder)
         camera = write_picture(photo, anywhere, work, QUERY)

@@ -13,7 +13,7 @@ from core.data import landmarks, load_collection
 from core.data import photos as files
 from core.data.collection import Photo
 from core.data.landmarks import Landmarks, landmarks_of
-from core.data.locate import NO_POINTS, locate
+from core.data.locate import locate
 from core.errors import BadInput, WegsError
 from core.looks.trained import Appearance, Run
 from core.report import QUIET, Report
@@ -48,7 +48,7 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
         if found is None:
             return as_read("where it was taken was not found")
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
-        photo = Photo(path.name, path, found.camera, "test", NO_POINTS, mask=mask)
+        photo = Photo(path.name, path, found.camera, "test", mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
         picture = files.load(photo, camera.width, camera.height, trained.is_cut_out)
     except BadInput:  # nothing is left of a mask in a smaller picture

@@ -8,7 +8,6 @@ the bake with everything.
 from collections.abc import Callable
 
 import torch
-from torch import Tensor
 
 import core.export
 from core.bench.errors import LIMIT, errors
@@ -66,10 +65,6 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
             core.export.write(path, look.in_world(trained.collection.frame), "bench")
             return look
 
-        def some(rows: Tensor, degree: int) -> Splats:
-            latents = None if trained.latents is None else trained.latents[rows]
-            return trained.model.bake(trained.splats[rows], neutral.embedding, latents).up_to_degree(degree)
-
         def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
             look, seconds = timed(lambda: written(make()), budget)
             pictures, drawing = timed(lambda: [rasterizer.render(look, camera, trained.backdrop).image for camera in cameras], budget)
@@ -90,6 +85,6 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
                 rows = order[round(share * solid) :].sort().values
                 is_all = share == 0 and degree == whole.degree
                 label = "everything (--prune off)" if is_all else f"{share:.0%} pruned"
-                add(f"SH degree {degree}", label, lambda rows=rows, degree=degree: some(rows, degree))
+                add(f"SH degree {degree}", label, lambda rows=rows, degree=degree: bake(trained, neutral, rows).up_to_degree(degree))
     title = f"Baking {trained.folder.name}: {len(whole)} Gaussians of degree {whole.degree}"
     return Figure("baking", title, QUANTITIES, PANELS, tuple(points), made_on(trained.settings.seed), NOTES)

@@ -9,12 +9,11 @@ import torch
 
 from core.atomic import write_json
 from core.errors import BadInput, BadSetting
-from core.looks.trained import Appearance
+from core.looks.trained import NEUTRAL, Appearance
 from core.training.run import check_writable
 from core.words import counted
 
 FOLDER = "appearance"
-NEUTRAL = "neutral"  # the look that every run has; no other can have its name
 
 
 def path_of(folder: Path, name: str) -> Path:

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 import core.rasterizer
@@ -18,12 +18,15 @@ from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.errors import BadInput
+from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training import backdrop, checkpoint, run
 from core.training.gaussians import Gaussians
 from core.training.pictures import Picture, Sizes, load_picture
+
+NEUTRAL = "neutral"  # the name of the look that every run has; no other can have it
 
 
 @dataclass(frozen=True)
@@ -77,18 +80,30 @@ class Run:
     def seen_by(self, camera: Camera) -> Render:
         """A function that renders the camera's view in any look, as `bake` gives it; differentiable in the tone, and in the embedding if looks follow it."""
         visible = self.rasterizer.visible(self.splats, camera)
-        base = self.splats[visible.rows].detached()
-        latents = None if self.latents is None else self.latents[visible.rows].detach()
-        sky = int((visible.rows >= len(self.splats) - self.sky).sum())
+        solid = len(self.splats) - self.sky
+        place, discs = visible.rows[visible.rows < solid], visible.rows[visible.rows >= solid] - solid
+        smooth_sky = self.smooth_sky if len(discs) else None
+        sources = visible.rows if smooth_sky is None else torch.cat([place, smooth_sky.shown + solid])
+        base = self.splats[sources].detached()
+        latents = None if self.latents is None else self.latents[sources].detach()
+        shown = self.splats[visible.rows].detached()
 
         def render(embedding: Float[Tensor, " e"], tone: Float[Tensor, "2 3"] | None) -> Float[Tensor, "H W 3"]:
             sh, _ = self.model.transfer(base.sh, base.means, embedding, latents)
-            seen = base.with_sh(sh)
+            if smooth_sky is not None:
+                sh = torch.cat([sh[: len(place)], smooth_sky.sh(sh[len(place) :], discs)])
+            seen = shown.with_sh(sh)
             if tone is not None:
-                seen = toned(seen, tone, sky)
+                seen = toned(seen, tone, len(discs))
             return self.rasterizer.render(seen, camera, self.backdrop, pairs=visible.pairs).image
 
         return render
+
+    @cached_property
+    def smooth_sky(self) -> SmoothSky | None:
+        """What the colours of its dome become in every look; None without a dome that training photos show."""
+        cameras = [self.camera(photo) for photo in self.collection.split("train")]
+        return SmoothSky.of(self.splats, self.sky, cameras, self.rasterizer)
 
     @cached_property
     def reach(self) -> Reach:
@@ -158,10 +173,21 @@ def load_run(folder: Path, on_gpu: bool = True) -> Run:
     return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model)
 
 
-def bake(trained: Run, appearance: Appearance) -> Splats:
-    """The run's Gaussians in one look, scene frame: one pass of the SH transfer, after which appearance plays no part."""
-    look = trained.model.bake(trained.splats, appearance.embedding, trained.latents)
+def bake(trained: Run, appearance: Appearance, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:
+    """The Gaussians of the run in one look, scene frame: one pass of the SH transfer; appearance is over after it.
+
+    rows: of those wanted, all by default; ascending, the whole dome among them.
+    """
+    latents = None if trained.latents is None else trained.latents[rows]
+    look = trained.model.bake(trained.splats[rows], appearance.embedding, latents)
+    if trained.smooth_sky is not None:
+        look = trained.smooth_sky.over(look)
     return look if appearance.tone is None else toned(look, appearance.tone, trained.sky)
+
+
+def neutral(trained: Run) -> Appearance:
+    """The look that every run has."""
+    return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
 
 
 def blend(first: Appearance, last: Appearance, share: float) -> Appearance:

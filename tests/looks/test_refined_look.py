@@ -28,7 +28,7 @@ def trained(tmp_path_factory) -> Run:
         tint = np.exp(0.3 * np.random.default_rng(number).normal(size=3))
         cv2.imwrite(path, np.clip(0.7 * tint * cv2.imread(path), 0, 255).astype(np.uint8))
     collection = prepared(scene, runs / "points", Report())
-    small = {"steps": 150, "max_gaussians": 1500, "sky_gaussians": 100, "encoder_side_px": 48, "checkpoints": 1, "held_out_checks": 0}
+    small = {"steps": 300, "max_gaussians": 1500, "sky_gaussians": 100, "encoder_side_px": 48, "checkpoints": 1, "held_out_checks": 0}
     return finished(collection, whole_settings(**small), runs / "run")
 
 
@@ -42,7 +42,7 @@ def off(trained: Run, look) -> float:
 def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it_was_learnt(trained):
     heard = Heard()
     encoded, refined = (find_appearance(trained, "0.png", refine=refine, report=heard) for refine in (False, True))
-    assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.94 and 0.95 were seen, after seconds of training
+    assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
     assert heard.steps[-1] == (128, 128)
     assert trained.reach.distance(encoded.embedding) <= 1 + 1e-5 and trained.reach.distance(refined.embedding) <= 2 + 1e-5
@@ -54,7 +54,7 @@ def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_pa
     outside = tmp_path / "outside.png"
     outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
     encoded, refined = (find_appearance(trained, str(outside), refine=refine) for refine in (False, True))
-    assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.94 and 0.95 were seen, after seconds of training
+    assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training
     assert "from outside the collection, refined from where it was taken (" in refined.source
     again = find_appearance(trained, str(outside), refine=True)
     assert torch.equal(again.embedding, refined.embedding)

@@ -1,0 +1,73 @@
+"""The sky of a look, also where no training photo looked.
+
+A disc of the dome learns its colour from the photos that show it. All others keep the grey they began with, and what the SH transfer adds
+to that is made up: whoever turns round in a viewer would stand under brown clouds. Therefore every disc takes its colour from those that
+photos show.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from core.data.collection import spread_over
+from core.rasterizer import Rasterizer
+from core.scene.camera import Camera
+from core.scene.harmonics import basis, dc_of_colour
+from core.scene.splats import Splats
+from core.threads import one_torch_thread
+
+LENGTH_DEGREES = 80.0  # between two directions whose colours correlate by 1 / e; this and NOISE were chosen in core/TRIED.md, "The sky"
+NOISE = 1.0  # variance of the colour of a disc that one photo shows unobstructed, over that of the sky
+VIEWS, SIDE_PX = 128, 100  # training cameras that are asked, and the longer side of what they see: a disc is 5 degrees wide
+
+
+@dataclass(frozen=True)
+class SmoothSky:
+    """Ordinary kriging on the sphere (Cressie, Statistics for Spatial Data, 3.2): the best linear unbiased estimate of a sky whose mean is
+    unknown and whose covariance is exp(-angle / LENGTH_DEGREES), from discs with a noise of variance NOISE / k, k being the sum of a disc's
+    largest contributions to the training views: nearly the number of photos that show it.
+
+    shown: rows of the dome that photos show. weights: of their colours in each disc's, a row adds up to 1. basis: of the SH, towards those
+    shown. The dome is so far away that every disc has one colour from wherever it is seen.
+    """
+
+    shown: Int[Tensor, " o"]
+    weights: Float[Tensor, "s o"]
+    basis: Float[Tensor, "o c"]
+
+    @staticmethod
+    @torch.no_grad()
+    def of(splats: Splats, sky: int, cameras: Sequence[Camera], rasterizer: Rasterizer) -> "SmoothSky | None":
+        """That of Gaussians whose last `sky` are the dome, as these cameras show it; None where they show none of it."""
+        if not sky:
+            return None
+        photos = torch.zeros(sky, dtype=torch.float64, device=splats.means.device)
+        for camera in spread_over(cameras, VIEWS):
+            small = camera.shrunk(SIDE_PX / max(camera.width, camera.height))
+            photos += rasterizer.contributions(splats, small)[-sky:]
+        shown = photos.nonzero()[:, 0]
+        if not len(shown):
+            return None
+        directions = torch.nn.functional.normalize(splats.means[-sky:].double(), dim=1)
+        angles = (directions @ directions[shown].T).clamp(-1, 1).arccos().rad2deg()
+        covariance = torch.exp(-angles / LENGTH_DEGREES)
+        with one_torch_thread():  # more would round differently
+            inverse = torch.linalg.inv(covariance[shown] + torch.diag(NOISE / photos[shown]))
+            simple = covariance @ inverse
+            mean = inverse.sum(dim=0) / inverse.sum()
+            weights = simple + (1 - simple.sum(dim=1, keepdim=True)) * mean
+        return SmoothSky(shown, weights.float(), basis(directions[shown].float(), splats.degree))
+
+    def sh(self, sh: Float[Tensor, "o c 3"], discs: Int[Tensor, " d"] | slice = slice(None)) -> Float[Tensor, "d c 3"]:
+        """The coefficients of these discs, all by default, from those of the discs that photos show."""
+        with one_torch_thread():
+            colours = self.weights[discs] @ (self.basis[..., None] * sh).sum(dim=1) + 0.5
+        return torch.cat([dc_of_colour(colours)[:, None], sh.new_zeros(len(colours), sh.shape[1] - 1, 3)], dim=1)
+
+    def over(self, look: Splats) -> Splats:
+        """The Gaussians of a look under this sky."""
+        place, dome = look.sh.split((len(look) - len(self.weights), len(self.weights)))
+        return look.with_sh(torch.cat([place, self.sh(dome[self.shown])]))

@@ -1,6 +1,6 @@
 """The appearance model: a photo's look, the Gaussians in that look, and the bake after which appearance is over."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -107,6 +107,16 @@ class AppearanceModel(nn.Module):
         with one_torch_thread():
             embedding, _ = self.encoder(shrink(picture, self.settings.encoder_side_px), masked=False)
         return self.mean_embedding if embedding is None else embedding
+
+    @torch.no_grad()
+    def encoded(self, pictures: Iterable[Float[Tensor, "3 h w"]]) -> tuple[Float[Tensor, "k e"], Float[Tensor, "k e"]]:
+        """The embeddings of the training photos, in the order of their rows: as photos of the collection, and as from outside.
+
+        `met_embeddings` are those of the steps that met the photos: of other weights, and of other exposures.
+        """
+        both = [(self.look(picture, row).embedding, self.embedding_from_outside(picture)) for row, picture in enumerate(pictures)]
+        masked, unmasked = zip(*both)
+        return torch.stack(masked), torch.stack(unmasked)
 
     def transfer(
         self,

@@ -2,6 +2,7 @@
 
 import difflib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -103,10 +104,12 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, repor
         size = probe(mask).displayed
         photo = with_mask(photo, mask, size, sfm_record.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, size_for_mask(photo))
-    picture = trained.picture(photo)
-    look = trained.model.look(picture.encoder_input, row)
     kind = "training" if row is not None else "held-out"
-    found = Appearance(Path(photo.name).stem, f"{kind} photo {photo.name}", look.embedding)
+    look = partial(Appearance, Path(photo.name).stem, f"{kind} photo {photo.name}")
+    if row is not None and mask is None and trained.encoded is not None:
+        return look(trained.encoded[row])
+    picture = trained.picture(photo)
+    found = look(trained.model.look(picture.encoder_input, row).embedding)
     return refined_held_out(trained, found, picture, report) if refine and row is None else found
 
 

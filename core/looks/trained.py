@@ -34,7 +34,8 @@ class Run:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
-    seconds: spent on training. A Run is a Subject of core.evaluation.
+    seconds: spent on training. encoded: the embeddings of the training photos, in the order of `model.photo_names`, if an encoder
+    gives them and training is finished; the reach of looks is then made of these. A Run is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -47,6 +48,7 @@ class Run:
     sky: int
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
+    encoded: Float[Tensor, "k e"] | None = None
 
     def picture(self, photo: Photo) -> Picture:
         """A photo of the collection at its training size, with its camera and the encoder's input.
@@ -167,10 +169,13 @@ def load_run(folder: Path, on_gpu: bool = True) -> Run:
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(place)
         model = AppearanceModel(settings, saved.facts["photos"]).to(place)
         model.load_state_dict(saved.part("model"))
+        encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
+        if encoded:
+            model.met_embeddings = torch.cat([encoded["masked"], encoded["unmasked"]])
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
-    return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model)
+    return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, encoded.get("masked"))
 
 
 def bake(trained: Run, appearance: Appearance, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:

@@ -305,6 +305,9 @@ class Trainer:
         if self.optimizer is not None:
             tensors |= {f"optimizer.{name}": t for name, t in checkpoint.optimizer_tensors(self.optimizer).items()}
         tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
+        if self.done == self.settings.steps and len(self.model.met_embeddings):
+            encoded = self.model.encoded(picture.encoder_input for picture in self.pictures)
+            tensors |= {f"encoded.{name}": tensor for name, tensor in zip(("masked", "unmasked"), encoded)}
         facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in REMEMBERED}}
         facts["photos"] = [picture.photo.name for picture in self.pictures]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))

@@ -142,6 +142,15 @@ def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
     assert float(whole.mean()) < strengths[1] - 0.02  # as much of it as brings the photo within reach, and no more
 
 
+def test_no_training_photo_lies_beyond_reach_as_a_file_from_outside_either(trained):
+    """The encoder has the weights of the last step there, and sees no mask and no jitter: unlike when training met the photos."""
+    names = trained.model.photo_names
+    pictures = [trained.picture(trained.collection.view(name)).encoder_input for name in names]
+    seen = [trained.model.embedding_from_outside(picture) for picture in pictures]
+    assert max(map(trained.reach.distance, seen)) <= 1 + 1e-5
+    assert torch.equal(trained.encoded, torch.stack([trained.model.look(picture, row).embedding for row, picture in enumerate(pictures)]))
+
+
 def test_around_an_object_cut_out_of_empty_space_no_photo_tells_a_tone(trained, tmp_path):
     """What the neutral look shows there is no light to compare a photo's with."""
     night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)

@@ -105,6 +105,6 @@ def test_points_of_a_file_train_as_well_though_nobody_knows_who_sees_them(tmp_pa
     said = "\n".join(heard.lines)
     assert "Nothing says which photo sees which point" in said
     assert (
-        "appearance=full: the photos are too few, or share too few points, to tell whether their light differs" in said
+        "appearance=full: too few points are known to be shared by photos to tell whether their light differs" in said
     )
     assert pipeline.load_run(folder).settings.sh_degree == 1

@@ -317,8 +317,7 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.picture(photo).camera))
     assert known == read  # one class of arrays: the very same numbers
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
-    looks = (pipeline.find_appearance(live, photo.name) for live in (before, after))
-    assert torch.equal(*(look.embedding for look in looks))  # the checkpoint knows those of training photos
+    assert torch.equal(*(pipeline.find_appearance(live, photo.name).embedding for live in (before, after)))  # is in the checkpoint
     for need in (lambda: pipeline.evaluate(folder), lambda: after.picture(gone)):
         with pytest.raises(BadInput, match="gone is gone. Move the photos back"):
             need()

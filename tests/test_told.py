@@ -48,7 +48,7 @@ def test_a_look_comes_with_a_way_to_look_at_it(trained, tmp_path):
         heard, path = Heard(), tmp_path / f"{sky}.ply"
         pipeline.export(trained, "neutral", path, heard, sky=sky)
         drag = f"Next: drag {path} into https://superspl.at/editor, and {trained / 'cameras.json'} as well for the photos' viewpoints"
-        outside = "There you begin outside the dome of the sky: take a viewpoint, or fly in"
+        outside = "In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in"
         assert heard.lines[-1 - sky :] == [drag, outside][: 1 + sky]
 
 

@@ -1,5 +1,6 @@
 """The command group, and how errors end it: a user's mistake in one line, a defect of wegs in a traceback."""
 
+import difflib
 import errno
 import importlib.util
 import os
@@ -50,6 +51,12 @@ class Group(OneLineErrors, click.Group):
     def list_commands(self, context: click.Context) -> list[str]:
         return list(COMMANDS)
 
+    def resolve_command(self, context: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+        if near and args[0] not in COMMANDS:
+            raise click.UsageError(f"No such command '{args[0]}'. Did you mean {near[0]}?", context)
+        return super().resolve_command(context, args)
+
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
@@ -66,6 +73,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, click.ClickException):
         context = getattr(problem, "ctx", None)
         advice = f" Try: {context.command_path} --help" if context else ""
+        if isinstance(problem, click.NoSuchOption) and problem.option_name == "--memory":
+            advice = " It goes before the command: wegs --memory GIB train ..."
         return " ".join(problem.format_message().split()) + advice, problem.exit_code
     if isinstance(problem, (click.Abort, KeyboardInterrupt)):
         # click turns every Ctrl-C into an Abort; the words about what was kept are in its cause.

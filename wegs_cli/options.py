@@ -1,7 +1,7 @@
 """Options made from core.config: names, help, ranges, choices and defaults are written there and nowhere else."""
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -85,6 +85,7 @@ def settings_from(
     """Settings: command line beats file beats preset beats default. typed: options, None where not typed. The file may name a preset."""
     written = {} if config is None else _read_toml(config)
     named = str(written.pop("preset", "default"))
+    _no_options_among((*written, *(assignment.partition("=")[0].strip() for assignment in assignments)))
     try:
         settings = preset(preset_name or named).changed(**written)
     except BadSetting as problem:
@@ -96,6 +97,13 @@ def settings_from(
             raise BadSetting(f"{name} is given twice on the command line.", "Give it once.")
         values[name] = value
     return settings.changed(**values)
+
+
+def _no_options_among(names: Iterable[str]) -> None:
+    """Raise BadSetting for names that are options of the command line, not settings."""
+    for name in names:
+        if name in ("masks", "output", "preset", "resume", "force"):
+            raise BadSetting(f"{name} is no setting but an option of the command line.", f"Type: --{name}{' ...' * (name not in ('resume', 'force'))}")
 
 
 def settings_table() -> str:

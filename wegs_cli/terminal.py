@@ -15,6 +15,7 @@ from rich.table import Table
 
 from core.report import Report
 
+WIDE = 80  # columns; a narrower terminal shows what is done and the time left, no bar and no note
 PLAIN_SECONDS = 15.0  # between two progress lines in a log file
 
 
@@ -92,9 +93,10 @@ class Terminal(Report):
     def _advance_bar(self, what: str, done: int, total: int, note: str) -> None:
         if self.bar is None or what != self.what:
             self._end_bar()
-            columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-            left = (TextColumn("left"), TimeRemainingColumn(), TextColumn("{task.fields[note]}", markup=False))
-            self.bar = Progress(*columns, *left, console=self.console)
+            columns = [TextColumn("{task.description}", markup=False), MofNCompleteColumn(), TextColumn("left"), TimeRemainingColumn()]
+            if self.console.width >= WIDE:
+                columns = [columns[0], BarColumn(), columns[1], TimeElapsedColumn(), *columns[2:], TextColumn("{task.fields[note]}", markup=False)]
+            self.bar = Progress(*columns, console=self.console)
             self.bar.start()
             self.task = self.bar.add_task(what, total=total, note=note)
             self.what = what

@@ -5,6 +5,7 @@ matplotlib is imported when something is drawn: it takes half a second to load.
 
 import io
 import math
+import warnings
 from typing import TYPE_CHECKING
 
 from core.bench.figure import Figure, Panel, Point, Quantity, number
@@ -47,7 +48,8 @@ def draw_png(figure: Figure) -> bytes:
     columns = min(count, 2)
     rows = math.ceil(count / columns)
     is_full = count == rows * columns
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")  # boxes in the names of runs say it as well
         size = PANEL_INCHES[0] * columns + LEGEND_INCHES * is_full, PANEL_INCHES[1] * rows + MARGIN_INCHES
         canvas = Canvas(figsize=size, dpi=DPI, layout="constrained")
         agg = FigureCanvasAgg(canvas)  # its own, so that no window system is asked for

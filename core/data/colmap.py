@@ -9,7 +9,7 @@ import numpy as np
 import pycolmap
 
 from core.data.found_file import nearly_named, with_files_found
-from core.data.model_file import holds_model, lacking_files, read_model
+from core.data.model_file import holds_model, lacking_files, photos_in_model, read_model
 from core.data.photo_folder import list_photos
 from core.data.phototourism import find_tables
 from core.data.placing import View
@@ -31,7 +31,8 @@ def find_model(root: Path) -> Path | None:
     folders += [root / NERFSTUDIO_FOLDER] * (not (root / FILE).exists())
     for folder in folders:
         if holds_model(folder):
-            return folder
+            rivals = [rival for rival in _numbered(folder.parent) if holds_model(rival)] if folder.name.isdecimal() else [folder]
+            return max(rivals, key=photos_in_model)  # the first of equals
     for folder in folders:
         if lacking := lacking_files(folder):
             fix = "Copy it again, or remove the folder to have the cameras found anew."
@@ -139,7 +140,7 @@ def _other_models(model: Path) -> list[str]:
     if not model.name.isdecimal():
         return []
     others = [folder.name for folder in _numbered(model.parent) if folder != model and holds_model(folder)]
-    return [f"{model.parent} holds other models as well ({', '.join(others)}); {model.name} is used."] if others else []
+    return [f"{model.parent} holds other models as well ({', '.join(others)}); {model.name} is used: it has most photos."] if others else []
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:

@@ -13,6 +13,7 @@ from core.data.posed import Posed, collect
 from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
 from core.errors import BadInput, command
 
+VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 PHOTO_FOLDERS = (".", "images", "input", "photos")
 FOUND_BY_SFM = {"colmap": read_colmap, "phototourism": read_colmap}  # cameras estimated together with their points
 POSED = {**FOUND_BY_SFM, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
@@ -57,7 +58,7 @@ def find_kind(path: Path) -> str:
     if not path.exists():
         raise BadInput(f"There is no folder {path}.", "Give the folder that holds your photos.")
     if not path.is_dir():
-        raise BadInput(f"{path} is a file, not a folder.", "Give the folder that holds your photos.")
+        raise not_a_folder(path)
     scene, kind = scene_of(path) or (None, None)
     if kind in POSED:
         if not scene.is_dir():
@@ -67,6 +68,16 @@ def find_kind(path: Path) -> str:
         return kind
     find_photos(path)
     return "photos"
+
+
+def not_a_folder(path: Path) -> BadInput:
+    """The error for a file given as a scene."""
+    fix = "Give the folder that holds your photos."
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        fix = f"Take pictures out of it: mkdir photos; {command('ffmpeg', '-i', path, '-vf', 'fps=2', 'photos/%04d.png')}"
+    elif path.name in (FILE, *BLENDER_FILES.values()):
+        fix = f"Give the folder it is in: {path.parent}"
+    return BadInput(f"{path} is a file, not a folder.", fix)
 
 
 def kind_with_cameras(path: Path) -> str | None:

@@ -10,7 +10,7 @@ import struct
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pycolmap
@@ -32,6 +32,17 @@ if threading.current_thread() is threading.main_thread():  # Python sets handler
 def holds_model(folder: Path) -> bool:
     """Whether `folder` has the files of a COLMAP model, binary or text; the file of points may be missing."""
     return any(_has(folder, suffix, *NEEDED) for suffix in SUFFIXES)
+
+
+def photos_in_model(folder: Path) -> int:
+    """How many photos the COLMAP model in `folder` has, by the head of its file of photos; none if that cannot be read."""
+    with suppress(OSError, struct.error):
+        if (binary := folder / "images.bin").is_file():
+            with binary.open("rb") as file:
+                return struct.unpack("<Q", file.read(8))[0]
+        with (folder / "images.txt").open(encoding="utf-8", errors="replace") as file:
+            return sum(not line.startswith("#") for line in file) // 2  # a photo's pose, then its points
+    return 0
 
 
 def lacking_files(folder: Path) -> list[str]:

@@ -82,7 +82,8 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     numbers, because COLMAP splits its list of pairs at spaces.
     """
     folder.mkdir()
-    copies, turned, twins = {}, 0, copies_among(paths)
+    by_length = sorted(paths, key=lambda path: (len(path.name), path.name))  # of a.jpg and "a (1).jpg" the copy is the latter
+    copies, turned, twins = {}, 0, copies_among(by_length)
     for done, path in enumerate(paths, 1):
         copy = f"{done:06d}.jpg"
         try:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from core.data.load import VIDEO_SUFFIXES, not_a_folder
 from core.doctor.finding import Finding, verdict
 from core.doctor.ply import examine_ply
 from core.doctor.run import examine_run
@@ -25,6 +26,8 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         findings = examine_run(path, report)
     elif newest := max(path.glob(run.CLOUDS), key=_progress, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
+    elif path.is_file() and path.suffix.lower() in (".json", *VIDEO_SUFFIXES):
+        raise not_a_folder(path)
     else:
         findings = (examine_scene if path.is_dir() else examine_ply)(path, report)
     for finding in findings:

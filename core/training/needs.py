@@ -22,7 +22,7 @@ LEAST_STRANGE_SHARE = 0.015  # columns and corners make 0.5 to 1 % of calm photo
 # Degree 1 against 0 on held-out training photos, dB: + 0.3 at 90 % (fountain), + 0.2 at 59 % (kermit), 0 at 33 % (calm plaza), 0
 # to + 0.4 at 21 % (Liberty), 0 to - 0.5 at 4 % (plaza).
 LEAST_VIEW_DEPENDENCE = 0.1
-TOO_FEW = "the photos are too few, or share too few points, to tell"
+TOO_FEW = "too few points are known to be shared by photos to tell"
 USUAL_DEGREE = 1  # where nothing can be said; higher degrees need more views of a point than SfM tracks have
 
 

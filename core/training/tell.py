@@ -55,7 +55,7 @@ def tell_how_to_look(folder: Path, look: Path, has_sky: bool, report: Report) ->
     """What to do with the file of a look. folder: of its run. has_sky: the file holds the dome."""
     report.say(f"Next: drag {look} into {VIEWER}, and {folder / 'cameras.json'} as well for the photos' viewpoints")
     if has_sky:
-        report.say("There you begin outside the dome of the sky: take a viewpoint, or fly in")
+        report.say("In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in")
 
 
 def next_step(folder: Path, settings: Settings, neutral: Path) -> str:

@@ -34,6 +34,16 @@ def test_a_log_file_gets_a_line_now_and_then_and_the_last_one(clock, capsys):
     assert not any("\x1b" in line for line in lines)
 
 
+@pytest.mark.parametrize("width", [40, 79, 80])
+def test_a_narrow_terminal_gets_what_is_done_and_the_time_left(width):
+    screen = io.StringIO()
+    with Terminal() as watched:
+        watched.console = Console(file=screen, force_terminal=True, width=width)
+        watched.progress("Training", 5, 6000, "loss 0.349, 11650 Gaussians")
+    assert "5/6000" in screen.getvalue() and "left" in screen.getvalue()
+    assert ("loss" in screen.getvalue()) == (width >= 80)
+
+
 def test_a_terminal_gets_a_bar_with_an_estimate_and_a_table():
     screen = io.StringIO()
     with Terminal() as watched:

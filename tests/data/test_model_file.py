@@ -1,4 +1,6 @@
-"""Models that are truncated or damaged are refused in one line."""
+"""Models that are truncated or damaged are refused in one line; of several, the largest is read."""
+
+import shutil
 
 import pytest
 
@@ -30,3 +32,19 @@ def test_damaged_text_models_are_refused(tmp_path, part):
     (model / f"{part}.txt").write_text(text[: len(text) * 6 // 10])
     with pytest.raises(BadInput, match="not a COLMAP model that can be read"):
         load_collection(root)
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_of_several_models_the_one_with_most_photos_is_read(tmp_path, binary):
+    scene = SmallScene()
+    root = scene.write(tmp_path / "scene")
+    larger, smaller = scene.reconstruction(), scene.reconstruction()
+    smaller.deregister_frame(smaller.images[smaller.reg_image_ids()[0]].frame_id)
+    for name, model in (("0", smaller), ("1", larger)):
+        folder = root / "sparse" / name
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        (model.write_binary if binary else model.write_text)(str(folder))
+    collection = load_collection(root)
+    assert len(collection.photos) == len(larger.reg_image_ids())
+    assert any("holds other models as well (0); 1 is used: it has most photos" in note for note in collection.notes)

@@ -28,6 +28,8 @@ def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained
     assert twins.called("photo_0").name == "photo_0"
     twins = replace(twins, photos=twins.photos[:2])
     assert twins.called("photo_0") is None
+    made = replace(trained.collection, photos=tuple(replace(photo, name=f"{photo.name}.jpg") for photo in trained.collection.photos))
+    assert made.called("photo_1").name == made.called("photo_1.png").name == "photo_1.png.jpg"
     with pytest.raises(BadInput, match="photo_0 is neither a photo file.* such as photo_0"):
         find_appearance(replace(trained, collection=twins), "photo_0")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.found_file import nearly_named, with_files_found
+from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.model_file import holds_model, lacking_files, photos_in_model, read_model
 from core.data.photo_folder import list_photos
 from core.data.phototourism import find_tables
@@ -20,7 +20,6 @@ from core.words import name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
 NERFSTUDIO_FOLDER = "colmap/sparse/0"  # beside a transforms.json of the same, which says more
-SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project and its data sets keep
 ORIGINALS = ("input", "photos")  # where photos may lie before they are undistorted, which gives a model of other pixels
 
 

@@ -11,6 +11,8 @@ from core.data.photo_folder import SUFFIXES, list_photos
 from core.data.placing import View
 from core.words import Note, name_them
 
+SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project, nerfstudio and data sets keep
+
 
 def with_files_found(views: Sequence[View], folders: Iterable[Path]) -> tuple[list[View], list[Note]]:
     """The views, where a missing file is replaced by one of nearly the same name; and a note that names these.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.found_file import with_files_found
+from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photo_folder import SUFFIXES
 from core.data.placing import View
 from core.data.point_file import read_points_file
@@ -167,7 +167,7 @@ class _Reading:
         with suppress(ValueError):
             folder = Path(os.path.commonpath([view.path.parent for view in views]))
             views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
-        views, found = with_files_found(views, [self.root / "images", self.root])
+        views, found = with_files_found(views, [self.root / name for name in ("images", ".", *SHRUNKEN)])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."
         return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes + found)

@@ -152,6 +152,17 @@ def test_paths_without_a_suffix_and_of_windows(scene, change):
     assert [photo.name.lower() for photo in load_collection(scene).photos] == SmallScene().names
 
 
+def test_of_photos_that_were_shrunk_and_not_kept_the_small_ones_are_used(scene):
+    before, folder, small = load_collection(scene).photos, scene / "images", scene / "images_2"
+    small.mkdir()
+    for path in sorted(folder.iterdir()):
+        cv2.imwrite(str(small / path.name), cv2.resize(cv2.imread(str(path)), (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA))
+        path.unlink()
+    for whole, half in zip(before, load_collection(scene).photos, strict=True):
+        assert (half.camera.width, half.camera.height) == (WIDTH // 2, HEIGHT // 2)
+        assert half.camera.fx == pytest.approx(whole.camera.fx / 2) and half.camera.cy == pytest.approx(whole.camera.cy / 2)
+
+
 def test_photos_elsewhere(scene, tmp_path):
     (scene / "images").rename(tmp_path / "elsewhere")
     paths = [str(tmp_path / "elsewhere" / "photo_0.png"), *(f"../elsewhere/photo_{number}.png" for number in (1, 2, 3))]

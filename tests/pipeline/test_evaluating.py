@@ -1,0 +1,70 @@
+"""Figures of the photos that were held out, and runs that have none to give."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from core import pipeline
+from core.bench import suite
+from core.errors import BadInput
+from core.looks import held_out_views
+from tests.heard import Heard
+from tests.pipeline.conftest import STEPS
+from tests.small import small_settings
+
+
+def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
+    heard = Heard()
+    results = pipeline.evaluate(trained[0], "half", heard, refine=False)
+    assert (results.train_photos, results.test_photos, results.steps, results.scale) == (4, 2, STEPS, 1.0)
+    assert [view.name for view in results.views] == ["photo_2.png", "photo_5.png"]
+    written = json.loads((trained[0] / "results.json").read_text())
+    assert written["protocol"] == "half" and written["training_seconds"] > 0
+    assert written["means"]["photo"]["zero_shot"]["psnr"] == results.means()["photo"]["zero_shot"]["psnr"]
+    assert len(json.loads((trained[0] / "per_view.json").read_text())) == 2
+    assert cv2.imread(str(trained[0] / "sheet.png")).shape[1] > 4 * 48  # photo | render | mask | error
+    assert heard.steps[-1] == (2, 2) and any(line.startswith("photo, zero-shot: PSNR") for line in heard.lines)
+    pipeline.evaluate(trained[0], "full", refine=False, keep_pictures=True)  # neither protocol's figures replace the other's
+    for name, protocol in (("results.json", "half"), ("results_full.json", "full")):
+        assert json.loads((trained[0] / name).read_text())["protocol"] == protocol
+    assert {path.name for path in trained[0].glob("*_full.*")} == {"per_view_full.json", "results_full.json", "sheet_full.png"}
+    assert {path.name for path in (trained[0] / "pictures/full/gt-color").iterdir()} == {"photo_2.png", "photo_5.png"}
+
+
+def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):
+    def view_of(live, photo):
+        view = held_out_view(live, photo)
+        return replace(view, valid=torch.full(view.picture.shape[:2], photo.name != "photo_2.png"))
+
+    held_out_view = held_out_views.held_out_view
+    monkeypatch.setattr(held_out_views, "held_out_view", view_of)
+    results = pipeline.evaluate(trained[0], refine=False)
+    assert len(results.views) == 1 and np.isfinite(results.means()["photo"]["zero_shot"]["psnr"])
+
+
+def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, monkeypatch):
+    collection = pipeline.load_collection(small_scene)
+    only = replace(collection, photos=collection.split("train"))
+    monkeypatch.setattr(pipeline, "prepared", lambda *_: only)
+    folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run")
+    with pytest.raises(BadInput, match="no held-out photos"):
+        pipeline.evaluate(folder)
+
+
+def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
+    monkeypatch.setattr(pipeline, "measure", None)
+    monkeypatch.setattr("os.access", lambda path, mode: trained[0] not in (Path(path), Path(path).parent))
+    for need in (
+        lambda: pipeline.evaluate(trained[0]),
+        lambda: pipeline.export(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
+        lambda: suite.curves((trained[0],), ("half",), True, Heard()),
+    ):
+        with pytest.raises(BadInput, match="may not be written in. Make it writable, or copy the run"):
+            need()
+    assert list(tmp_path.iterdir()) == []

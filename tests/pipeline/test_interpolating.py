@@ -1,0 +1,57 @@
+"""The frames between two looks: their ends are those looks, and what is refused."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+import core.rasterizer
+from core import pipeline
+from core.errors import BadInput, WegsError
+from core.export.ply import read_ply
+from tests.heard import Heard
+
+
+def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
+    folder, ends = trained[0], ("neutral", "photo_4.png")
+    output = pipeline.interpolate(folder, *ends, steps=3, output=tmp_path / "fade", ply=True)
+    assert sorted(path.name for path in output.iterdir()) == [
+        *(f"frame_{step:03d}.png" for step in range(3)),
+        "sheet.png",
+        *(f"step_{step:03d}.ply" for step in range(3)),
+        "video.mp4",
+    ]
+    live = pipeline.load_run(folder)
+    camera = live.picture(live.collection.split("test")[0]).camera
+    for word, step in zip(ends, (0, 2), strict=True):
+        pipeline.export(folder, word, tmp_path / "end.ply", force=True)
+        assert (tmp_path / "end.ply").read_bytes() == (output / f"step_{step:03d}.ply").read_bytes()
+        baked = pipeline.bake(live, pipeline.find_appearance(live, word))
+        image = core.rasterizer.create("auto").render(baked, camera).image
+        frame = cv2.imread(str(output / f"frame_{step:03d}.png"))[..., ::-1]
+        np.testing.assert_array_equal(frame, (image.clamp(0, 1) * 255).round().byte().numpy())
+    ends_sh = [read_ply(output / f"step_{step:03d}.ply").sh for step in (0, 1, 2)]
+    assert not torch.equal(ends_sh[1], ends_sh[0]) and not torch.equal(ends_sh[1], ends_sh[2])
+
+
+def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatch):
+    def full(path, _):
+        raise WegsError(f"The disk is full: {path} was not written.", "Free some space.")
+
+    monkeypatch.setattr(pipeline, "write_video", full)
+    output = pipeline.interpolate(trained[0], "neutral", "photo_4.png", 2, tmp_path / "fade", heard := Heard())
+    assert sorted(path.name for path in output.iterdir()) == ["frame_000.png", "frame_001.png", "sheet.png"]
+    warning = f"! The disk is full: {output / 'video.mp4'} was not written. Free some space."
+    assert heard.lines[-2:] == [warning, f"{output}: 2 frames, sheet.png"]
+
+
+def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
+    with pytest.raises(BadInput, match="no photo bogus"):
+        pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
+    monkeypatch.chdir(tmp_path)
+    Path("photo_0-to-dusk.2").symlink_to("gone")
+    with pytest.raises(BadInput, match="photo_0-to-dusk.2 is not a folder"):
+        pipeline.interpolate(trained[0], "photo_0.png", "looks/dusk.2.json", 2)

@@ -1,0 +1,81 @@
+"""Train, stop and go on; and what is refused on the way."""
+
+import shutil
+import signal
+from dataclasses import replace
+
+import pytest
+import torch
+
+from core import pipeline
+from core.errors import BadInput, BadSetting
+from core.export.ply import read_ply
+from core.training import run
+from tests.heard import Heard
+from tests.pipeline.conftest import STEPS
+from tests.small import small_settings
+
+
+def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained):
+    folder, heard = trained
+    said = "\n".join(heard.lines)
+    for words in ("6 photos (4 train, 2 test)", "! photo_7.png was dropped", "48x36 px", "held-out PSNR", "Next: wegs bake"):
+        assert words in said
+    assert heard.steps[:STEPS] == [(step + 1, STEPS) for step in range(STEPS)]
+    names = {path.name for path in folder.iterdir()}
+    assert {"cfg_args", "cameras.json", "input.ply", "point_cloud", "config.json", "history.csv", "masks"} <= names
+    neutral = read_ply(folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply")
+    assert 0 < len(neutral) <= len(pipeline.load_run(folder).splats)
+    assert len(list((folder / "masks").iterdir())) == 4
+
+
+def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(trained, small_scene, tmp_path):
+    class Impatient(Heard):
+        def progress(self, what, done, total, note=""):
+            super().progress(what, done, total, note)
+            if done == 5:
+                signal.raise_signal(signal.SIGINT)
+
+    whole, folder = pipeline.load_run(trained[0]), tmp_path / "run"
+    handler = signal.getsignal(signal.SIGINT)  # a shell that starts this in the background leaves it ignored
+    with pytest.raises(KeyboardInterrupt, match="Step 5 is kept.*--resume"):
+        pipeline.train(small_scene, small_settings(steps=STEPS), folder, Impatient())
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert not (folder / "point_cloud").exists()
+    with (folder / "history.csv").open("a") as file:
+        file.write("9,0.1,400,0.3,0.3,1.0,0.0,\n")  # as if it had gone on and then been killed
+    heard = Heard()
+    pipeline.resume(folder, heard)
+    assert heard.steps[0] == (6, STEPS)
+    steps = [[line.split(",")[0] for line in (where / "history.csv").read_text().splitlines()] for where in (trained[0], folder)]
+    assert steps[0] == steps[1]
+    resumed = pipeline.load_run(folder)
+    for name, tensor in whole.splats.tensors().items():
+        assert torch.equal(getattr(resumed.splats, name), tensor), name
+    with pytest.raises(BadInput, match="is finished: 12 steps.* train a new run with --steps"):
+        pipeline.resume(folder)
+    shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
+    pipeline.resume(folder)
+    assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()
+
+
+def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    collection = pipeline.load_collection(small_scene)
+    run.create(folder, collection, small_settings())
+    fewer = replace(collection, photos=collection.photos[1:])
+    monkeypatch.setattr(pipeline, "load_collection", lambda *_: fewer)
+    monkeypatch.setattr(pipeline.checkpoint, "newest", lambda folder: folder / "checkpoint")
+    monkeypatch.setattr(pipeline.checkpoint, "load", lambda path: pipeline.checkpoint.Checkpoint({}, {"step": 1}))
+    with pytest.raises(BadInput, match="not those that .* began with: photo_0.png differ or are gone. Put them back"):
+        pipeline.resume(folder)
+
+
+def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    output = tmp_path / "run"
+    refused = [({"device": "cuda"}, "finds no NVIDIA GPU"), *(({"resolution": width}, "-r 1") for width in (0, 3, 15))]
+    for changes, word in refused:
+        with pytest.raises(BadSetting, match=word):
+            pipeline.train(small_scene, small_settings(**changes), output)
+    assert list(tmp_path.iterdir()) == []

@@ -22,6 +22,7 @@ import click
 
 from core import pipeline
 from core.config import preset
+from core.looks.trained import load_run
 from core.training import checkpoint, run
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
@@ -69,7 +70,7 @@ def measure(scene: Path, settings, folder: Path, terminal: Terminal) -> dict:
     start = time.process_time()
     pipeline.train(scene, settings, folder, terminal, force=True)
     seconds = time.process_time() - start
-    trained = pipeline.load_run(folder)
+    trained = load_run(folder)
     files = [checkpoint.newest(folder), run.point_cloud_path(folder, trained.step)]
     scores = pipeline.evaluate(folder, "half", refine=True).means()["photo"]
     return {

@@ -62,8 +62,8 @@ def finished(collection: Collection, settings: Settings, folder: Path) -> Run:
 
 def give_to_pipeline(collection: Collection, patch: MonkeyPatch) -> None:
     """Let `core.pipeline` read this collection, whatever folder it is asked for."""
-    patch.setattr("core.pipeline.prepared", lambda *_: collection)
-    patch.setattr("core.pipeline.load_collection", lambda *_: collection)
+    patch.setattr("core.pipeline.training.prepared", lambda *_: collection)
+    patch.setattr("core.pipeline.training.load_collection", lambda *_: collection)
 
 
 def small_scene(folder: Path, patch: MonkeyPatch) -> Path:

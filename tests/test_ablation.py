@@ -15,6 +15,8 @@ from core.config import PRESETS
 from core.data import load_collection
 from core.errors import BadInput
 from core.evaluation import lpips
+from core.looks.trained import load_run
+from core.pipeline import training
 from samples import ablation, compare
 from samples.measurements import finished
 from samples.measurements.variants import FULL, VARIANTS
@@ -31,8 +33,8 @@ def small_scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     collection = small_collection(folder)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "prepared", lambda path, *_: replace(collection, root=path))
-        patch.setattr(pipeline, "load_collection", lambda path, *_: replace(collection, root=path))
+        patch.setattr(training, "prepared", lambda path, *_: replace(collection, root=path))
+        patch.setattr(training, "load_collection", lambda path, *_: replace(collection, root=path))
         patch.setattr(refinement, "STEPS", 2)
         patch.setattr(lpips, "load", lambda: None)
         yield folder
@@ -64,7 +66,7 @@ def test_every_variant_trains_and_is_measured(runs):
 
 def test_a_table_of_embeddings_starts_from_its_mean(runs):
     _, folder = runs
-    live = pipeline.load_run(next(folder.glob("embedding-by-GLO*/")))
+    live = load_run(next(folder.glob("embedding-by-GLO*/")))
     look = live.model.look(torch.rand(3, 24, 32))
     assert torch.equal(look.embedding, live.model.mean_embedding) and look.embedding.abs().max() > 0
 

@@ -6,6 +6,7 @@ import pytest
 
 from core import pipeline
 from core.errors import BadInput
+from core.looks.trained import load_run
 from core.training import run
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
@@ -42,7 +43,7 @@ def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):
     said = "\n".join(heard.lines)
     assert "6 photos (6 train, 0 test)" in said and "! All photos are trained on" in said
     pipeline.resume(folder)
-    trained = pipeline.load_run(folder)
+    trained = load_run(folder)
     assert len(trained.model.photo_names) == 6 and not run.read_config(folder)[2].split("test")
     with pytest.raises(BadInput, match="has no held-out photos. .*without --all-photos"):
         pipeline.evaluate(folder)
@@ -56,4 +57,4 @@ def test_a_scene_whose_list_holds_out_every_photo_is_trained_on_and_gone_on_with
     folder = pipeline.train(scene, small_settings(steps=1, all_photos=True), tmp_path / "run")
     shutil.rmtree(folder / "point_cloud")  # as if it had been stopped just before
     pipeline.resume(folder)
-    assert len(pipeline.load_run(folder).model.photo_names) == 4
+    assert len(load_run(folder).model.photo_names) == 4

@@ -13,7 +13,9 @@ import torch
 
 import core.rasterizer
 from core import device, pipeline
+from core.evaluation import lpips
 from core.evaluation.lpips import Lpips
+from core.looks.trained import load_run
 from core.rasterizer import Rendering, Visible
 from core.training import gaussians
 from core.training.adam import plain_adam_rows
@@ -88,16 +90,16 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
     heard = Heard()
     folder = pipeline.resume(tmp_path / "run", heard)
     assert any("held-out PSNR" in line for line in heard.lines)
-    run = pipeline.load_run(folder)
+    run = load_run(folder)
     assert isinstance(run.splats.sh, Elsewhere) and isinstance(run.model.mean_embedding, Elsewhere)
-    pipeline.export(folder, "photo_0.png", tmp_path / "look.ply", save_as="kept")
-    pipeline.export(folder, str(scene / "photo_1.png"), tmp_path / "other.ply", prune=False)
+    pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "look.ply", save_as="kept")
+    pipeline.bake_to_file(folder, str(scene / "photo_1.png"), tmp_path / "other.ply", prune=False)
     cv2.imwrite(str(tmp_path / "night.png"), np.zeros((30, 40, 3), np.uint8))
-    pipeline.export(folder, str(tmp_path / "night.png"), tmp_path / "night.ply", heard, save_as="night")
+    pipeline.bake_to_file(folder, str(tmp_path / "night.png"), tmp_path / "night.ply", heard, save_as="night")
     assert any("lit unlike any photo of the place (darker" in line for line in heard.lines)
     pipeline.interpolate(folder, "night", "kept", 3, tmp_path / "dawn")
     pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
-    monkeypatch.setattr(pipeline.lpips, "load", lambda: Lpips("alex", made_weights("alex")))
+    monkeypatch.setattr(lpips, "load", lambda: Lpips("alex", made_weights("alex")))
     monkeypatch.setattr("core.appearance.refinement.STEPS", 2)
     scores = pipeline.evaluate(folder, protocol="full").views[0].scores["photo"]
     assert scores["refined"].lpips > 0 and scores["refined"].psnr >= scores["zero_shot"].psnr - 0.1  # L1 is refined

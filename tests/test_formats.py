@@ -9,6 +9,7 @@ import torch
 
 from core import pipeline
 from core.doctor import examine
+from core.looks.trained import load_run
 from core.training import checkpoint
 from tests.data.converted import write_blender, write_nerf_osr, write_nerfstudio
 from tests.data.room_corner import write_corner
@@ -58,14 +59,14 @@ def test_a_stopped_run_goes_on_with_the_same_points(trained, corner, tmp_path):
             if (what, done) == ("Training", STEPS // 2):
                 raise KeyboardInterrupt
 
-    whole = pipeline.load_run(trained[0])
+    whole = load_run(trained[0])
     shutil.copytree(trained[0].parent / f"{corner.name}-scene", tmp_path / f"{corner.name}-scene")
     folder = tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
         pipeline.train(corner, small_settings(steps=STEPS, resolution=8, checkpoints=10), folder, Stopping())
     assert checkpoint.newest(folder) is not None
     pipeline.resume(folder)
-    resumed = pipeline.load_run(folder)
+    resumed = load_run(folder)
     for name, tensor in whole.splats.tensors().items():
         assert torch.equal(getattr(resumed.splats, name), tensor), name
 
@@ -73,7 +74,7 @@ def test_a_stopped_run_goes_on_with_the_same_points(trained, corner, tmp_path):
 def test_it_is_measured_baked_and_faded(trained, tmp_path):
     folder, _ = trained
     assert pipeline.evaluate(folder, refine=False).means()["photo"]["zero_shot"]["psnr"] > 5  # dB, after ten steps
-    assert pipeline.export(folder, "3.png", tmp_path / "look.ply").stat().st_size > 1000
+    assert pipeline.bake_to_file(folder, "3.png", tmp_path / "look.ply").stat().st_size > 1000
     assert len(list(pipeline.interpolate(folder, "1.png", "2.png", 2, tmp_path / "fade").glob("frame_*.png"))) == 2
     assert {finding.name for finding in examine(folder, Heard())} > {"steps", "looks"}
 
@@ -107,4 +108,4 @@ def test_points_of_a_file_train_as_well_though_nobody_knows_who_sees_them(tmp_pa
     assert (
         "appearance=full: too few points are known to be shared by photos to tell whether their light differs" in said
     )
-    assert pipeline.load_run(folder).settings.sh_degree == 1
+    assert load_run(folder).settings.sh_degree == 1

@@ -84,6 +84,10 @@ def test_imports_point_down(path):
         ("core/scene/camera.py", "from .. import training", "above"),
         ("core/evaluation/metrics.py", "import core.training.losses", "beside"),
         ("core/data/photos.py", "def late():\n    from core.export import ply", "beside"),
+        ("core/looks/trained.py", "from core.pipeline.training import train", "above"),
+        ("core/pipeline/baking.py", "from core.bench import suite", "above"),
+        ("core/pipeline/training.py", "from core.doctor.views import cameras_beside", "beside"),
+        ("core/pipeline/__init__.py", "from ..bench import suite", "above"),
         ("core/errors.py", "from core import config", "above"),
         ("core/config.py", "import wegs_cli.main", "above"),
         ("core/novelty.py", "import numpy", "no layer"),
@@ -98,6 +102,7 @@ def test_the_walk_finds_faults(place, line, fault):
     "place, line",
     [
         ("core/rasterizer/cpu/backend.py", "from core.rasterizer.contract import NEAR\nfrom core.scene import camera"),
+        ("core/pipeline/interpolating.py", "from core.looks.trained import bake\nfrom core.pipeline.baking import ONE_LOOK"),
         ("core/training/trainer.py", "import torch\nfrom core.errors import BadInput\nfrom . import losses"),
         (
             "wegs_cli/main.py",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from core import pipeline
+from core.pipeline import evaluating, training
 from core.training import checkpoint
 from core.training.interrupt import HANG_UP
 from tests.heard import Heard
@@ -66,7 +67,7 @@ def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypa
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "write_masks", interrupted)
+        patch.setattr(training, "write_masks", interrupted)
         with pytest.raises(KeyboardInterrupt, match="All steps are kept; finish with: wegs train --resume -o"):
             pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
     assert not (tmp_path / "run" / CLOUD).exists()
@@ -82,9 +83,9 @@ def test_an_interrupted_evaluation_leaves_the_pictures_that_were_there(scene, tm
         write_view(*arguments)
         raise KeyboardInterrupt
 
-    write_view = pipeline.write_view
+    write_view = evaluating.write_view
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "write_view", interrupted)
+        patch.setattr(evaluating, "write_view", interrupted)
         with pytest.raises(KeyboardInterrupt):
             pipeline.evaluate(folder, refine=False, keep_pictures=True)
     assert not list(folder.glob("pictures/*"))

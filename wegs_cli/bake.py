@@ -43,4 +43,4 @@ def bake(appearance, output, run_folder, force, mask, no_refine, save_appearance
 
     with Terminal() as terminal:
         choices = {"force": force, "save_as": save_appearance, "prune": prune == "auto", "mask": mask, "sky": sky, "refine": not no_refine}
-        pipeline.export(run_folder, appearance, output, terminal, **choices)
+        pipeline.bake_to_file(run_folder, appearance, output, terminal, **choices)

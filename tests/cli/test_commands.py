@@ -28,7 +28,7 @@ def asked(monkeypatch):
 
         return record
 
-    for name in ("train", "resume", "export", "interpolate", "evaluate", "find_cameras"):
+    for name in pipeline.__all__:
         monkeypatch.setattr(pipeline, name, recorder(name, getattr(pipeline, name)))
     for name in ("bench", "curves"):
         monkeypatch.setattr(suite, name, recorder(name, getattr(suite, name)))
@@ -63,13 +63,13 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         ),
         ("train --resume", "resume", {"folder": None}),
         ("train --resume -o runs/a", "resume", {"folder": Path("runs/a")}),
-        ("bake --appearance a.jpg -o a.ply", "export", LOOK),
-        ("bake --appearance a.jpg -o a.ply --no-sky", "export", LOOK | {"sky": False}),
-        ("bake --appearance a.jpg -o a.ply --prune off", "export", LOOK | {"prune": False}),
-        ("bake --appearance a.jpg -o a.ply --mask m.png", "export", LOOK | {"mask": Path("m.png")}),
+        ("bake --appearance a.jpg -o a.ply", "bake_to_file", LOOK),
+        ("bake --appearance a.jpg -o a.ply --no-sky", "bake_to_file", LOOK | {"sky": False}),
+        ("bake --appearance a.jpg -o a.ply --prune off", "bake_to_file", LOOK | {"prune": False}),
+        ("bake --appearance a.jpg -o a.ply --mask m.png", "bake_to_file", LOOK | {"mask": Path("m.png")}),
         (
             "bake --appearance neutral -o a.ply --run r --force --save-appearance x",
-            "export",
+            "bake_to_file",
             LOOK | {"folder": Path("r"), "word": "neutral", "force": True, "save_as": "x"},
         ),
         ("interpolate a b", "interpolate", {"folder": None, "first": "a", "last": "b"}),

@@ -11,17 +11,19 @@ import core.rasterizer
 from core import pipeline
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
+from core.looks.find_look import find_appearance
+from core.looks.trained import load_run
 from tests.small import small_settings
 
 
 def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
-    live = pipeline.load_run(trained[0])
+    live = load_run(trained[0])
     photo = live.collection.photos[0]
     rasterizer = core.rasterizer.create("auto")
     camera = live.picture(photo).camera
     for word in ("neutral", "photo_0.png", "photo_2.png"):
-        path = pipeline.export(trained[0], word, tmp_path / f"{word}.ply")
-        look = pipeline.find_appearance(live, word)
+        path = pipeline.bake_to_file(trained[0], word, tmp_path / f"{word}.ply")
+        look = find_appearance(live, word)
         with torch.no_grad():
             expected = live.seen_by(camera)(look.embedding, look.tone)
         baked = rasterizer.render(read_ply(path).in_scene(live.collection.frame), camera).image
@@ -32,28 +34,28 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
     folder = trained[0]
     data = {}
     for name, word, save_as in (("a", "photo_0.png", "noon"), ("b", "noon", None), ("c", "photo_4.png", None)):
-        pipeline.export(folder, word, tmp_path / f"{name}.ply", save_as=save_as)
+        pipeline.bake_to_file(folder, word, tmp_path / f"{name}.ply", save_as=save_as)
         data[name] = read_ply(tmp_path / f"{name}.ply").sh
     assert torch.equal(data["a"], data["b"]) and not torch.equal(data["a"], data["c"])
-    live = pipeline.load_run(folder)
+    live = load_run(folder)
     with pytest.raises(BadInput, match="a name such as noon"):
-        pipeline.find_appearance(live, "Noo")
-    by_path = pipeline.find_appearance(live, str(folder / "appearance" / "noon.json"))
+        find_appearance(live, "Noo")
+    by_path = find_appearance(live, str(folder / "appearance" / "noon.json"))
     assert by_path.source == "training photo photo_0.png"
     for elsewhere, words in (("gone/noon", "is neither a photo file"), ("gone/noon.json", "no saved look gone/noon.json")):
         with pytest.raises(BadInput, match=words):
-            pipeline.find_appearance(live, elsewhere)
+            find_appearance(live, elsewhere)
 
 
 def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outside(trained, small_scene, tmp_path):
-    live = pipeline.load_run(trained[0])
-    known = pipeline.find_appearance(live, str(small_scene / "photo_0.png"))
+    live = load_run(trained[0])
+    known = find_appearance(live, str(small_scene / "photo_0.png"))
     assert known.source == "training photo photo_0.png"
     copy = tmp_path / "copy.png"
     copy.write_bytes((small_scene / "photo_0.png").read_bytes())
-    outside = pipeline.find_appearance(live, str(copy), refine=False)
+    outside = find_appearance(live, str(copy), refine=False)
     assert outside.source == "photo copy.png from outside the collection"
-    assert "held-out" in pipeline.find_appearance(live, "photo_2.png").source
+    assert "held-out" in find_appearance(live, "photo_2.png").source
 
 
 @pytest.mark.parametrize(
@@ -73,7 +75,7 @@ def test_a_look_that_is_none_is_refused_and_nothing_is_written(trained, tmp_path
     Path("text.png").write_text("not a photo")
     before = sorted(tmp_path.iterdir())
     with pytest.raises(BadInput, match=words):
-        pipeline.export(trained[0], word, Path("a.ply"))
+        pipeline.bake_to_file(trained[0], word, Path("a.ply"))
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -81,29 +83,29 @@ def test_an_output_that_exists_or_has_no_format_is_refused(trained, tmp_path):
     path = tmp_path / "a.ply"
     path.write_text("old")
     with pytest.raises(BadInput, match="--force"):
-        pipeline.export(trained[0], "neutral", path)
+        pipeline.bake_to_file(trained[0], "neutral", path)
     with pytest.raises(BadInput, match=".ply"):
-        pipeline.export(trained[0], "neutral", tmp_path / "a.obj")
+        pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.obj")
     assert path.read_text() == "old"
-    pipeline.export(trained[0], "neutral", path, force=True)
+    pipeline.bake_to_file(trained[0], "neutral", path, force=True)
     assert len(read_ply(path)) > 0
 
 
 def test_a_table_of_embeddings_knows_no_other_photos(small_scene, tmp_path):
     folder = pipeline.train(small_scene, small_settings(steps=2, embedding="glo"), tmp_path / "run")
-    pipeline.export(folder, "photo_0.png", tmp_path / "a.ply")
+    pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "a.ply")
     with pytest.raises(BadInput, match="embedding=glo"):
-        pipeline.export(folder, "photo_2.png", tmp_path / "b.ply")
+        pipeline.bake_to_file(folder, "photo_2.png", tmp_path / "b.ply")
 
 
 def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
-    pipeline.export(trained[0], "photo_0.png", tmp_path / "a.ply", save_as="kept")
+    pipeline.bake_to_file(trained[0], "photo_0.png", tmp_path / "a.ply", save_as="kept")
     path = trained[0] / "appearance" / "kept.json"
     before = path.read_text()
     with pytest.raises(BadInput, match="kept.json exists.*--force"):
-        pipeline.export(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept")
+        pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept")
     with pytest.raises(BadSetting, match="is the name of a photo"):
-        pipeline.export(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="photo_0.png", force=True)
+        pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="photo_0.png", force=True)
     assert path.read_text() == before and not (tmp_path / "b.ply").exists()
-    pipeline.export(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True)
+    pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True)
     assert path.read_text() != before

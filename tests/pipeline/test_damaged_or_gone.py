@@ -9,22 +9,25 @@ import torch
 
 from core import pipeline
 from core.errors import BadInput
+from core.looks.find_look import find_appearance
+from core.looks.trained import load_run
+from core.pipeline import training
 from tests.heard import Heard
 from tests.small import damage, small_settings
 
 
 def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, monkeypatch):
-    collection = pipeline.load_collection(small_scene)
+    collection = training.load_collection(small_scene)
     photos = [damage(photo) if photo.name in ("photo_0.png", "photo_2.png") else photo for photo in collection.photos]
     spoilt = replace(collection, photos=tuple(photos))
-    monkeypatch.setattr(pipeline, "prepared", lambda *_: spoilt)
+    monkeypatch.setattr(training, "prepared", lambda *_: spoilt)
     heard = Heard()
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "a run", heard)
     said = "\n".join(heard.lines)
     assert "! 1 photo of the train split that cannot be used: photo_0.png" in said and "! 1 photo of the test split that cannot be used: photo_2.png" in said
     assert f"Next: wegs bake --run '{folder}'" in said  # not the newest of ./runs, and with a space
     with pytest.raises(BadInput, match="photo_0.jpg ends before"):
-        pipeline.export(folder, "photo_0.png", tmp_path / "a.ply")
+        pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "a.ply")
     heard = Heard()
     results = pipeline.evaluate(folder, report=heard, refine=False)
     assert [view.name for view in results.views] == ["photo_5.png"] and results.test_photos == 2
@@ -37,15 +40,15 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     facts = json.loads((folder / "config.json").read_text())
     facts["scene"] |= {"path": str(tmp_path / "gone"), "from_run": "../gone"}
     (folder / "config.json").write_text(json.dumps(facts))
-    pipeline.export(folder, "neutral", tmp_path / "a.ply")
-    before, after = pipeline.load_run(trained[0]), pipeline.load_run(folder)
+    pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply")
+    before, after = load_run(trained[0]), load_run(folder)
     photo = before.collection.photos[0]
     gone = after.collection.photos[0]
     assert after.picture(photo).photo is photo  # it is there, whatever became of the scene's folder
     known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.picture(photo).camera))
     assert known == read  # one class of arrays: the very same numbers
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
-    assert torch.equal(*(pipeline.find_appearance(live, photo.name).embedding for live in (before, after)))  # is in the checkpoint
+    assert torch.equal(*(find_appearance(live, photo.name).embedding for live in (before, after)))  # is in the checkpoint
     for need in (lambda: pipeline.evaluate(folder), lambda: after.picture(gone)):
         with pytest.raises(BadInput, match="gone is gone. Move the photos back"):
             need()

@@ -13,6 +13,7 @@ from core import pipeline
 from core.bench import suite
 from core.errors import BadInput
 from core.looks import held_out_views
+from core.pipeline import baking, evaluating, training
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
@@ -48,21 +49,21 @@ def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):
 
 
 def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, monkeypatch):
-    collection = pipeline.load_collection(small_scene)
+    collection = training.load_collection(small_scene)
     only = replace(collection, photos=collection.split("train"))
-    monkeypatch.setattr(pipeline, "prepared", lambda *_: only)
+    monkeypatch.setattr(training, "prepared", lambda *_: only)
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run")
     with pytest.raises(BadInput, match="no held-out photos"):
         pipeline.evaluate(folder)
 
 
 def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(pipeline, "find_appearance", None)  # as any work would fail
-    monkeypatch.setattr(pipeline, "measure", None)
+    monkeypatch.setattr(baking, "find_appearance", None)  # as any work would fail
+    monkeypatch.setattr(evaluating, "measure", None)
     monkeypatch.setattr("os.access", lambda path, mode: trained[0] not in (Path(path), Path(path).parent))
     for need in (
         lambda: pipeline.evaluate(trained[0]),
-        lambda: pipeline.export(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
+        lambda: pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
         lambda: suite.curves((trained[0],), ("half",), True, Heard()),
     ):
         with pytest.raises(BadInput, match="may not be written in. Make it writable, or copy the run"):

@@ -10,7 +10,9 @@ import torch
 from core import pipeline
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
-from core.training import run
+from core.looks.trained import load_run
+from core.pipeline import training
+from core.training import checkpoint, run
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
@@ -25,7 +27,7 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
     names = {path.name for path in folder.iterdir()}
     assert {"cfg_args", "cameras.json", "input.ply", "point_cloud", "config.json", "history.csv", "masks"} <= names
     neutral = read_ply(folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply")
-    assert 0 < len(neutral) <= len(pipeline.load_run(folder).splats)
+    assert 0 < len(neutral) <= len(load_run(folder).splats)
     assert len(list((folder / "masks").iterdir())) == 4
 
 
@@ -36,7 +38,7 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
             if done == 5:
                 signal.raise_signal(signal.SIGINT)
 
-    whole, folder = pipeline.load_run(trained[0]), tmp_path / "run"
+    whole, folder = load_run(trained[0]), tmp_path / "run"
     handler = signal.getsignal(signal.SIGINT)  # a shell that starts this in the background leaves it ignored
     with pytest.raises(KeyboardInterrupt, match="Step 5 is kept.*--resume"):
         pipeline.train(small_scene, small_settings(steps=STEPS), folder, Impatient())
@@ -49,7 +51,7 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
     assert heard.steps[0] == (6, STEPS)
     steps = [[line.split(",")[0] for line in (where / "history.csv").read_text().splitlines()] for where in (trained[0], folder)]
     assert steps[0] == steps[1]
-    resumed = pipeline.load_run(folder)
+    resumed = load_run(folder)
     for name, tensor in whole.splats.tensors().items():
         assert torch.equal(getattr(resumed.splats, name), tensor), name
     with pytest.raises(BadInput, match="is finished: 12 steps.* train a new run with --steps"):
@@ -61,12 +63,12 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
 
 def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):
     folder = tmp_path / "run"
-    collection = pipeline.load_collection(small_scene)
+    collection = training.load_collection(small_scene)
     run.create(folder, collection, small_settings())
     fewer = replace(collection, photos=collection.photos[1:])
-    monkeypatch.setattr(pipeline, "load_collection", lambda *_: fewer)
-    monkeypatch.setattr(pipeline.checkpoint, "newest", lambda folder: folder / "checkpoint")
-    monkeypatch.setattr(pipeline.checkpoint, "load", lambda path: pipeline.checkpoint.Checkpoint({}, {"step": 1}))
+    monkeypatch.setattr(training, "load_collection", lambda *_: fewer)
+    monkeypatch.setattr(checkpoint, "newest", lambda folder: folder / "checkpoint")
+    monkeypatch.setattr(checkpoint, "load", lambda path: checkpoint.Checkpoint({}, {"step": 1}))
     with pytest.raises(BadInput, match="not those that .* began with: photo_0.png differ or are gone. Put them back"):
         pipeline.resume(folder)
 

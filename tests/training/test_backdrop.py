@@ -14,6 +14,7 @@ from core.data import load_collection
 from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
 from core.looks.pruning import pruner_of
+from core.looks.trained import load_run
 from core.training import backdrop, checkpoint, run
 from core.training.trainer import Trainer
 from tests.heard import Heard
@@ -152,7 +153,7 @@ def finished(scene, tmp_path_factory):
 def test_training_says_so_once_and_leaves_no_sky(finished):
     folder, heard = finished
     assert sum(line.startswith("Transparent pixels are learnt as empty space, without a sky") for line in heard.lines) == 1
-    assert pipeline.load_run(folder).sky == 0 and run.read_config(folder)[1].sky == "none"
+    assert load_run(folder).sky == 0 and run.read_config(folder)[1].sky == "none"
     assert "white_background=True" in (folder / "cfg_args").read_text()
 
 
@@ -161,7 +162,7 @@ def test_figures_are_over_white_and_count_every_pixel(finished):
     results = pipeline.evaluate(folder, "full", heard, refine=False)
     assert json.loads((folder / "results_full.json").read_text())["transparent_pixels"] == "over white"
     assert any(line.endswith("4 held-out photos, protocol full, over white") for line in heard.lines)
-    live, decibels = pipeline.load_run(folder), []
+    live, decibels = load_run(folder), []
     for photo in live.collection.split("test"):
         pixels = rgba(photo)
         truth = pixels[..., :3] * pixels[..., 3:] + 1 - pixels[..., 3:]
@@ -173,7 +174,7 @@ def test_figures_are_over_white_and_count_every_pixel(finished):
 
 
 def test_what_goes_from_a_look_is_judged_over_white(finished):
-    assert pruner_of(pipeline.load_run(finished[0]), Heard()).background == backdrop.WHITE
+    assert pruner_of(load_run(finished[0]), Heard()).background == backdrop.WHITE
 
 
 def test_frames_are_over_white(finished, tmp_path):

@@ -10,6 +10,9 @@ import torch
 from core import pipeline
 from core.data.given_masks import with_masks_in
 from core.errors import BadInput
+from core.looks.find_look import find_appearance
+from core.looks.trained import load_run
+from core.pipeline import training
 from core.training import run
 from core.training.pictures import Pictures, Sizes
 from core.training.trainer import Trainer
@@ -95,11 +98,11 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
         pipeline.resume(tmp_path / "broken")
     hidden.rename(scene / "masks")
     broken = pipeline.resume(tmp_path / "broken", Heard())
-    first, second = pipeline.load_run(whole), pipeline.load_run(broken)
+    first, second = load_run(whole), load_run(broken)
     for name, tensor in first.splats.tensors().items():
         assert torch.equal(tensor, getattr(second.splats, name)), name
     # Looks are read as they were trained: what was hidden stays so.
-    looks = [pipeline.find_appearance(live, "photo_0.png").embedding for live in (first, second)]
+    looks = [find_appearance(live, "photo_0.png").embedding for live in (first, second)]
     assert torch.equal(*looks)
 
 
@@ -121,6 +124,6 @@ def test_masks_that_are_not_there_are_told_before_cameras_are_looked_for(tmp_pat
     def prepared(*_):
         raise AssertionError("minutes of work")
 
-    monkeypatch.setattr(pipeline, "prepared", prepared)
+    monkeypatch.setattr(training, "prepared", prepared)
     with pytest.raises(BadInput, match="There is no folder .*nowhere"):
         pipeline.train(tmp_path, small_settings(), masks=tmp_path / "nowhere")

@@ -12,6 +12,7 @@ import torch
 from core import config, pipeline
 from core.config import Settings, preset
 from core.data import load_collection
+from core.pipeline import training
 from core.training import checkpoint, needs, run
 from core.training.evidence import Evidence
 from core.training.pictures import Pictures, Sizes
@@ -202,7 +203,7 @@ def test_the_exposure_mode_shows_held_out_photos_that_differ_only_in_exposure(tm
 
 def test_decisions_are_printed_kept_and_never_taken_again(calm, tmp_path, monkeypatch):
     heard = Heard()
-    monkeypatch.setattr(pipeline, "prepared", lambda *_: calm)
+    monkeypatch.setattr(training, "prepared", lambda *_: calm)
     folder = pipeline.train(calm.root, Settings(steps=4, **SMALL), tmp_path / "run", heard)
     assert any(line.startswith("appearance=off: a point's colour differs by") for line in heard.lines)
     kept = json.loads((folder / "config.json").read_text())
@@ -213,4 +214,4 @@ def test_decisions_are_printed_kept_and_never_taken_again(calm, tmp_path, monkey
     _, settings, _ = run.read_config(folder)
     assert settings.appearance == "off" and not settings.undecided
     assert Trainer(calm, settings, folder).decisions == ()
-    pipeline.export(folder, "neutral", tmp_path / "neutral.ply")
+    pipeline.bake_to_file(folder, "neutral", tmp_path / "neutral.ply")

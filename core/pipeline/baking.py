@@ -1,0 +1,61 @@
+"""A trained run and a look -> one file: what `wegs bake` does."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import core.export
+from core.atomic import check_file
+from core.errors import BadInput
+from core.looks import saved_look
+from core.looks.find_look import find_appearance
+from core.looks.look_file import write_look
+from core.looks.pruning import pruner_of
+from core.looks.trained import load_run
+from core.report import QUIET, Report
+from core.training import run
+from core.training.tell import tell_how_to_look
+from core.words import counted
+
+ONE_LOOK = "This run was trained without appearance: all its looks are one."
+
+
+def bake_to_file(
+    folder: Path | None,
+    word: str,
+    output: Path,
+    report: Report = QUIET,
+    *,
+    force: bool = False,
+    save_as: str | None = None,
+    prune: bool = True,
+    mask: Path | None = None,
+    sky: bool = True,
+    refine: bool = True,
+) -> Path:
+    """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
+
+    prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. sky: write the dome, too.
+    refine: refine the look of a photo that was not trained on, if its camera is known or found.
+    """
+    core.export.check_format(output)
+    check_file(output)
+    if output.exists() and not force:
+        raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
+    trained = load_run(run.find_run(folder))
+    if save_as is not None:
+        saved_look.check_free(trained.folder, save_as, force, [photo.name for photo in trained.collection.photos])
+    appearance = find_appearance(trained, word, mask, refine, report)
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {appearance.source}")
+    for note in trained.collection.frame.offset_notes():
+        report.warn(note)
+    if trained.settings.appearance == "off":
+        report.warn(ONE_LOOK)
+    start = time.perf_counter()
+    written = write_look(trained, appearance, output, report, pruner_of(trained, report) if prune else None, sky)
+    if save_as is not None:
+        kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity, trained.step)
+        report.say(f"Look kept as {kept}")
+    report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
+    tell_how_to_look(trained.folder, output, sky and trained.sky > 0, report)
+    return output

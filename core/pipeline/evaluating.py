@@ -1,0 +1,73 @@
+"""A trained run and its held-out photos -> figures: what `wegs eval` does."""
+
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+from core.awake import cores_awake
+from core.data.collection import png_paths
+from core.errors import BadInput
+from core.evaluation import LOOKS, lpips
+from core.evaluation.protocols import measure
+from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
+from core.evaluation.sheet import picture_sheet, pictures_kept, row_of, write_view
+from core.export.pictures import write_png
+from core.looks.held_out_views import over_views
+from core.looks.trained import load_run
+from core.report import QUIET, Report
+from core.training import run
+from core.words import counted
+
+
+@cores_awake()
+def evaluate(
+    folder: Path | None, protocol: str = "half", report: Report = QUIET, *, refine: bool = True, keep_pictures: bool = False
+) -> Results:
+    """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png of the protocol into the run.
+
+    keep_pictures: also every render and photo, as they were compared, into its pictures/.
+    """
+    trained = load_run(run.find_run(folder))
+    run.check_writable(trained.folder)
+    photos = trained.collection.split("test")
+    if not photos:
+        raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {counted(len(photos), 'held-out photo')}, protocol {protocol}{', over white' * trained.is_cut_out}")
+    distance = lpips.load()
+    if distance is None:
+        report.warn(f"LPIPS: {lpips.ABSENT}")
+    else:
+        distance = distance.to(trained.device)
+    start = time.perf_counter()
+    views, rows, scales = [], [], []
+    paths = png_paths(photo.name for photo in photos)
+    through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
+    with pictures_kept(trained.folder / PICTURES / protocol, protocol) if keep_pictures else nullcontext() as work:
+        for photo, (measured, pictures) in through:
+            views.append(measured)
+            scales.append(measured.width / photo.camera.width)
+            figures = (f"{LOOKS[look]} {score.psnr:.2f} dB" for look, score in measured.scores["photo"].items())
+            rows.append(row_of(pictures, ", ".join(figures)))
+            if work is not None:
+                write_view(work, paths[photo.name], pictures)
+    results = Results(
+        protocol=protocol,
+        views=tuple(views),
+        run=trained.identity,
+        gaussians=len(trained.splats),
+        train_photos=len(trained.collection.split("train")),
+        test_photos=len(photos),
+        scale=sum(scales) / len(scales),
+        lpips_backbone=None if distance is None else distance.backbone,
+        seed=trained.settings.seed,
+        steps=trained.step,
+        training_seconds=trained.seconds,
+        evaluation_seconds=time.perf_counter() - start,
+        over_white=trained.is_cut_out,
+    )
+    results.save(trained.folder)
+    write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))
+    report.table(f"Held-out quality, protocol {protocol}", results.rows())
+    names = (*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[f"{PICTURES}/{protocol}/"] * keep_pictures)
+    report.say(f"{trained.folder}: {', '.join(names)}")
+    return results

@@ -1,0 +1,73 @@
+"""A trained run and two looks -> the frames between them: what `wegs interpolate` does."""
+
+from pathlib import Path
+
+from core.atomic import check_apart, check_fillable, filling
+from core.data.made import FADE
+from core.data.photo_folder import SUFFIXES
+from core.errors import BadSetting, WegsError
+from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
+from core.looks.find_look import find_appearance, find_view
+from core.looks.look_file import write_look
+from core.looks.pruning import pruner_of
+from core.looks.trained import bake, blend, load_run
+from core.pipeline.baking import ONE_LOOK
+from core.report import QUIET, Report
+from core.training import run
+
+
+def interpolate(
+    folder: Path | None,
+    first: str,
+    last: str,
+    steps: int = 10,
+    output: Path | None = None,
+    report: Report = QUIET,
+    *,
+    view: str | None = None,
+    ply: bool = False,
+    force: bool = False,
+    refine: bool = True,
+) -> Path:
+    """Fade from one look to another in `steps` frames (2 or more), seen by the camera of photo `view`; returns their folder.
+
+    The first and the last frame show the two looks themselves, bit for bit: their embeddings are not interpolated. refine: as in `bake_to_file`.
+    """
+    if steps < 2:
+        raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
+    trained = load_run(run.find_run(folder))
+    photo = find_view(trained, view)
+    output = output or Path(f"{_short(first)}-to-{_short(last)}")
+    check_apart(output, [Path(first), Path(last)])
+    check_fillable(output, FADE, force)
+    ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
+    camera = trained.camera(photo)
+    rasterizer = trained.rasterizer
+    report.say(f"{trained.folder}{trained.where}: {steps} steps, seen from {photo.name}")
+    for which, end in zip(("from", "to"), ends, strict=True):
+        report.say(f"  {which} {end.source}")
+    if trained.settings.appearance == "off":
+        report.warn(ONE_LOOK)
+    with filling(output, FADE, force) as work:
+        pruner = pruner_of(trained, report) if ply else None
+        frames = []
+        for step in range(steps):
+            appearance = blend(*ends, step / (steps - 1))
+            if ply:
+                write_look(trained, appearance, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
+            frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image))
+            write_png(work / f"frame_{step:03d}.png", frames[-1])
+            report.progress("Frames", step + 1, steps)
+        write_png(work / "sheet.png", contact_sheet(frames))
+        try:
+            write_video(work / "video.mp4", frames)
+        except WegsError as problem:  # the frames took the time: they are kept
+            report.warn(str(problem).replace(str(work), str(output)))
+    report.say(f"{output}: {steps} frames, sheet.png{', video.mp4' * (output / 'video.mp4').is_file()}")
+    return output
+
+
+def _short(word: str) -> str:
+    """A look's name for a folder: without path and without a file's suffix."""
+    path = Path(word)
+    return path.stem if path.suffix.lower() in (*SUFFIXES, ".json") else path.name

@@ -1,0 +1,146 @@
+"""A scene -> a trained run: what `wegs train` does, from its first step or, with --resume, from where it stopped."""
+
+from pathlib import Path
+
+import core.rasterizer
+from core import device
+from core.atomic import check_apart
+from core.config import Settings
+from core.data import load_collection
+from core.data.given_masks import check_masks, with_masks_in, with_same_masks
+from core.data.prepare import prepared
+from core.errors import BadInput, command
+from core.evaluation.results import measured_earlier
+from core.looks.find_look import find_appearance
+from core.looks.look_file import write_look
+from core.looks.preview import write_preview
+from core.looks.pruning import pruner_of
+from core.looks.trained import load_run
+from core.report import QUIET, Report
+from core.training import checkpoint, run
+from core.training.claim import held, new_run
+from core.training.full_memory import saved_if_memory_runs_out
+from core.training.interrupt import StopRequest
+from core.training.masks import write_masks
+from core.training.pictures import check_resolution
+from core.training.tell import next_step, tell_collection, tell_plan, tell_step
+from core.training.trainer import Trainer
+from core.words import counted, list_names
+
+
+def train(
+    scene: Path,
+    settings: Settings,
+    output: Path | None = None,
+    report: Report = QUIET,
+    *,
+    force: bool = False,
+    masks: Path | None = None,
+) -> Path:
+    """Train on the photos in `scene`; returns the run folder, which nothing is written into before the scene is read.
+
+    Cameras or points that the scene lacks are made first (core.data.prepare), and kept beside the run for the next one.
+    masks: a folder of pictures, white where the photo of that name is to be used (core.data.given_masks).
+    """
+    # Mistakes are refused before cameras are found, which may take minutes.
+    check_resolution(settings.resolution)
+    if masks is not None:
+        check_masks(masks)
+    core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
+    name = scene.resolve().name or "scene"
+    with new_run(output, name, force) as folder:
+        if run.is_run(folder):
+            check_apart(folder, [scene] if masks is None else [scene, masks])
+        collection = prepared(scene, folder.parent / f"{name}-scene", report, settings.all_photos)
+        if settings.all_photos:
+            collection = collection.undivided()
+        if masks is not None:
+            collection = with_masks_in(collection, masks)
+        tell_collection(collection, report)
+        trainer = Trainer(collection, settings, folder)
+        run.create(folder, collection, trainer.settings, trainer.decisions)
+        return _train(trainer, report)
+
+
+def resume(folder: Path | None, report: Report = QUIET) -> Path:
+    """Go on with a stopped run (default: the newest), as if it had never stopped."""
+    folder = run.find_run(folder)
+    with held(folder):
+        return _go_on(folder, report)
+
+
+def _go_on(folder: Path, report: Report) -> Path:
+    _, settings, before = run.read_config(folder)
+    path = checkpoint.newest(folder)
+    saved = None if path is None else checkpoint.load(path)
+    done = saved.facts["step"] if saved else 0
+    if done >= settings.steps and any(folder.glob(run.CLOUDS)):  # else it was stopped just before its last file
+        raise BadInput(
+            f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.",
+            "For more, train a new run with --steps. To use this one, type: "
+            f"{command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
+        )
+    if settings.device == "cuda" and not device.can_use_gpu():
+        raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
+    if not before.root.is_dir():
+        raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
+    collection = with_same_masks(load_collection(before.root, settings.all_photos), before)
+    collection = collection.undivided() if settings.all_photos else collection
+    trainer = Trainer(collection, settings, folder)
+    names = {picture.photo.name for picture in trainer.pictures}
+    if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
+        what = f"The photos in {before.root} are not those that {folder} began with: {list_names(changed)} differ or are gone"
+        raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
+    why = "" if saved else ", with its own settings: it has no checkpoint yet"
+    report.say(f"Going on with {folder} from step {done}{why}")
+    run.rewind_history(folder, done)
+    if saved:
+        with checkpoint.fitting(path):
+            trainer.resume(saved)
+    return _train(trainer, report)
+
+
+def _train(trainer: Trainer, report: Report) -> Path:
+    folder, settings = trainer.folder, trainer.settings
+    advice = command("wegs", "train", "--resume", "-o", folder)
+    tell_plan(trainer, report)
+    with StopRequest() as stop, saved_if_memory_runs_out(trainer):
+        for step in trainer.train():
+            try:
+                tell_step(step, settings.steps, report)
+            except OSError:  # such as a log on a full disk
+                trainer.save()
+                raise
+            if stop.asked and step.step < settings.steps:
+                trainer.save()
+                raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")
+    try:
+        _write_results(trainer, report)
+    except KeyboardInterrupt:
+        if any(folder.glob(run.CLOUDS)):
+            raise
+        raise KeyboardInterrupt(f"All steps are kept; finish with: {advice}") from None
+    return folder
+
+
+def _write_results(trainer: Trainer, report: Report) -> None:
+    """Write what a finished training leaves to look at. The neutral look comes last: it marks the run as finished."""
+    folder = trainer.folder
+    trained = load_run(folder)
+    neutral = run.point_cloud_path(folder, trained.step)
+    masks = write_masks(folder, trainer.model, trainer.pictures)
+    preview = write_preview(trained, trainer.pictures)
+    write_look(trained, find_appearance(trained, "neutral"), neutral, report, pruner_of(trained, report))
+    rows = [
+        ("run", str(folder)),
+        ("steps", f"{trained.step} in {trainer.seconds:.0f} s"),
+        ("Gaussians", f"{len(trained.splats)} (sky {trainer.gaussians.sky})"),
+        ("neutral look", f"{neutral} ({neutral.stat().st_size / 1e6:.1f} MB)"),
+    ]
+    if masks:
+        rows.append(("masks", str(folder / "masks")))
+    rows.append(("to look at", str(preview)))
+    report.table("Done", rows)
+    if earlier := measured_earlier(folder, trained.step):
+        report.say(f"Of an earlier step: {', '.join(earlier)}. To measure again, type: {command('wegs', 'eval', '--run', folder)}")
+    report.say(f"Next: {next_step(folder, trainer.settings, neutral)}")

@@ -62,8 +62,12 @@ def finished(collection: Collection, settings: Settings, folder: Path) -> Run:
 
 def give_to_pipeline(collection: Collection, patch: MonkeyPatch) -> None:
     """Let `core.pipeline` read this collection, whatever folder it is asked for."""
-    patch.setattr("core.pipeline.training.prepared", lambda *_: collection)
-    patch.setattr("core.pipeline.training.load_collection", lambda *_: collection)
+
+    def given(*asked) -> Collection:
+        return collection.undivided() if asked[-1] is True else collection  # all_photos
+
+    for reader in ("prepared", "load_collection"):
+        patch.setattr(f"core.pipeline.training.{reader}", given)
 
 
 def small_scene(folder: Path, patch: MonkeyPatch) -> Path:

@@ -22,7 +22,7 @@ POSED = {**FOUND_BY_SFM, "nerfstudio": read_transforms, "blender": read_blender,
 def load_collection(path: Path, all_photos: bool = False) -> Collection:
     """The posed photos in the folder `path`, of any kind but plain photos.
 
-    all_photos: if the scene holds out every photo, train on all of them.
+    all_photos: hold none of them out.
     If cameras come without points (most often in NeRF's formats), the collection has none; core.data.prepare makes them.
     Photos that cannot be used are left out and named in the collection's notes. Raises BadInput if there is no such folder, or no photo
     with a camera in it can be used.

@@ -54,7 +54,7 @@ class Posed:
 
 
 def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
-    """The collection of the posed photos below `root`. all_photos: if the scene holds out every photo, train on all of them.
+    """The collection of the posed photos below `root`. all_photos: hold none of them out.
 
     Photos that are missing, unreadable or of another shape than their camera are left out and noted. Without points the frame follows
     the cameras. Raises BadInput if no photo is left, or none to train on.
@@ -66,9 +66,7 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
         anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
         raise _unusable(f"No photo of {posed.source} can be used", posed, placing, anew)
     splits, split_notes, source = _split(root, posed, list(placed))
-    if all_photos and "train" not in splits.values():
-        splits = dict.fromkeys(splits, "train")
-    if "train" not in splits.values():
+    if not splits or not (all_photos or "train" in splits.values()):
         fix = f"Correct or remove {source.name}" + (", or train on what is held out with --all-photos." if splits else ".")
         raise _unusable(f"{source} leaves no photo to train on", posed, placing, fix, split_notes)
     points, points_notes = posed.points, []
@@ -102,7 +100,8 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
         name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)
     )
     masks = {view.name: view.mask for view in views.values() if view.mask is not None}
-    return with_masks_by_name(collection, masks, posed.source) if masks else collection
+    collection = with_masks_by_name(collection, masks, posed.source) if masks else collection
+    return collection.undivided() if all_photos else collection
 
 
 def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[str] = ()) -> BadInput:

@@ -52,8 +52,6 @@ def train(
         if run.is_run(folder):
             check_apart(folder, [scene] if masks is None else [scene, masks])
         collection = prepared(scene, folder.parent / f"{name}-scene", report, settings.all_photos)
-        if settings.all_photos:
-            collection = collection.undivided()
         if masks is not None:
             collection = with_masks_in(collection, masks)
         tell_collection(collection, report)
@@ -85,7 +83,6 @@ def _go_on(folder: Path, report: Report) -> Path:
     if not before.root.is_dir():
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
     collection = with_same_masks(load_collection(before.root, settings.all_photos), before)
-    collection = collection.undivided() if settings.all_photos else collection
     trainer = Trainer(collection, settings, folder)
     names = {picture.photo.name for picture in trainer.pictures}
     if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):

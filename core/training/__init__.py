@@ -1,6 +1,6 @@
 """Training: a Collection and Settings become Gaussians and an AppearanceModel, in a checkpoint.
 
-the loop         trainer, schedule, guards, held_out
+the loop         trainer, step, schedule, guards, held_out
 what is decided  needs, evidence, sightings
 photos           pictures, backdrop, jitter
 losses           objective, photometric (_cpu, _cuda), mask_loss, losses, gauge

@@ -8,6 +8,7 @@ from torch import Tensor
 from core.config import Settings
 from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
+from core.training import schedule
 from core.training.adam import Moved, adam_rows
 
 REST_BAND_SHARE = 1 / 20  # 3DGS: bands above DC learn twenty times slower
@@ -143,16 +144,21 @@ def free_columns(name: str, columns: int) -> int:
     return {"sh": 3, "latents": columns}.get(name, 0)
 
 
-def learning_rates(settings: Settings, mean_rate: float, latent_rate: float) -> dict[str, Tensor]:
-    """One rate for each element of a row, by parameter."""
+def learning_rates(settings: Settings, progress: float) -> dict[str, Tensor]:
+    """One rate for each element of a row, by parameter, at this moment of the run; what does not learn yet has none."""
     coefficients = coefficient_count(settings.sh_degree)
     sh = torch.full((coefficients, 3), settings.sh_rate * REST_BAND_SHARE)
     sh[0] = settings.sh_rate
-    return {
-        "means": torch.full((3,), mean_rate),
+    rates = {
+        "means": torch.full((3,), schedule.decayed(settings.mean_rate, progress, schedule.MEAN_RATE_DECAY)),
         "quaternions": torch.full((4,), settings.quaternion_rate),
         "log_scales": torch.full((3,), settings.scale_rate),
         "logit_opacities": torch.full((1,), settings.opacity_rate),
         "sh": sh.flatten(),
-        "latents": torch.full((settings.latent_size,), latent_rate),
+        "latents": torch.full((settings.latent_size,), schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)),
     }
+    if progress < settings.geometry_from:
+        rates = {name: rates[name] for name in ("sh", "latents")}
+    if progress < settings.latents_from:
+        del rates["latents"]
+    return rates

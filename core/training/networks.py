@@ -47,13 +47,13 @@ def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterat
 
 
 def update(
-    model: nn.Module, optimizer: torch.optim.Adam | None, progress: float, taught: Callable[[], None], taken: Bool[Tensor, ""]
+    model: nn.Module, optimizer: torch.optim.Adam | None, progress: float, wait_for_encoder: Callable[[], None], taken: Bool[Tensor, ""]
 ) -> Bool[Tensor, ""]:
     """One step at the rates of this moment, if the step is `taken` and all gradients are finite, which is returned.
 
-    taught: waits for the last of the gradients, the encoder's.
+    wait_for_encoder: for the last of the gradients.
     """
-    taught()
+    wait_for_encoder()
     learnt = taken & guards.finite((weight.grad for weight in model.parameters()), taken.device)
     if optimizer is None or guards.refused(learnt):
         return learnt

@@ -1,15 +1,12 @@
 """What a step minimises: each loss with its weight, from the point of the run at which it begins to count."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float
 from torch import Generator, Tensor
 
-from core.appearance.model import AppearanceModel, Look
+from core.appearance.model import AppearanceModel
 from core.config import Settings
-from core.rasterizer import Rasterizer, Visible
+from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training import losses
@@ -21,29 +18,6 @@ from core.training.photometric import Target, photometric, photometric_of_mask, 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """One step's forward pass, in the look of its photo: what the losses are computed from, and what their gradients flow back to.
-
-    target: the photo as it is compared. embedding, leaves, probe: the leaves of the autograd graph: the look's embedding, the parameters of
-    the visible Gaussians, and zeros added to their projected centres (px). seen: these Gaussians in the look. residual: what the look adds to
-    their harmonics. regularising: waits for its L_regSH, see losses.residual_loss.
-    """
-
-    camera: Camera
-    target: Target
-    look: Look
-    embedding: Tensor
-    visible: Visible
-    leaves: dict[str, Tensor]
-    seen: Splats
-    probe: Tensor
-    image: Tensor
-    residual: Tensor | None
-    regularising: Callable[[], tuple[Tensor, Tensor | None, Tensor]]
-    gauge_loss: Tensor
-
-
 class Objective:
     """The losses of a view, as the settings have them. progress: of the run, in [0, 1). What does not count yet is zero."""
 
@@ -51,18 +25,18 @@ class Objective:
         self.settings, self.rasterizer = settings, rasterizer
         self.zero = torch.zeros((), device=device)
 
-    def picture(self, drawn: Drawn, progress: float, mask_mean: float) -> Float[Tensor, ""]:
+    def picture(self, image: Tensor, target: Target, mask: Tensor | None, progress: float, mask_mean: float) -> Float[Tensor, ""]:
         """The picture against its photo, where the mask lets it. mask_mean: see `losses.pixel_weights`."""
-        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
+        settings = self.settings
         if mask is None or progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
         weight = losses.pixel_weights(mask, *image.shape[:2], mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
-    def mask(self, drawn: Drawn, progress: float) -> Float[Tensor, ""]:
+    def mask(self, image: Tensor, target: Target, mask: Tensor | None, progress: float) -> Float[Tensor, ""]:
         """What teaches the mask network, L_regM included."""
-        settings, image, target, mask = self.settings, drawn.image, drawn.target, drawn.look.mask
+        settings = self.settings
         if mask is None or progress < settings.mask_start:
             return self.zero
         if settings.mask_loss == "paper":
@@ -86,12 +60,12 @@ class Objective:
         losses.backward((loss, None))
         return loss.detach()
 
-    def transient(self, drawn: Drawn, progress: float, step: int) -> Float[Tensor, ""]:
-        """L_regTS, at every TRANSIENT_EVERYth step."""
-        settings, seen, camera, mask = self.settings, drawn.seen, drawn.camera, drawn.look.mask
+    def transient(self, splats: Splats, camera: Camera, pairs: int | None, mask: Tensor | None, progress: float, step: int) -> Float[Tensor, ""]:
+        """L_regTS, at every TRANSIENT_EVERYth step. splats: the visible Gaussians in the look. pairs: see `rasterizer.Visible`."""
+        settings = self.settings
         if mask is None or progress < settings.mask_apply or step % TRANSIENT_EVERY:
             return self.zero
-        front = self.rasterizer.contributions(seen.detached(), camera, drawn.visible.pairs)
-        rows = losses.transient_rows(seen.means, front, mask, camera)
-        opacity = torch.where(rows, torch.sigmoid(seen.logit_opacities), 0).sum()
+        front = self.rasterizer.contributions(splats.detached(), camera, pairs)
+        rows = losses.transient_rows(splats.means, front, mask, camera)
+        opacity = torch.where(rows, torch.sigmoid(splats.logit_opacities), 0).sum()
         return settings.transient_regularisation * TRANSIENT_EVERY * opacity

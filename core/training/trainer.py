@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 import core.rasterizer
 from core import device
@@ -17,22 +16,19 @@ from core.appearance.model import AppearanceModel, Look
 from core.awake import cores_awake
 from core.config import Settings
 from core.data.collection import Collection
-from core.device import OnTheWay
 from core.errors import BadInput, TrainingStopped
-from core.rasterizer import Colour, Visible
+from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
-from core.scene.splats import Splats
-from core.threads import beside, threads_for_blocks
+from core.threads import threads_for_blocks
 from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule
 from core.training.backdrop import is_cut_out, looks_for_empty
-from core.training.gaussians import Gaussians, learning_rates
+from core.training.gaussians import Gaussians
 from core.training.guards import StepFacts
 from core.training.initialisation import initial_gaussians
-from core.training.jitter import draw_gain, jittered
-from core.training.objective import Drawn, Objective
-from core.training.photometric import Target
+from core.training.objective import Objective
 from core.training.pictures import Pictures, Sizes
 from core.training.run import HISTORY
+from core.training.step import Step
 
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4  # that a check of quality looks at
@@ -93,6 +89,7 @@ class Trainer:
             self.model.encoder.start_apart(picture.encoder_input for picture in self.pictures)
         self.optimizer = networks.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.device)
+        self.one_step = Step(settings, self.pictures, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
@@ -140,8 +137,8 @@ class Trainer:
         index = self._next_photo()
         self.order.pop()
         usual = guards.usual_loss(index, self.last_losses)
-        drawn = self._forward(index, progress)
-        on_the_way = self._backward(drawn, usual, progress)
+        foreseen, self.foreseen = self.foreseen, None
+        look, on_the_way = self.one_step.take(self.gaussians, index, self.done, usual, self.mask_mean, foreseen)
         self.done += 1
         self._look_ahead()
         facts = StepFacts(*on_the_way.arrived())
@@ -149,7 +146,7 @@ class Trainer:
         if fault is None:
             self.skipped_in_a_row = 0
             self.last_losses[index] = facts.picture_loss
-            messages = self._remember(drawn.look, index, facts.mask_mean, progress)
+            messages = self._remember(look, index, facts.mask_mean, progress)
         else:
             messages = [self._skip(index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
         return StepReport(
@@ -163,77 +160,12 @@ class Trainer:
             messages=tuple(messages),
         )
 
-    def _forward(self, index: int, progress: float) -> Drawn:
-        """The photo's view in its look. The encoder runs in parallel with the projection, L_regSH with the rasterizer."""
-        settings = self.settings
-        self.model.zero_grad()
-        camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
-        gain, behind = draw_gain(settings, self.generator), backdrop.of_step(self.is_cut_out, self.generator)
-        looking = beside(lambda: self._look(index, photo, gain, behind))
-        visible, self.foreseen = self.foreseen or self.rasterizer.visible(self.gaussians.splats, camera), None
-        leaves = self.gaussians.leaves(visible.rows)
-        gauge_loss = self.objective.gauge(self.model, self.gaussians, self.generator)
-        look, target = looking()
-        embedding = look.embedding.detach().requires_grad_()
-        sh, residual = self.model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
-        regularising = beside(lambda: self.objective.residual(residual))
-        seen = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
-        probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=self.device)
-        image = self.rasterizer.render(seen, camera, behind, probe, visible.pairs).image
-        return Drawn(camera, target, look, embedding, visible, leaves, seen, probe, image, residual, regularising, gauge_loss)
-
-    def _backward(self, drawn: Drawn, usual: float, progress: float) -> OnTheWay:
-        """The gradients, and the updates of networks and Gaussians, in parallel; an invalid step gets neither.
-
-        Returns the step's StepFacts, still on their way from the device.
-        """
-        judging = beside(lambda: self.objective.mask(drawn, progress))
-        picture_loss = self.objective.picture(drawn, progress, self.mask_mean)
-        rendered_loss = picture_loss + self.objective.transient(drawn, progress, self.done)
-        residual_loss, residual_gradient, residual_size = drawn.regularising()
-        mask_loss = judging()
-        loss = rendered_loss.detach() + residual_loss + mask_loss.detach()
-        sound = guards.sound(loss + drawn.gauge_loss, picture_loss.detach(), usual)
-        taken = learnt = sound
-        if not guards.refused(sound):
-            with networks.teaching(lambda: self._teach_encoder(drawn, mask_loss), drawn.embedding) as taught:
-                losses.backward((rendered_loss, None), (drawn.residual, residual_gradient))
-            reached = *drawn.leaves.values(), drawn.embedding, *self.model.transfer_parameters()
-            taken = sound & guards.finite((tensor.grad for tensor in reached), self.device)
-            updating = beside(lambda: networks.update(self.model, self.optimizer, progress, taught, taken))
-            if not guards.refused(taken):
-                # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
-                rows, camera = drawn.visible.rows, drawn.camera
-                densify.gather(self.gaussians, rows, drawn.probe.grad, camera.width, camera.height, taken)
-                self._update_gaussians(rows, drawn.leaves, progress, taken)
-            learnt = updating()
-        mask_mean = self.objective.zero if drawn.look.mask is None else drawn.look.mask.detach().mean()
-        facts = StepFacts(loss, drawn.gauge_loss, picture_loss.detach(), residual_size, mask_mean, sound, taken, learnt)
-        return OnTheWay(torch.stack([fact.float() for fact in facts]))
-
     def _look_ahead(self) -> None:
         """On a GPU, ask what the next photo shows before the facts of this step are read: the host then waits once for both."""
         if self.device.type != "cpu" and self.done < self.settings.steps:
             factor = schedule.shrink_factor(self.settings, self.done / self.settings.steps)
             camera, _ = self.pictures.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
-
-    def _look(self, index: int, target: Target, gain: Tensor | None, behind: Colour) -> tuple[Look, Target]:
-        shown, target = jittered(self.pictures[index].encoder_input, target, gain)
-        return self.model.look(shown, index), target.over(behind)
-
-    def _teach_encoder(self, drawn: Drawn, mask_loss: Tensor) -> None:
-        losses.backward((drawn.look.embedding, drawn.embedding.grad), (mask_loss, None))
-
-    def _update_gaussians(self, rows: Tensor, leaves: dict[str, Tensor], progress: float, taken: Tensor) -> None:
-        settings = self.settings
-        mean_rate = schedule.decayed(settings.mean_rate, progress, schedule.MEAN_RATE_DECAY)
-        rates = learning_rates(settings, mean_rate, schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY))
-        if progress < settings.geometry_from:
-            rates = {name: rates[name] for name in ("sh", "latents")}
-        if progress < settings.latents_from:
-            del rates["latents"]
-        self.gaussians.step(rows, leaves, rates, taken)
 
     def _remember(self, look: Look, photo: int, mask_mean: float, progress: float) -> list[str]:
         self.model.remember(look.embedding.detach(), photo)

@@ -43,6 +43,7 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     """Turn the calls that `trainer.step` makes on one thread into laps.
 
     The backward pass is one call; a hook on a tensor fires in it when all that was made from the tensor is through.
+    The encoder's ends where the optimizer begins, the look at whether its gradients are finite included.
     """
     outermost = True
 
@@ -74,7 +75,6 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer.objective, "picture", "picture loss", lambda loss: loss, "mask, regularisers")
     watch(trainer.objective, "transient", "mask, regularisers")
     watch(trainer.objective, "mask", "mask, regularisers", before="mask, regularisers")
-    watch(trainer, "_update_gaussians", "Adam", before="SH transfer backward")
-    watch(trainer, "_teach_encoder", "encoder backward")
+    watch(trainer.gaussians, "step", "Adam", before="SH transfer backward")
     if trainer.optimizer is not None:
-        watch(trainer.optimizer, "step", "Adam")
+        watch(trainer.optimizer, "step", "Adam", before="encoder backward")

@@ -4,7 +4,7 @@ from core.words import counted
 
 OPENSPLAT_CPU_S = 0.87  # OpenSplat 1.2, blending alone, of a picture like the garden's, on another machine of this kind
 ENGINE = ("rasterizer forward", "rasterizer backward", "SH transfer forward", "SH transfer backward")
-NOT_KERNELS = ("everything else", "mask, regularisers", "encoder forward", "encoder backward")
+NOT_KERNELS = ("everything else", "mask, regularisers", "encoder forward")  # of a step without looks
 
 
 def lines(measurements: dict[str, dict]) -> list[tuple[str, str, str]]:

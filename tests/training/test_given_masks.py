@@ -110,13 +110,13 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     collection = crowded(tmp_path / "scene", (20, 120, 240))
     trainer = Trainer(with_masks_in(collection, tmp_path / "scene" / "masks"), small_settings(), tmp_path)
     target = trainer.pictures.target(0, 1)[1]
-    drawn = trainer._forward(0, 0.9)
+    mask = trainer.model.look(trainer.pictures[0].encoder_input, 0).mask
     image = torch.full((HEIGHT, WIDTH, 3), 0.4)
     losses = []
     for value, place in ((0.4, HIDDEN), (1.0, HIDDEN), (1.0, np.s_[:10, :10])):
         changed = image.clone()
         changed[place] = value
-        losses.append(float(trainer.objective.mask(replace(drawn, image=changed, target=target), 0.9).detach()))
+        losses.append(float(trainer.objective.mask(changed, target, mask, 0.9).detach()))
     assert losses[0] == losses[1] != losses[2]
 
 

@@ -9,10 +9,10 @@ def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_th
     handed, taught_with = [], []
     monkeypatch.setattr(networks, "beside", lambda work: handed.append(work) or work)
     embedding = torch.ones(3, requires_grad=True)
-    with networks.teaching(lambda: taught_with.append(embedding.grad.clone()), embedding) as taught:
+    with networks.teaching(lambda: taught_with.append(embedding.grad.clone()), embedding) as wait_for_encoder:
         losses.backward((2 * embedding.sum(), None))
         assert len(handed) == 1
-    taught()
+    wait_for_encoder()
     assert [gradient.tolist() for gradient in taught_with] == [[2.0] * 3]
     embedding.sum().backward()
     assert len(handed) == 1  # that hook is gone
@@ -20,7 +20,7 @@ def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_th
 
 def test_without_a_gradient_the_one_who_waits_teaches():
     embedding, taught_with = torch.ones(3, requires_grad=True), []
-    with networks.teaching(lambda: taught_with.append(embedding.grad), embedding) as taught:
+    with networks.teaching(lambda: taught_with.append(embedding.grad), embedding) as wait_for_encoder:
         pass
-    taught()
+    wait_for_encoder()
     assert taught_with == [None]

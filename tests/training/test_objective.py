@@ -1,66 +1,66 @@
 """What a step minimises: which loss counts from when on, by what weight, and whom it reaches."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 
-from core.appearance.model import Look
 from core.training import losses
-from core.training.photometric import photometric_of_mask
+from core.training.photometric import Target, photometric_of_mask
+
+
+def recorded(monkeypatch, owner, name: str) -> list[tuple]:
+    """What a method is given from here on, call by call."""
+    given, honest = [], getattr(owner, name)
+    monkeypatch.setattr(owner, name, lambda *call: given.append(call) or honest(*call))
+    return given
+
+
+def shown(trainer) -> tuple[torch.Tensor, Target, torch.Tensor]:
+    """A grey picture, a photo, and its mask."""
+    target = trainer.pictures.target(0, 1)[1]
+    return torch.full((*target.planes.shape[1:], 3), 0.4), target, trainer.model.look(trainer.pictures[0].encoder_input, 0).mask
 
 
 def test_a_mask_is_taught_from_its_time_on(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6)
-    drawn = trainer._forward(0, 0.0)
-    taught = [float(trainer.objective.mask(drawn, progress).detach()) for progress in (0.0, 0.19, 0.2, 0.9)]
+    taught = [float(trainer.objective.mask(*shown(trainer), progress).detach()) for progress in (0.0, 0.19, 0.2, 0.9)]
     assert taught[:2] == [0, 0] and taught[2] == taught[3] > 0
 
 
 def test_the_papers_mask_is_taught_by_the_pictures_error(trainer_of):
     trainer = trainer_of(mask_loss="paper", mask_start=0.0, mask_regularisation=0.5)
-    drawn = trainer._forward(0, 0.0)
-    mask = drawn.look.mask
-    shown = losses.enlarged(mask, *drawn.image.shape[:2])
-    expected = photometric_of_mask(drawn.image, drawn.target, shown, trainer.settings.ssim_weight) + 0.5 * ((1 - mask) ** 2).mean()
-    torch.testing.assert_close(trainer.objective.mask(drawn, 0.0), expected)
+    image, target, mask = shown(trainer)
+    enlarged = losses.enlarged(mask, *image.shape[:2])
+    expected = photometric_of_mask(image, target, enlarged, trainer.settings.ssim_weight) + 0.5 * ((1 - mask) ** 2).mean()
+    torch.testing.assert_close(trainer.objective.mask(image, target, mask, 0.0), expected)
 
 
-def test_the_masks_own_loss_teaches_the_mask_network(trainer_of):
+def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
     """Beside what reaches it by the embedding."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0)
     bias = trainer.model.encoder.unet.up_2.bias
-    drawn = trainer._forward(0, 0.5)
-    drawn.embedding.grad = torch.randn(drawn.embedding.shape, generator=torch.Generator().manual_seed(2))
-    (by_embedding,) = torch.autograd.grad(drawn.look.embedding, bias, drawn.embedding.grad, retain_graph=True)
-    (by_loss,) = torch.autograd.grad(trainer.objective.mask(drawn, 0.5), bias, retain_graph=True)
-    assert float(by_loss.abs()) > 1e-6
-    trainer.model.zero_grad()
-    trainer._teach_encoder(drawn, trainer.objective.mask(drawn, 0.5))
-    torch.testing.assert_close(bias.grad, by_embedding + by_loss)
-
-
-def test_a_step_hands_the_masks_loss_to_the_encoder(trainer_of, monkeypatch):
-    trainer = trainer_of(mask_start=0.0, mask_apply=0.0)
-    taught = []
-    monkeypatch.setattr(trainer, "_teach_encoder", lambda drawn, mask_loss: taught.append(float(mask_loss.detach())))
+    looks, transfers = (recorded(monkeypatch, trainer.model, name) for name in ("look", "transfer"))
+    masks = recorded(monkeypatch, trainer.objective, "mask")
+    monkeypatch.setattr(trainer.optimizer, "step", lambda: None)
+    picture = trainer.objective.picture  # made to weigh so much that both show in the sum
+    monkeypatch.setattr(trainer.objective, "picture", lambda *call: 1e3 * picture(*call))
     trainer.step()
-    assert len(taught) == 1 and taught[0] > 0
+    look, embedding = trainer.model.look(*looks[0]), transfers[-1][2]  # the gauge's transfer comes first
+    (by_embedding,) = torch.autograd.grad(look.embedding, bias, embedding.grad, retain_graph=True)
+    ((image, target, _, progress),) = masks
+    (by_loss,) = torch.autograd.grad(trainer.objective.mask(image, target, look.mask, progress), bias)
+    assert min(float(by_loss.abs()), float(by_embedding.abs())) > 1e-5
+    torch.testing.assert_close(bias.grad, by_embedding + by_loss, rtol=1e-4, atol=0)
 
 
 @pytest.mark.parametrize("mean, share", [(1.0, 0.1), (0.2, 0.55)])
 def test_collapsed_masks_are_raised_in_the_pictures_loss(trainer_of, monkeypatch, mean, share):
     """0.1 is static: by itself, or, as the masks of all photos hide too much, half of what else is hidden shows as well."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0, mask_regularisation=0.0, transient_regularisation=0.0)
-    hidden = Look(trainer.model.mean_embedding, torch.full((1, 9, 12), 0.1))
-    whole = Look(trainer.model.mean_embedding, torch.ones(1, 9, 12))
     trainer.mask_mean = mean
-    given = []
-    picture = trainer.objective.picture
-    monkeypatch.setattr(trainer.objective, "picture", lambda *call: given.append(call) or picture(*call))
+    given = recorded(monkeypatch, trainer.objective, "picture")
     trainer.step()
-    (drawn, progress, mask_mean), *_ = given
-    assert mask_mean == mean
-    looks = (picture(replace(drawn, look=look), progress, mask_mean) for look in (hidden, whole))
-    by_mask, unmasked = (float(loss.detach()) for loss in looks)
+    ((image, target, _, *rest),) = given
+    assert rest[1] == mean
+    hidden, whole = torch.full((1, 9, 12), 0.1), torch.ones(1, 9, 12)
+    by_mask, unmasked = (float(trainer.objective.picture(image, target, mask, *rest).detach()) for mask in (hidden, whole))
     assert by_mask == pytest.approx(share * unmasked, rel=1e-3)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from core.appearance.model import AppearanceModel, Look
+from core.appearance.model import AppearanceModel
 from core.scene.harmonics import dc_of_colour
 from core.training import losses, networks
 from core.training.gauge import gauge
@@ -47,18 +47,18 @@ def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
 def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6, transient_regularisation=1e-3)
     trainer.gaussians.parameters["logit_opacities"].zero_()
-    drawn = trainer._forward(0, 0.0)
-    seen, camera = drawn.seen.detached(), drawn.camera
-    drawn = replace(drawn, look=Look(trainer.model.mean_embedding, torch.zeros(1, 9, 12)))
-    front = trainer.rasterizer.contributions(seen, camera)
-    rows = losses.transient_rows(seen.means, front, drawn.look.mask, camera)
-    opacity = torch.sigmoid(seen.logit_opacities[rows]).sum()
+    camera, splats, mask = trainer.pictures[0].camera, trainer.gaussians.splats, torch.zeros(1, 9, 12)
+    visible = trainer.rasterizer.visible(splats, camera)
+    splats = splats[visible.rows]
+    front = trainer.rasterizer.contributions(splats, camera)
+    rows = losses.transient_rows(splats.means, front, mask, camera)
+    opacity = torch.sigmoid(splats.logit_opacities[rows]).sum()
     assert opacity > 1
 
     def mean_of_twenty_steps(progress):
         found = []
         for step in range(1, 21):
-            found.append(float(trainer.objective.transient(drawn, progress, step).detach()))
+            found.append(float(trainer.objective.transient(splats, camera, visible.pairs, mask, progress, step).detach()))
         return sum(found) / 20
 
     assert [mean_of_twenty_steps(progress) for progress in (0.0, 0.3, 0.59)] == [0, 0, 0]
@@ -100,7 +100,7 @@ RATES = {
 
 
 def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth():
-    rates = learning_rates(small_settings(latent_size=3, **RATES), 0.1, 0.6)
+    rates = learning_rates(small_settings(latent_size=3, latents_from=0.0, geometry_from=0.0, **RATES), 0.0)
     for name, expected in {
         "means": [0.1] * 3,
         "quaternions": [0.2] * 4,
@@ -132,16 +132,14 @@ def test_every_network_learns_at_its_own_rate(changes, expected):
     assert not rates
 
 
-def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(trainer_of, monkeypatch):
+def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(trainer_of):
     trainer = trainer_of(latent_size=3, latents_from=0.0, geometry_from=0.0, **RATES)
-    used = []
-    monkeypatch.setattr(trainer.gaussians, "step", lambda rows, leaves, rates, taken: used.append(rates))
-    taken, slowed = torch.tensor(True), {"means": 0.01, "latents": 0.1}
+    used, slowed = [], {"means": 0.01, "latents": 0.1}
     for progress in (0.0, 0.5, 1.0):
-        trainer._update_gaussians(torch.arange(3), {}, progress, taken)
+        used.append(learning_rates(trainer.settings, progress))
         for name, rates in used[-1].items():
             torch.testing.assert_close(rates, used[0][name] * slowed.get(name, 1.0) ** progress)
-        networks.update(trainer.model, trainer.optimizer, progress, lambda: None, taken)
+        networks.update(trainer.model, trainer.optimizer, progress, lambda: None, torch.tensor(True))
         for group in trainer.optimizer.param_groups:
             assert group["lr"] == pytest.approx(group["rate"] * 0.1**progress)
     assert used[0]["means"].tolist() == pytest.approx([0.1] * 3)

@@ -288,13 +288,7 @@ def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learni
     """It is found out when the Gaussians, whose gradients were finite, are updated already."""
     trainer = Trainer(collection, small_settings(), tmp_path)
     trainer.step()
-    honest = trainer._teach_encoder
-
-    def overflowing(*arguments):
-        honest(*arguments)
-        next(trainer.model.encoder.parameters()).grad += math.inf
-
-    trainer._teach_encoder = overflowing
+    overflowing = next(trainer.model.encoder.parameters()).register_hook(lambda gradient: gradient + math.inf)
     networks = {name: tensor.clone() for name, tensor in trainer.model.state_dict().items()}
     harmonics = trainer.gaussians.splats.sh.clone()
     (message,) = trainer.step().messages
@@ -302,7 +296,7 @@ def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learni
     assert not torch.equal(trainer.gaussians.splats.sh, harmonics)
     for name, tensor in trainer.model.state_dict().items():
         assert torch.equal(tensor, networks[name]), name
-    trainer._teach_encoder = honest
+    overflowing.remove()
     assert trainer.step().messages == () and trainer.skipped == 1
 
 

@@ -1,0 +1,96 @@
+"""One training step, from a photo to the update of networks and Gaussians, in the order in which it happens.
+
+A name in `_later` is a result that is still being computed beside what follows: calling it waits for it.
+"""
+
+from dataclasses import dataclass
+
+import torch
+
+from core.appearance.model import AppearanceModel, Look
+from core.config import Settings
+from core.device import OnTheWay
+from core.rasterizer import Rasterizer, Visible
+from core.scene.splats import Splats
+from core.threads import beside
+from core.training import backdrop, densify, guards, losses, networks, schedule
+from core.training.gaussians import Gaussians, learning_rates
+from core.training.guards import StepFacts
+from core.training.jitter import draw_gain, jittered
+from core.training.objective import Objective
+from core.training.photometric import Target
+from core.training.pictures import Pictures
+
+
+@dataclass
+class Step:
+    """What the steps of a run work with. generator: of their random draws."""
+
+    settings: Settings
+    pictures: Pictures
+    model: AppearanceModel
+    optimizer: torch.optim.Adam | None
+    objective: Objective
+    rasterizer: Rasterizer
+    generator: torch.Generator
+
+    def take(self, gaussians: Gaussians, index: int, done: int, usual: float, mask_mean: float, foreseen: Visible | None) -> tuple[Look, OnTheWay]:
+        """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
+
+        index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `losses.pixel_weights`.
+        foreseen: what the photo shows, where that is known. Returns the photo's look, and the step's StepFacts on their way from the device.
+        """
+        settings, model, objective = self.settings, self.model, self.objective
+        progress = done / settings.steps
+        model.zero_grad()
+        camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
+        gain, behind = draw_gain(settings, self.generator), backdrop.of_step(backdrop.is_cut_out(settings), self.generator)
+
+        # The photo's look, by the encoder. Meanwhile, which Gaussians its camera shows, and the gauge.
+        def look_at_photo() -> tuple[Look, Target]:
+            shown, target = jittered(self.pictures[index].encoder_input, photo, gain)
+            return model.look(shown, index), target.over(behind)
+
+        look_later = beside(look_at_photo)
+        visible = foreseen or self.rasterizer.visible(gaussians.splats, camera)
+        leaves = gaussians.leaves(visible.rows)
+        gauge_loss = objective.gauge(model, gaussians, self.generator)
+        look, target = look_later()
+
+        # The visible Gaussians in that look, and their picture. Gradients end in embedding, leaves and probe: zeros added to the centres (px).
+        embedding = look.embedding.detach().requires_grad_()
+        sh, residual = model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
+        residual_loss_later = beside(lambda: objective.residual(residual))
+        splats = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
+        probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
+        image = self.rasterizer.render(splats, camera, behind, probe, visible.pairs).image
+
+        # What the step minimises.
+        mask_loss_later = beside(lambda: objective.mask(image, target, look.mask, progress))
+        picture_loss = objective.picture(image, target, look.mask, progress, mask_mean)
+        rendered_loss = picture_loss + objective.transient(splats, camera, visible.pairs, look.mask, progress, done)
+        residual_loss, residual_gradient, residual_size = residual_loss_later()
+        mask_loss = mask_loss_later()
+        loss = rendered_loss.detach() + residual_loss + mask_loss.detach()
+        sound = guards.sound(loss + gauge_loss, picture_loss.detach(), usual)
+
+        # The gradients, then the updates: of the networks beside that of the Gaussians.
+        def teach_encoder() -> None:
+            losses.backward((look.embedding, embedding.grad), (mask_loss, None))
+
+        taken = learnt = sound
+        if not guards.refused(sound):
+            with networks.teaching(teach_encoder, embedding) as wait_for_encoder:
+                losses.backward((rendered_loss, None), (residual, residual_gradient))
+            reached = *leaves.values(), embedding, *model.transfer_parameters()
+            taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
+            learnt_later = beside(lambda: networks.update(model, self.optimizer, progress, wait_for_encoder, taken))
+            if not guards.refused(taken):
+                # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
+                densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
+                gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
+            learnt = learnt_later()
+
+        shown_share = objective.zero if look.mask is None else look.mask.detach().mean()
+        facts = StepFacts(loss, gauge_loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learnt)
+        return look, OnTheWay(torch.stack([fact.float() for fact in facts]))

@@ -22,6 +22,7 @@ from core.threads import one_torch_thread
 LENGTH_DEGREES = 80.0  # between two directions whose colours correlate by 1 / e; this and NOISE were chosen in core/TRIED.md, "The sky"
 NOISE = 1.0  # variance of the colour of a disc that one photo shows unobstructed, over that of the sky
 VIEWS, SIDE_PX = 128, 100  # training cameras that are asked, and the longer side of what they see: a disc is 5 degrees wide
+MOST = 2000  # discs that others take their colour from: all of the usual dome's; the cube of their number is what this costs
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,8 @@ class SmoothSky:
     unknown and whose covariance is exp(-angle / LENGTH_DEGREES), from discs with a noise of variance NOISE / k, k being the sum of a disc's
     largest contributions to the training views: nearly the number of photos that show it.
 
-    shown: rows of the dome that photos show. weights: of their colours in each disc's, a row adds up to 1. basis: of the SH, towards those
-    shown. The dome is so far away that every disc has one colour from wherever it is seen.
+    shown: rows of the dome that photos show, MOST of them at most. weights: of their colours in each disc's, a row adds up to 1. basis: of
+    the SH, towards those shown. The dome is so far away that every disc has one colour from wherever it is seen.
     """
 
     shown: Int[Tensor, " o"]
@@ -51,11 +52,13 @@ class SmoothSky:
         shown = photos.nonzero()[:, 0]
         if not len(shown):
             return None
-        directions = torch.nn.functional.normalize(splats.means[-sky:].double(), dim=1)
-        angles = (directions @ directions[shown].T).clamp(-1, 1).arccos().rad2deg()
-        covariance = torch.exp(-angles / LENGTH_DEGREES)
+        every = -(-len(shown) // MOST)
+        shown = shown[::every]  # they lie in rings from pole to pole: these are spread over all that is shown, and stand for the others
         with one_torch_thread():  # more would round differently
-            inverse = torch.linalg.inv(covariance[shown] + torch.diag(NOISE / photos[shown]))
+            directions = torch.nn.functional.normalize(splats.means[-sky:].double(), dim=1)
+            angles = (directions @ directions[shown].T).clamp(-1, 1).arccos().rad2deg()
+            covariance = torch.exp(-angles / LENGTH_DEGREES)
+            inverse = torch.linalg.inv(covariance[shown] + torch.diag(NOISE / (every * photos[shown])))
             simple = covariance @ inverse
             mean = inverse.sum(dim=0) / inverse.sum()
             weights = simple + (1 - simple.sum(dim=1, keepdim=True)) * mean

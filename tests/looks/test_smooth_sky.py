@@ -5,6 +5,7 @@ import pytest
 import torch
 
 import core.rasterizer
+from core.looks import smooth_sky
 from core.looks.smooth_sky import LENGTH_DEGREES, NOISE, SmoothSky
 from core.scene.camera import Camera
 from core.scene.harmonics import colour, dc_of_colour
@@ -80,6 +81,14 @@ def test_a_disc_has_the_colour_that_it_shows_towards_the_scene_from_everywhere(d
     after = sky.over(tilted).sh
     assert not after[:, 1:].any()
     torch.testing.assert_close(after, sky.over(dome.with_sh(flat)).sh, rtol=0, atol=1e-5)
+
+
+def test_of_a_dome_of_very_many_discs_some_give_their_colour(dome, monkeypatch):
+    every = SmoothSky.of(dome, DISCS, CAMERAS, RASTERIZER)
+    monkeypatch.setattr(smooth_sky, "MOST", len(every.shown) - 1)
+    some = SmoothSky.of(dome, DISCS, CAMERAS, RASTERIZER)
+    assert torch.equal(some.shown, every.shown[::2])
+    assert (colours_of(some.over(dome)) - colours_of(every.over(dome))).abs().max() < 0.02
 
 
 def test_a_disc_that_is_not_finite_says_nothing_of_the_others(dome):

@@ -16,9 +16,8 @@ from core.bench.files import scratch
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
 from core.data.collection import spread_over
-from core.looks.find_look import find_appearance
 from core.looks.pruning import pruner_of
-from core.looks.trained import Run, bake
+from core.looks.trained import Run, bake, neutral_look
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.splats import Splats
@@ -53,7 +52,7 @@ def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Fi
     largest[solid:] = torch.inf
     order = torch.sort(largest, stable=True).indices
     cameras = spread_over(cameras, views)
-    neutral = find_appearance(trained, "neutral")
+    neutral = neutral_look(trained)
     whole = bake(trained, neutral)
     truth = [rasterizer.render(whole, camera, trained.backdrop).image.clamp(0, 1) for camera in cameras]
     points = []

@@ -16,8 +16,7 @@ from core.data.collection import Collection, spread_over
 from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
-from core.looks.find_look import find_appearance
-from core.looks.trained import Run, bake, load_run
+from core.looks.trained import Run, bake, load_run, neutral_look
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
@@ -197,7 +196,7 @@ def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
 def _rendering_of(trained: Run, size: Size, full: bool, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
-    splats = bake(trained, find_appearance(trained, "neutral")).map(Tensor.cpu)  # that figure is of a CPU
+    splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
     title = f"Rendering {trained.folder.name}: {_words(splats, cameras)}"
     return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget, full)
 

@@ -30,8 +30,8 @@ def find_model(root: Path) -> Path | None:
     folders += [root / NERFSTUDIO_FOLDER] * (not (root / FILE).exists())
     for folder in folders:
         if holds_model(folder):
-            rivals = [rival for rival in _numbered(folder.parent) if holds_model(rival)] if folder.name.isdecimal() else [folder]
-            return max(rivals, key=photos_in_model)  # the first of equals
+            others = _models_beside(folder)
+            return max([folder, *others], key=photos_in_model) if others else folder  # the first of equals
     for folder in folders:
         if lacking := lacking_files(folder):
             fix = "Copy it again, or remove the folder to have the cameras found anew."
@@ -53,6 +53,11 @@ def _numbered(folder: Path) -> list[Path]:
     """The models 0, 1, ... that COLMAP writes when the photos fall apart into several, in no order of size."""
     found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
     return sorted(found, key=lambda path: int(path.name))
+
+
+def _models_beside(model: Path) -> list[Path]:
+    """The other numbered models of its folder; none of a model that has no number."""
+    return [folder for folder in _numbered(model.parent) if folder != model and holds_model(folder)] if model.name.isdecimal() else []
 
 
 def read_colmap(root: Path) -> Posed:
@@ -136,9 +141,7 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
 
 
 def _other_models(model: Path) -> list[str]:
-    if not model.name.isdecimal():
-        return []
-    others = [folder.name for folder in _numbered(model.parent) if folder != model and holds_model(folder)]
+    others = [folder.name for folder in _models_beside(model)]
     return [f"{model.parent} holds other models as well ({', '.join(others)}); {model.name} is used: it has most photos."] if others else []
 
 

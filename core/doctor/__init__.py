@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from core.data.load import VIDEO_SUFFIXES, not_a_folder
+from core.data.load import VIDEO_SUFFIXES
 from core.doctor.finding import Finding, verdict
 from core.doctor.ply import examine_ply
 from core.doctor.run import examine_run
@@ -26,10 +26,9 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         findings = examine_run(path, report)
     elif newest := max(path.glob(run.CLOUDS), key=_progress, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
-    elif path.is_file() and path.suffix.lower() in (".json", *VIDEO_SUFFIXES):
-        raise not_a_folder(path)
     else:
-        findings = (examine_scene if path.is_dir() else examine_ply)(path, report)
+        meant_as_scene = path.is_dir() or path.suffix.lower() in (".json", *VIDEO_SUFFIXES)
+        findings = (examine_scene if meant_as_scene else examine_ply)(path, report)
     for finding in findings:
         (report.warn if finding.advice else report.say)(finding.line())
     report.say(f"{path}: {verdict(findings)}")

@@ -15,8 +15,7 @@ from core.doctor.gaussians import look_at_gaussians
 from core.doctor.scene import odd_focal_lengths, placed_photos
 from core.errors import BadInput, command
 from core.export.ply import BYTES_A_GAUSSIAN
-from core.looks.find_look import find_appearance
-from core.looks.trained import Run, bake, load_run
+from core.looks.trained import Run, bake, load_run, neutral_look
 from core.report import Report
 from core.training import checkpoint
 from core.training.losses import COLLAPSED
@@ -35,7 +34,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     trained = load_run(folder, on_gpu=False)
     facts = checkpoint.read_facts(checkpoint.newest(folder))
     sky, frame = facts["sky"], trained.collection.frame
-    neutral = bake(trained, find_appearance(trained, "neutral"))
+    neutral = bake(trained, neutral_look(trained))
     size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
     findings = [
         Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply"),

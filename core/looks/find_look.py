@@ -17,7 +17,7 @@ from core.errors import BadInput
 from core.looks import saved_look
 from core.looks.outside import light_in_words, read_from_outside
 from core.looks.refined_look import refined_held_out, refined_outside
-from core.looks.trained import NEUTRAL, Appearance, Run, neutral
+from core.looks.trained import NEUTRAL, Appearance, Run, neutral_look
 from core.report import QUIET, Report
 
 SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not be told from noise
@@ -42,7 +42,7 @@ def find_appearance(
     if mask is not None and (word == NEUTRAL or saved or not reads_photos):
         raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")
     if word == NEUTRAL:
-        return neutral(trained)
+        return neutral_look(trained)
     if saved:
         look = saved_look.load(saved, trained.identity, trained.settings.embedding_size, trained.step)
         tone = None if look.tone is None else look.tone.to(trained.device)

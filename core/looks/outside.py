@@ -9,7 +9,7 @@ from torch import Tensor
 from core.appearance.encoder import shrink
 from core.appearance.tone import band_means, taken_off, tone_between, toned
 from core.data.collection import spread_over
-from core.looks.trained import Run, bake, neutral
+from core.looks.trained import Run, bake, neutral_look
 
 VIEWS = 16  # training cameras, which show where in a photo the sky usually is
 SHRUNK = 4  # times; their pictures are that much smaller than in training
@@ -55,7 +55,7 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
 
 def _shares(trained: Run) -> Float[Tensor, "2 bands 3"]:
     """What place and sky each contribute to the mean colours of the bands of the training views, in the neutral look."""
-    look = bake(trained, neutral(trained))
+    look = bake(trained, neutral_look(trained))
     alone = [toned(look, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
     shares = []
     for photo in spread_over(trained.collection.split("train"), VIEWS):

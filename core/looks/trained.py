@@ -190,7 +190,7 @@ def bake(trained: Run, appearance: Appearance, rows: Int[Tensor, " r"] | slice =
     return look if appearance.tone is None else toned(look, appearance.tone, trained.sky)
 
 
-def neutral(trained: Run) -> Appearance:
+def neutral_look(trained: Run) -> Appearance:
     """The look that every run has."""
     return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
 

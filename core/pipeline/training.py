@@ -11,11 +11,10 @@ from core.data.given_masks import check_masks, with_masks_in, with_same_masks
 from core.data.prepare import prepared
 from core.errors import BadInput, command
 from core.evaluation.results import measured_earlier
-from core.looks.find_look import find_appearance
 from core.looks.look_file import write_look
 from core.looks.preview import write_preview
 from core.looks.pruning import pruner_of
-from core.looks.trained import load_run
+from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
 from core.training import checkpoint, run
 from core.training.claim import held, new_run
@@ -127,7 +126,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     neutral = run.point_cloud_path(folder, trained.step)
     masks = write_masks(folder, trainer.model, trainer.pictures)
     preview = write_preview(trained, trainer.pictures)
-    write_look(trained, find_appearance(trained, "neutral"), neutral, report, pruner_of(trained, report))
+    write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [
         ("run", str(folder)),
         ("steps", f"{trained.step} in {trainer.seconds:.0f} s"),

@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import click
 
-from core.atomic import write_text
 from core.config import PRESETS, preset
 from core.evaluation import PROTOCOLS
+from core.system.atomic import write_text
 from samples.measurements.finished import measured, with_split
 from samples.measurements.seeds import METRICS, cell, folder_name
 from samples.measurements.variants import FULL, VARIANTS

@@ -27,8 +27,8 @@ import rich
 import rich.table
 import torch
 
-from core.atomic import check_file, write_json
 from core.bench.machine import made_on
+from core.system.atomic import check_file, write_json
 from samples.measurements import baking, drawing, first_use, steps, targets, threads
 from samples.measurements.stopwatch import peak_memory
 from wegs_cli.main import OneLineErrors

@@ -18,9 +18,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))  # the engine beside this 
 import click
 import torch
 
-from core import device
-from core.atomic import check_file, write_json
 from core.bench.machine import made_on
+from core.system import device
+from core.system.atomic import check_file, write_json
 from wegs_cli.main import OneLineErrors
 
 NAMES = ("picture", "baked", "steps", "paper", "kernels")

@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import click
 
-from core.atomic import write_json
 from core.config import PRESETS, preset
 from core.evaluation import PROTOCOLS
+from core.system.atomic import write_json
 from samples.measurements.finished import measured
 from samples.measurements.seeds import METRICS, cell
 from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS

@@ -23,7 +23,6 @@ import cv2
 import numpy as np
 import torch
 
-from core.atomic import write_bytes
 from core.data import photos
 from core.data.collection import Photo
 from core.errors import BadInput
@@ -33,6 +32,7 @@ from core.looks.find_look import find_appearance
 from core.looks.refined_look import refined
 from core.looks.trained import Run, bake, blend, load_run
 from core.report import QUIET, Report
+from core.system.atomic import write_bytes
 from core.training import run
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal

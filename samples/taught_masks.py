@@ -27,7 +27,7 @@ from core.data.collection import Collection
 from core.errors import BadInput
 from core.evaluation.metrics import mask_iou
 from core.evaluation.truth import load_truth
-from core.threads import one_torch_thread
+from core.system.threads import one_torch_thread
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 

@@ -1,4 +1,4 @@
-"""Kernels and their parts (core.compiled) compiled once more: to be called from Python, and to show their machine code."""
+"""Kernels and their parts (core.kernels.compiled) compiled once more: to be called from Python, and to show their machine code."""
 
 from numba import njit
 

@@ -12,11 +12,12 @@ import pytest
 import torch
 
 import core.rasterizer
-from core import device, pipeline
+from core import pipeline
 from core.evaluation import lpips
 from core.evaluation.lpips import Lpips
 from core.looks.trained import load_run
 from core.rasterizer import Rendering, Visible
+from core.system import device
 from core.training import gaussians
 from core.training.adam import plain_adam_rows
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere

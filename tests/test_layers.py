@@ -11,9 +11,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 350
 LAYERS = [
-    {"core", "core.compiled", "core.errors", "core.triton_launch", "core.lock", "core.report", "core.threads", "core.words"},  # "core" itself: the version
-    {"core.atomic", "core.awake", "core.config", "core.memory", "core.ply_file", "core.simd"},
-    {"core.device"},
+    {"core", "core.errors", "core.report", "core.words"},  # "core" itself: the version
+    {"core.config", "core.ply_file"},
+    {"core.system"},
+    {"core.kernels"},
     {"core.scene"},
     {"core.appearance", "core.rasterizer", "core.data", "core.export"},
     {"core.training", "core.evaluation"},

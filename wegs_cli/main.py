@@ -138,7 +138,7 @@ def wegs(memory: float | None) -> None:
     wegs bake --appearance dusk.jpg -o dusk.ply   # opens in every 3DGS viewer
     """
     if memory is not None:
-        from core.memory import hold_to  # late: not before `run` has checked that this core is wegs'
+        from core.system.memory import hold_to  # late: not before `run` has checked that this core is wegs'
 
         hold_to(memory)
 

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from core.appearance.attention import ChannelAttention, MaskUNet, rectified
 from core.config import Settings
 from core.errors import BadInput
-from core.threads import one_torch_thread
+from core.system.threads import one_torch_thread
 
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms a photo on one core
 WEAK_COMPONENT = 0.4  # of the strongest: what varies less between photos is amplified less

@@ -10,8 +10,8 @@ from numba import types
 from numba.core import cgutils, codegen, config
 from numba.extending import intrinsic
 
-from core.compiled import part
-from core.simd import element_pointer, fused_multiply_add, in_all_lanes, larger
+from core.kernels.compiled import part
+from core.kernels.simd import element_pointer, fused_multiply_add, in_all_lanes, larger
 
 CACHE_LINE = 16  # floats
 PANEL = 16  # columns of a product are a multiple of this

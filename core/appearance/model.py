@@ -15,7 +15,7 @@ from core.appearance.sh_transfer import SHTransfer
 from core.config import Settings
 from core.errors import BadInput, BadSetting
 from core.scene.splats import Splats
-from core.threads import one_torch_thread
+from core.system.threads import one_torch_thread
 
 TABLE_SPREAD = 1.0  # of GLO embeddings at the start, that of an encoder's
 MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos,

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.appearance.positional_encoding import encoded_size
-from core.triton_launch import FUSED, blocks
+from core.kernels.triton_launch import FUSED, blocks
 
 BLOCK = 128  # Gaussians a program, one a thread
 PI = tl.constexpr(math.pi)

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.threads import threads_for_blocks
+from core.system.threads import threads_for_blocks
 
 STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; the rate falls to zero along half a cosine
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors

@@ -9,7 +9,7 @@ from core.appearance.transfer_mlp import HiddenLayers, OutputLayer, blockwise_ml
 from core.config import Settings
 from core.errors import BadInput
 from core.scene.harmonics import coefficient_count
-from core.threads import threads_for_blocks
+from core.system.threads import threads_for_blocks
 
 LAST_LAYER_SPREAD = 1e-3  # near zero: a run starts at the base look, and yet every layer has a gradient
 MIXING_GAIN = 0.25  # one embedding moves every weight of the output layer; from 0.1 to 1 all are within 0.2 dB of each other

@@ -6,7 +6,7 @@ here; a row's result does not depend on the other rows.
 
 import numpy as np
 
-from core.compiled import part
+from core.kernels.compiled import part
 
 # tanh x = x P(x^2) / Q(x^2), fitted on [0, SATURATED] for the least relative error, 2e-8; beyond it float32 rounds tanh to 1.
 SATURATED = np.float32(9.0)

@@ -13,7 +13,7 @@ import numpy as np
 from core.appearance.matrix_product import ANY, PANEL, TILE_ROWS, ZERO, multiply, room_for
 from core.appearance.positional_encoding import encoded_size
 from core.appearance.transfer_arithmetic import bound_softly, encode_places
-from core.compiled import kernel, part
+from core.kernels.compiled import kernel, part
 
 STRIP = 128  # rows at a time: what is at work on them fits the second-level cache, at width 32 nearly the first
 

@@ -23,7 +23,7 @@ from torch.utils.checkpoint import checkpoint
 from core.appearance.matrix_product import PANEL, TILE_ROWS, room_for
 from core.appearance.positional_encoding import encoded_places
 from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, padded
-from core.threads import in_parallel
+from core.system.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
 ROWS = 8 * STRIP  # of a block: half a millisecond of work
@@ -103,7 +103,7 @@ def blockwise_mlp(
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on core.threads.threads() threads; of the learned input the latents are the last columns.
+    """`plain_mlp` for float32 on the CPU, on core.system.threads.threads() threads; of the learned input the latents are the last columns.
 
     output_layer: makes the output layer, first for its values alone, then in the graph, when the hidden ones are there: autograd goes
     back in the reverse order of creation, so what it is made of has its gradient before the backward pass through them begins.

@@ -9,11 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from core.atomic import check_folder, made, temporary_folder, write_bytes, write_json, write_text
 from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput, not_made
 from core.report import Report
+from core.system.atomic import check_folder, made, temporary_folder, write_bytes, write_json, write_text
 
 SUFFIXES = (".csv", ".json", ".png")
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from core.atomic import replacing_folder
 from core.data.collection import Collection
 from core.data.colmap import read_points
 from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to, write_mark
@@ -11,6 +10,7 @@ from core.data.posed import Points
 from core.data.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
+from core.system.atomic import replacing_folder
 from core.words import counted
 
 MARK = "triangulated.json"  # in a folder of points: whose they are, and what they were made of

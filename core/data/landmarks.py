@@ -9,12 +9,12 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from core.atomic import replacing
 from core.data.collection import Collection, spread_over
 from core.data.features import DATABASE, MASKS, extract, write_pictures
 from core.data.model_file import quiet
 from core.report import Report
 from core.scene.frame import SceneFrame
+from core.system.atomic import replacing
 
 FILE = "landmarks.npz"  # in a run folder
 PHOTOS = 40  # of the collection, at most
@@ -41,7 +41,7 @@ class Landmarks:
         return replace(self, points=other.to_scene(own.to_world(self.points)))
 
     def save(self, path: Path) -> None:
-        """Write them as .npz, whole or not at all; raises as `core.atomic.replacing` does."""
+        """Write them as .npz, whole or not at all; raises as `core.system.atomic.replacing` does."""
         with replacing(path) as temporary:
             np.savez(temporary, **vars(self))
 

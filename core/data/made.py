@@ -5,8 +5,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from core.atomic import MadeMeanwhile
 from core.report import Report
+from core.system.atomic import MadeMeanwhile
 
 CONFIG = "config.json"  # of a run
 FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interpolation writes, the first two always

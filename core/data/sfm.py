@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pycolmap
 
-from core.atomic import files_in, replacing_folder
 from core.data.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
 from core.data.lens import describe
 from core.data.likely_pairs import likely_pairs
@@ -22,6 +21,7 @@ from core.data.sfm_record import FILES, LENSES, NAMES, files_of
 from core.data.split import copy_lists
 from core.errors import BadInput
 from core.report import Report
+from core.system.atomic import files_in, replacing_folder
 from core.words import counted, name_them
 
 JPEG_SUFFIXES = (".jpg", ".jpeg")

@@ -5,8 +5,8 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-from core.atomic import replacing
 from core.data.phototourism import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
+from core.system.atomic import replacing
 from core.words import Note, list_names, name_them
 
 EVERY = 8  # as in the original 3DGS and everything compared with it

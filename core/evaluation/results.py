@@ -9,11 +9,11 @@ from typing import Any
 
 import core
 from core.appearance import refinement
-from core.atomic import write_json
 from core.data.made import read_mark
 from core.evaluation import LOOKS, PROTOCOLS, lpips
 from core.evaluation.metrics import PSNR_KIND, SSIM_KIND
 from core.evaluation.protocols import ViewResult
+from core.system.atomic import write_json
 
 RESULTS = "results.json"
 PER_VIEW = "per_view.json"

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from core.atomic import filling, write_json
 from core.evaluation import LOOKS
 from core.evaluation.protocols import ViewPictures
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, tile_size, write_png
+from core.system.atomic import filling, write_json
 
 # Folders of renders and photos, a file on how they were made, and the names of the protocols, all as nerfbaselines reads them.
 PARTS, INFO = ("color", "gt-color"), "info.json"

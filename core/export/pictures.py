@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from core.atomic import replacing, write_bytes
 from core.errors import WegsError
+from core.system.atomic import replacing, write_bytes
 
 SHEET_COLUMNS = 5  # at most
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk

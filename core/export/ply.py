@@ -13,11 +13,11 @@ from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
 import core
-from core.atomic import replacing
 from core.errors import BadInput
 from core.ply_file import HEADER_BYTES, read_rows, write_rows
 from core.scene.harmonics import MAX_DEGREE, coefficient_count
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
+from core.system.atomic import replacing
 
 _REST_OF_DEGREE = {degree: 3 * (coefficient_count(degree) - 1) for degree in range(MAX_DEGREE + 1)}
 
@@ -55,7 +55,7 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
 
     The file appears whole or not at all. Always 45 f_rest columns, zero above the degree, because several viewers
     assume them. comment: one line in the header; anything but ASCII is escaped.
-    Errors: as core.atomic.replacing; BadInput if no Gaussian is left.
+    Errors: as core.system.atomic.replacing; BadInput if no Gaussian is left.
     """
     with np.errstate(over="ignore"):  # a float64 beyond float32 becomes Inf here, and is then dropped and counted
         parts = {name: tensor.detach().cpu().numpy() for name, tensor in splats_in_world.tensors().items()}

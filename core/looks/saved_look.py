@@ -7,9 +7,9 @@ from pathlib import Path
 
 import torch
 
-from core.atomic import write_json
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Appearance
+from core.system.atomic import write_json
 from core.training.run import check_writable
 from core.words import counted
 

@@ -17,7 +17,7 @@ from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.harmonics import basis, dc_of_colour
 from core.scene.splats import Splats
-from core.threads import one_torch_thread
+from core.system.threads import one_torch_thread
 
 LENGTH_DEGREES = 80.0  # between two directions whose colours correlate by 1 / e; this and NOISE were chosen in core/TRIED.md, "The sky"
 NOISE = 1.0  # variance of the colour of a disc that one photo shows unobstructed, over that of the sky

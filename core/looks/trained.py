@@ -9,7 +9,6 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 import core.rasterizer
-from core import device
 from core.appearance import refinement
 from core.appearance.model import AppearanceModel
 from core.appearance.reach import Reach
@@ -22,6 +21,7 @@ from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.system import device
 from core.training import backdrop, checkpoint, run
 from core.training.gaussians import Gaussians
 from core.training.pictures import Picture, Sizes, load_picture

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import core.export
-from core.atomic import check_file
 from core.errors import BadInput
 from core.looks import saved_look
 from core.looks.find_look import find_appearance
@@ -13,6 +12,7 @@ from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run
 from core.report import QUIET, Report
+from core.system.atomic import check_file
 from core.training import run
 from core.training.tell import tell_how_to_look
 from core.words import counted

@@ -4,7 +4,6 @@ import time
 from contextlib import nullcontext
 from pathlib import Path
 
-from core.awake import cores_awake
 from core.data.collection import png_paths
 from core.errors import BadInput
 from core.evaluation import LOOKS, lpips
@@ -15,6 +14,7 @@ from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
 from core.looks.trained import load_run
 from core.report import QUIET, Report
+from core.system.awake import cores_awake
 from core.training import run
 from core.words import counted
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from core.atomic import check_apart, check_fillable, filling
 from core.data.made import FADE
 from core.data.photo_folder import SUFFIXES
 from core.errors import BadSetting, WegsError
@@ -13,6 +12,7 @@ from core.looks.pruning import pruner_of
 from core.looks.trained import bake, blend, load_run
 from core.pipeline.baking import ONE_LOOK
 from core.report import QUIET, Report
+from core.system.atomic import check_apart, check_fillable, filling
 from core.training import run
 
 

@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import core.rasterizer
-from core import device
-from core.atomic import check_apart
 from core.config import Settings
 from core.data import load_collection
 from core.data.given_masks import check_masks, with_masks_in, with_same_masks
@@ -16,6 +14,8 @@ from core.looks.preview import write_preview
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
+from core.system import device
+from core.system.atomic import check_apart
 from core.training import checkpoint, run
 from core.training.claim import held, new_run
 from core.training.full_memory import saved_if_memory_runs_out

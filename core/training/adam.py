@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from core.compiled import exact_kernel
-from core.threads import in_parallel
+from core.kernels.compiled import exact_kernel
+from core.system.threads import in_parallel
 
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # 3DGS: gradients of means over pixels are tiny

@@ -7,10 +7,10 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from core.device import sent
+from core.kernels.triton_launch import FUSED
+from core.system.device import sent
 from core.training import adam
 from core.training.gaussians import Gaussians, free_columns
-from core.triton_launch import FUSED
 
 BLOCK = 256  # numbers a program, two a thread
 BETA_1, BETA_2 = tl.constexpr(adam.BETA_1), tl.constexpr(adam.BETA_2)

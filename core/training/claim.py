@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from core.atomic import made
 from core.errors import BadInput, not_made
-from core.lock import taken
+from core.system.atomic import made
+from core.system.lock import taken
 from core.training import run
 
 
@@ -24,7 +24,7 @@ def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterat
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Inside, no other process can hold the folder; BadInput if one does. Without locks (core.lock) nothing is held."""
+    """Inside, no other process can hold the folder; BadInput if one does. Without locks (core.system.lock) nothing is held."""
     with taken(folder) as ours:
         if ours is False:
             raise BadInput(f"Another `wegs train` is at work in {folder}.", "Wait until it has ended, or choose another -o.")

@@ -5,10 +5,10 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from core.compiled import exact_kernel
 from core.config import Settings
-from core.device import sent
+from core.kernels.compiled import exact_kernel
 from core.scene.quaternions import rotations
+from core.system.device import sent
 from core.training.gaussians import Gaussians
 
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned

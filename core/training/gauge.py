@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.appearance.model import AppearanceModel
-from core.device import sent
+from core.system.device import sent
 from core.training.gaussians import Gaussians
 
 ROWS = 1024  # Gaussians drawn each step

@@ -7,7 +7,7 @@ import torch
 
 from core.appearance.model import AppearanceModel
 from core.rasterizer import Colour, Rasterizer
-from core.threads import threads_for_blocks
+from core.system.threads import threads_for_blocks
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric
 from core.training.pictures import Pictures, shown_on

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from core.appearance.tone import LARGEST_GAIN
 from core.config import Settings
-from core.device import sent
+from core.system.device import sent
 from core.training.photometric import Target
 
 

@@ -6,8 +6,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from core.device import sent
 from core.scene.camera import Camera
+from core.system.device import sent
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
 COLLAPSED = 0.6  # mean share of the photos that counts as static; where it is less, masks hide the place itself

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from core.config import Settings
-from core.threads import beside
+from core.system.threads import beside
 from core.training import guards, schedule
 
 

@@ -19,9 +19,9 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.device import CPU, sent
 from core.errors import BadInput
 from core.rasterizer import Colour
+from core.system.device import CPU, sent
 
 WINDOW = 11  # px
 RADIUS = WINDOW // 2

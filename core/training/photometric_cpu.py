@@ -16,8 +16,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.compiled import kernel, part
-from core.threads import in_parallel
+from core.kernels.compiled import kernel, part
+from core.system.threads import in_parallel
 from core.training.photometric import C1, C2, RADIUS, Target, window
 
 BLOCK_PIXELS = 10_000  # a block of work: a quarter of a millisecond

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from core.kernels.triton_launch import FUSED
 from core.training import photometric
-from core.triton_launch import FUSED
 
 BLOCK = 128  # pixels a program, one a thread
 RADIUS, WINDOW = tl.constexpr(photometric.RADIUS), tl.constexpr(photometric.WINDOW)

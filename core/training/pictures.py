@@ -11,15 +11,15 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core import memory
 from core.appearance.encoder import shrink
 from core.config import AUTO_PIXELS, Settings
 from core.data import photos as files
 from core.data.collection import Photo
 from core.data.photo_file import named_with_fault
-from core.device import CPU
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
+from core.system import memory
+from core.system.device import CPU
 from core.training.photometric import Target
 from core.words import Reasons
 

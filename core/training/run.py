@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 import core
-from core.atomic import check_folder, write_json, write_text
 from core.config import Settings
 from core.data import landmarks
 from core.data.collection import Collection, Photo
@@ -25,6 +24,7 @@ from core.data.made import CONFIG, followed, is_of_run, path_within, read_mark, 
 from core.errors import BadInput, BadSetting, not_made
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+from core.system.atomic import check_folder, write_json, write_text
 from core.training import checkpoint, viewer_files
 from core.training.backdrop import is_cut_out
 from core.training.needs import Decision

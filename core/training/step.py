@@ -9,10 +9,10 @@ import torch
 
 from core.appearance.model import AppearanceModel, Look
 from core.config import Settings
-from core.device import OnTheWay
 from core.rasterizer import Rasterizer, Visible
 from core.scene.splats import Splats
-from core.threads import beside
+from core.system.device import OnTheWay
+from core.system.threads import beside
 from core.training import backdrop, densify, guards, losses, networks, schedule
 from core.training.gaussians import Gaussians, learning_rates
 from core.training.guards import StepFacts

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from core import device
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import command
 from core.report import Report
+from core.system import device
 from core.training import run
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless

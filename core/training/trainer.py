@@ -11,15 +11,15 @@ from pathlib import Path
 import torch
 
 import core.rasterizer
-from core import device
 from core.appearance.model import AppearanceModel, Look
-from core.awake import cores_awake
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
 from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
-from core.threads import threads_for_blocks
+from core.system import device
+from core.system.awake import cores_awake
+from core.system.threads import threads_for_blocks
 from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule
 from core.training.backdrop import is_cut_out, looks_for_empty
 from core.training.gaussians import Gaussians

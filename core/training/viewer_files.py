@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from core.atomic import write_json, write_text
 from core.data.collection import Collection
 from core.export.ply import write_points
 from core.scene.harmonics import MAX_DEGREE
+from core.system.atomic import write_json, write_text
 
 
 def write(folder: Path, collection: Collection, on_white: bool) -> None:

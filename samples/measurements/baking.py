@@ -11,7 +11,7 @@ from core import export
 from core.appearance.model import AppearanceModel
 from core.appearance.transfer_mlp import ROWS
 from core.scene.splats import Splats
-from core.threads import in_parallel
+from core.system.threads import in_parallel
 from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE
 from samples.measurements.stopwatch import Stopwatch
 

@@ -9,7 +9,7 @@ import torch
 from core import rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.threads import one_torch_thread
+from core.system.threads import one_torch_thread
 from samples.measurements.scenes import DEGREE, GARDEN_GAUSSIANS, GARDEN_SIZE_PX, garden, garden_camera
 from samples.measurements.stopwatch import Stopwatch, forget_peak, peak_memory
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from core import pipeline
-from core.atomic import write_json
 from core.config import Settings
 from core.errors import BadInput
 from core.report import Report
+from core.system.atomic import write_json
 from core.training import run
 
 

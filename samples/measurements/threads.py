@@ -7,7 +7,7 @@ from contextlib import nullcontext
 import torch
 
 from core import rasterizer
-from core.awake import cores_awake
+from core.system.awake import cores_awake
 from samples.measurements.drawing import draw, garden_of
 from samples.measurements.scenes import STEP_SIZE_PX, USUAL_SIZE_PX
 from samples.measurements.steps import EVERYTHING, WARM_UP, trainer_of

@@ -8,7 +8,7 @@ from core.appearance import sh_transfer, transfer_mlp
 from core.appearance.sh_transfer import SHTransfer
 from core.appearance.transfer_mlp import ROWS, plain_mlp
 from core.errors import BadInput
-from core.threads import threads_for_blocks
+from core.system.threads import threads_for_blocks
 from tests.small import whole_settings
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 
-from core import lock
 from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
 from core.config import PRESETS
@@ -19,6 +18,7 @@ from core.errors import BadInput
 from core.looks.find_look import find_appearance
 from core.looks.trained import bake, load_run
 from core.report import Report
+from core.system import lock
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 

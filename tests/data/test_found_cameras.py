@@ -2,10 +2,10 @@
 
 import pytest
 
-from core.atomic import replacing_folder, write_json
 from core.data import sfm, sfm_record
 from core.data.found_cameras import scene_around, scene_of_photos
 from core.errors import BadInput
+from core.system.atomic import replacing_folder, write_json
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.small import small_collection

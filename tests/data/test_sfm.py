@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from core.atomic import replacing_folder
 from core.data import load_collection, sfm, sfm_record
 from core.data.photo_folder import list_photos
 from core.data.photos import load
@@ -16,6 +15,7 @@ from core.data.sfm import reconstruct
 from core.data.sfm_record import name_in
 from core.errors import BadInput, WegsError
 from core.report import Report
+from core.system.atomic import replacing_folder
 from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
 from tests.data.small_scene import add_exif, exif_block
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import torch
 
-from core import lock
-from core.atomic import check_file, check_folder, files_in, filling, replacing, write_json
 from core.errors import BadInput, WegsError
 from core.export.pictures import TILE_PX, contact_sheet, to_8_bit, write_png, write_video
+from core.system import lock
+from core.system.atomic import check_file, check_folder, files_in, filling, replacing, write_json
 
 
 def test_rendering_to_pixels_clamps_and_rounds():
@@ -181,7 +181,7 @@ def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_pa
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
 def test_half_a_file_that_a_killed_process_left_is_removed_by_the_next(tmp_path):
     program = (
-        "import os, signal, sys\nfrom pathlib import Path\nfrom core.atomic import replacing\n"
+        "import os, signal, sys\nfrom pathlib import Path\nfrom core.system.atomic import replacing\n"
         "with replacing(Path(sys.argv[1])) as work:\n    work.write_text('half')\n    os.kill(os.getpid(), signal.SIGKILL)"
     )
     subprocess.run([sys.executable, "-c", program, str(tmp_path / "look.ply")], check=False)

@@ -15,9 +15,9 @@ from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
 from core.appearance import positional_encoding_cuda
+from core.kernels.triton_launch import FUSED, UNFUSED
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.training import adam_cuda, photometric_cuda
-from core.triton_launch import FUSED, UNFUSED
 
 KERNELS = {  # with the options that they are launched with
     project.find_visible: {"num_warps": project.WARPS, **UNFUSED},

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from core import lock
 from core.errors import BadInput
+from core.system import lock
 from core.training import claim
 from core.training.claim import held, new_run
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import core.rasterizer
-from core import device
+from core.system import device
 from core.training import checkpoint, pictures
 from core.training.gaussians import Gaussians
 from core.training.objective import TRANSIENT_EVERY

@@ -19,7 +19,7 @@ from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.threads import in_parallel, threads
+from core.system.threads import in_parallel, threads
 
 # A Gaussian in a tile costs 12 bytes in the forward pass (entry, drawn chunks) and 36 in the backward one (slot).
 BYTES_A_PAIR = 12 + 4 * SLOT_COLUMNS
@@ -28,7 +28,7 @@ NOTHING = np.empty((0, 2), dtype=np.float32)
 
 
 class CpuRasterizer:
-    """Numba kernels on core.threads.threads() threads; float32. See `contract.Rasterizer` for the methods."""
+    """Numba kernels on core.system.threads.threads() threads; float32. See `contract.Rasterizer` for the methods."""
 
     name, device = "cpu", "cpu"
 

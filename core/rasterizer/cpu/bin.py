@@ -7,10 +7,10 @@ is later summed a Gaussian at a time, without atomics and in the same order for 
 
 import numpy as np
 
-from core.compiled import exact_kernel, exact_part
+from core.kernels.compiled import exact_kernel, exact_part
+from core.kernels.simd import prefetch
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.footprint import touched_columns, touched_rows
-from core.simd import prefetch
 
 DIGIT_BITS = 11  # three passes for 32 bits; a pass's cursors stay in the first-level cache
 DIGITS = 1 << DIGIT_BITS

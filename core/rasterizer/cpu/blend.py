@@ -6,11 +6,8 @@ integer with one bit each. Positions within a tile are measured from its centre.
 
 import numpy as np
 
-from core.compiled import exact_part
-from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN
-from core.rasterizer.cpu import footprint
-from core.rasterizer.cpu.footprint import TILE
-from core.simd import (
+from core.kernels.compiled import exact_part
+from core.kernels.simd import (
     LANES,
     bits,
     broadcast,
@@ -22,6 +19,9 @@ from core.simd import (
     select,
     store,
 )
+from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN
+from core.rasterizer.cpu import footprint
+from core.rasterizer.cpu.footprint import TILE
 
 CHUNKS = 2 * TILE
 BATCH = 16  # splats whose chunk sets are found ahead, so that the branches on them are known when they come

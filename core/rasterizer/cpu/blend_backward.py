@@ -10,7 +10,21 @@ so that any number of channels costs one dot product, and nothing has to be stor
 
 import numpy as np
 
-from core.compiled import exact_kernel, exact_part
+from core.kernels.compiled import exact_kernel, exact_part
+from core.kernels.simd import (
+    LANES,
+    broadcast,
+    fetch_add,
+    lane_sum,
+    lane_sums,
+    load,
+    lowest_set_bit,
+    minimum,
+    multiply_add,
+    prefetch,
+    select,
+    store,
+)
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
@@ -27,20 +41,6 @@ from core.rasterizer.cpu.blend import (
 )
 from core.rasterizer.cpu.blend_forward import STOP
 from core.rasterizer.cpu.footprint import TILE
-from core.simd import (
-    LANES,
-    broadcast,
-    fetch_add,
-    lane_sum,
-    lane_sums,
-    load,
-    lowest_set_bit,
-    minimum,
-    multiply_add,
-    prefetch,
-    select,
-    store,
-)
 
 # What a chunk keeps: transmittances (negative when finished, as in the forward pass), S, and the three gradients v.
 BEHIND, RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES, 4 * LANES

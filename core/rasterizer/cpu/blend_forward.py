@@ -2,7 +2,22 @@
 
 import numpy as np
 
-from core.compiled import exact_kernel, exact_part
+from core.kernels.compiled import exact_kernel, exact_part
+from core.kernels.simd import (
+    LANES,
+    bits,
+    broadcast,
+    fetch_add,
+    lane_maximum,
+    load,
+    lowest_set_bit,
+    maximum,
+    minimum,
+    multiply_add,
+    prefetch,
+    select,
+    store,
+)
 from core.rasterizer.contract import STOP_TRANSMITTANCE
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import SLOT, SPLAT
@@ -18,21 +33,6 @@ from core.rasterizer.cpu.blend import (
     write_row_terms,
 )
 from core.rasterizer.cpu.footprint import TILE
-from core.simd import (
-    LANES,
-    bits,
-    broadcast,
-    fetch_add,
-    lane_maximum,
-    load,
-    lowest_set_bit,
-    maximum,
-    minimum,
-    multiply_add,
-    prefetch,
-    select,
-    store,
-)
 
 STOP = np.float32(STOP_TRANSMITTANCE)
 

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from core.compiled import exact_part
+from core.kernels.compiled import exact_part
 
 TILE = 16  # pixels a side; two chunks of eight across
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.compiled import part
+from core.kernels.compiled import part
 from core.rasterizer.cpu.vectors import add, scaled
 from core.scene.harmonics import SH_0, SH_1, SH_2, SH_3
 

@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from core.compiled import kernel, part
+from core.kernels.compiled import kernel, part
+from core.kernels.simd import fetch_add
 from core.rasterizer.contract import (
     ALPHA_MIN,
     BLUR_PX2,
@@ -19,7 +20,6 @@ from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
 from core.rasterizer.cpu.vectors import cross, dot, row, scaled, subtract
 from core.scene.splats import QUATERNION_MIN_NORM2
-from core.simd import fetch_add
 
 BLOCK = 512  # Gaussians a thread takes at a time
 HALF_LOG2_E = 0.5 * math.log2(math.e)

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from core.compiled import kernel, part
+from core.kernels.compiled import kernel, part
+from core.kernels.simd import fetch_add
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.blend_backward import (
     SLOT_COLUMNS,
@@ -32,7 +33,6 @@ from core.rasterizer.cpu.project import (
     slopes_of,
 )
 from core.rasterizer.cpu.vectors import add, dot, row, scaled, subtract
-from core.simd import fetch_add
 
 
 @kernel

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from core.compiled import part
+from core.kernels.compiled import part
 
 
 @part

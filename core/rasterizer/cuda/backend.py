@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadSetting
+from core.kernels.triton_launch import UNFUSED, blocks, interpreted
 from core.rasterizer import inputs
 from core.rasterizer.contract import BLACK, Colour, Rendering, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
@@ -16,7 +17,6 @@ from core.rasterizer.cuda.footprint import COLUMNS, TILE
 from core.rasterizer.cuda.view import view_of
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.triton_launch import UNFUSED, blocks, interpreted
 
 SLOT_COLUMNS = blend_backward.SLOT_COLUMNS.value
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),

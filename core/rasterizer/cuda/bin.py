@@ -14,10 +14,10 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from core.kernels.triton_launch import UNFUSED, blocks
 from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.footprint import touched_columns, touched_rows
 from core.rasterizer.cuda.view import HEIGHT, WIDTH
-from core.triton_launch import UNFUSED, blocks
 
 BLOCK, WARPS = 128, 4  # Gaussians a program, one a thread
 TILES_OF_16_BITS = 2**15 - 1

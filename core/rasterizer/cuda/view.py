@@ -4,9 +4,9 @@ import torch
 import triton.language as tl
 from torch import Tensor
 
-from core.device import sent
 from core.rasterizer.contract import jacobian_limits
 from core.scene.camera import Camera
+from core.system.device import sent
 
 # Where what stands in the array. The centre as two floats, of which the first is it rounded: their sum is good to 14 digits,
 # so that a mean far from the origin loses nothing when the centre is taken from it.

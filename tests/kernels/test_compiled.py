@@ -7,7 +7,7 @@ from numba import njit
 from numba.core import event
 from numba.core.errors import TypingError
 
-from core.compiled import exact_kernel, exact_part
+from core.kernels.compiled import exact_kernel, exact_part
 
 
 class Watch(event.Listener):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from core import device
 from core.errors import BadInput, BadSetting, TrainingStopped
 from core.looks.trained import load_run
 from core.pipeline import resume
+from core.system import device
 from core.training import checkpoint, run
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.trainer import Trainer

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from core.threads import threads
+from core.system.threads import threads
 
 FEW = 4  # cores: more would burn more than a step can use
 PROCESSOR = Path("/proc/cpuinfo")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from core import simd
+from core.kernels import simd
 
 
 @njit

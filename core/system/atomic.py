@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from core.errors import FULL, BadInput, WegsError, command, disk_full, not_made
-from core.lock import taken
+from core.system.lock import taken
 
 TEMPORARY = ".wegs-"  # in the names of temporary folders
 FRESH_S = 60  # one that is younger may be about to be held

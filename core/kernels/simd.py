@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-from core.compiled import exact_part
+from core.kernels.compiled import exact_part
 
 LANES = 8
 

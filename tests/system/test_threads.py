@@ -7,8 +7,8 @@ import threading
 import pytest
 import torch
 
-import core.threads
-from core.threads import beside, in_parallel, one_torch_thread, threads_for_blocks
+import core.system.threads
+from core.system.threads import beside, in_parallel, one_torch_thread, threads_for_blocks
 
 
 @pytest.fixture(params=[1, 2, 4])
@@ -104,7 +104,7 @@ def test_a_busy_thread_is_not_waited_for():
 
 def test_blocks_keep_the_threads_that_torch_gives_up(threads):
     with threads_for_blocks():
-        assert (torch.get_num_threads(), core.threads.threads()) == (1, threads)
+        assert (torch.get_num_threads(), core.system.threads.threads()) == (1, threads)
         with threads_for_blocks():
-            assert core.threads.threads() == threads
-    assert (torch.get_num_threads(), core.threads.threads()) == (threads, threads)
+            assert core.system.threads.threads() == threads
+    assert (torch.get_num_threads(), core.system.threads.threads()) == (threads, threads)

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from core import awake
+from core.system import awake
 
 linux = pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="SCHED_IDLE is Linux's")
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 KILLED = """
 import os, signal, subprocess
-from core import awake
+from core.system import awake
 
 awake.worthwhile, awake.threads = lambda wanted: True, lambda: 1
 started = subprocess.Popen

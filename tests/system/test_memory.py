@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from core import memory
 from core.errors import BadSetting
+from core.system import memory
 from core.training import pictures
 from wegs_cli.main import wegs
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux limits a process")
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TAKE = """
 import sys
-from core.memory import hold_to
+from core.system.memory import hold_to
 hold_to(1.5)
 import torch
 from wegs_cli.main import explain

@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 import torch
 
-from core.data import photos
 from core.data.collection import Photo
+from core.data.photos.pixels import read_pixels
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.export.pictures import to_8_bit
@@ -86,9 +86,9 @@ def sheet(trained: Run, styles: tuple[str, ...], photo: Photo, report: Report = 
     for style, look in zip(styles, looks, strict=True):
         if not Path(style).is_file():
             raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
-        row = [photos.read(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]
+        row = [read_pixels(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]
         truth = truths(trained, style).get(photo.name)
-        rows.append([tile(picture, TILE_PX) for picture in (row if truth is None else [*row, photos.read(truth)])])
+        rows.append([tile(picture, TILE_PX) for picture in (row if truth is None else [*row, read_pixels(truth)])])
     first = looks[0] if len(looks) > 1 else neutral
     strip = [rendered(trained, blend(first, looks[-1], share), photo) for share in np.linspace(0, 1, FRAMES)]
     width = max(sum(picture.shape[1] for picture in row) for row in rows)
@@ -136,7 +136,7 @@ def nearness(trained: Run, style: str, report: Report = QUIET) -> str | None:
     found: dict[str, list[float]] = {}
     for name, path in known.items():
         camera = trained.camera(trained.collection.view(name))
-        pixels = cv2.resize(photos.read(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+        pixels = cv2.resize(read_pixels(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         truth = torch.from_numpy(pixels).to(trained.device).float() / 255
         looks = {"own": own, "neutral": find_appearance(trained, "neutral")} | seen
         fitted = refined(trained, own, camera, truth, None)

@@ -20,7 +20,7 @@ import torch
 
 from core.data import load_collection
 from core.data.collection import Collection, Photo
-from core.data.locate import locate
+from core.data.sfm.locate import locate
 from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refining
 from core.looks.held_out_views import held_out_view

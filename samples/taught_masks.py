@@ -22,8 +22,9 @@ from torch import Tensor
 
 from core.appearance.encoder import PlainMask, shrink
 from core.config import Settings
-from core.data import load_collection, photos
+from core.data import load_collection
 from core.data.collection import Collection
+from core.data.photos.pixels import read_pixels
 from core.errors import BadInput
 from core.evaluation.metrics import mask_iou
 from core.evaluation.truth import load_truth
@@ -59,7 +60,7 @@ def known(collection: Collection, split: str) -> list[Taught]:
     for photo in collection.split(split):
         static = load_truth(collection.root, photo.name, photo.camera.width, photo.camera.height).static
         if static is not None:
-            picture = torch.from_numpy(photos.read(photo.path)).permute(2, 0, 1).float() / 255
+            picture = torch.from_numpy(read_pixels(photo.path)).permute(2, 0, 1).float() / 255
             pairs.append((shrink(picture, Settings().encoder_side_px), static))
     return pairs
 

@@ -22,8 +22,9 @@ import numpy as np
 import torch
 
 from core.config import Settings, preset
-from core.data import load_collection, photos
+from core.data import load_collection
 from core.data.collection import Collection, Photo
+from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from core.evaluation.metrics import psnr, quantised
 from core.looks.held_out_views import held_out_view
@@ -63,7 +64,7 @@ def without(collection: Collection, by: str) -> Collection:
 
     def key(photo: Photo) -> float:
         height = max(1, SMALL_PX * photo.camera.height // photo.camera.width)
-        return LIGHTS[by](*photos.load(photo, SMALL_PX, height).pixels.mean(axis=(0, 1)))
+        return LIGHTS[by](*load_photo(photo, SMALL_PX, height).pixels.mean(axis=(0, 1)))
 
     ranked = sorted(collection.split("train"), key=key)
     held_out = {photo.name for photo in ranked[: len(ranked) // 4]}

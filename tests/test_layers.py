@@ -84,7 +84,7 @@ def test_imports_point_down(path):
         ("core/scene/camera.py", "from core.rasterizer import create", "above"),
         ("core/scene/camera.py", "from .. import training", "above"),
         ("core/evaluation/metrics.py", "import core.training.losses", "beside"),
-        ("core/data/photos.py", "def late():\n    from core.export import ply", "beside"),
+        ("core/data/split.py", "def late():\n    from core.export import ply", "beside"),
         ("core/looks/trained.py", "from core.pipeline.training import train", "above"),
         ("core/pipeline/baking.py", "from core.bench import suite", "above"),
         ("core/pipeline/training.py", "from core.doctor.views import cameras_beside", "beside"),

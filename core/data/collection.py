@@ -11,6 +11,7 @@ import numpy as np
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+from core.scene.lens import Lens
 from core.words import is_of_split
 
 Item = TypeVar("Item")
@@ -22,8 +23,7 @@ FAR = 100.0  # times the median camera's distance from the scene's centre
 class Photo:
     """A posed photo. `camera`: a pinhole in the scene frame, at the size of the photo on disk (as displayed).
 
-    lens: the COLMAP camera as {"model", "width", "height", "params"} if the file is distorted (core.data.photos undistorts with it), else
-    None. With "orientation" (EXIF's) it is the lens of the pixels as stored, else of the picture as displayed.
+    lens: that of the file if it is distorted, else None.
     points: indices into Collection.points of the SfM points it sees; none of a photo from outside.
     mask: a picture, white where training uses the photo (core.data.given_masks), or None. mask_lens: as lens, if the photo is an
     undistorted copy and the mask was drawn on the original.
@@ -34,9 +34,9 @@ class Photo:
     camera: Camera
     split: str  # "train" or "test"
     points: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    lens: dict | None = None
+    lens: Lens | None = None
     mask: Path | None = None
-    mask_lens: dict | None = None
+    mask_lens: Lens | None = None
 
     def stands_as(self, other: "Photo") -> bool:
         """Whether both have the same split and the same camera, up to rounding, which differs between processors."""

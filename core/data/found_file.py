@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from unicodedata import normalize
 
-from core.data.photo_folder import SUFFIXES, list_photos
+from core.data.photos.folder import SUFFIXES, list_photos
 from core.data.placing import View
 from core.words import Note, name_them
 

@@ -6,10 +6,11 @@ from math import log
 from pathlib import Path
 
 from core.data.collection import Collection, Photo, relative_path
-from core.data.photo_file import named_with_fault, probe
-from core.data.photo_folder import SUFFIXES, list_photos
-from core.data.sfm_record import lenses_of
+from core.data.photos.file import named_with_fault, probe
+from core.data.photos.folder import SUFFIXES, list_photos
+from core.data.sfm.originals import lenses_of
 from core.errors import BadInput
+from core.scene.lens import Lens
 from core.words import Note, Reasons, counted, is_harmless
 
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
@@ -58,7 +59,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     return found
 
 
-def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: dict | None) -> Photo:
+def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:
     """The photo with its mask, of this `size` (px). taken_through: the lens of the original photo, where the photo's file is an undistorted
     copy of it; the mask is then one of the original, unless it has the size of the copy."""
     copy = replace(photo, mask=mask, mask_lens=None)
@@ -68,7 +69,7 @@ def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: di
 def size_for_mask(photo: Photo) -> tuple[int, int]:
     """Width and height (px) of the picture that the photo's mask was drawn on: the photo, or the original that it is an undistorted copy of."""
     lens = photo.mask_lens
-    return (photo.camera.width, photo.camera.height) if lens is None else (lens["width"], lens["height"])
+    return (photo.camera.width, photo.camera.height) if lens is None else (lens.width, lens.height)
 
 
 def fits(size: tuple[int, int], wanted: tuple[int, int]) -> bool:
@@ -98,7 +99,7 @@ def with_masks_by_name(collection: Collection, masks: dict[str, Path], source: P
     return replace(collection, photos=tuple(photos), notes=(*collection.notes, summary, *said.notes()))
 
 
-def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: dict | None, said: Reasons) -> Photo:
+def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | None, said: Reasons) -> Photo:
     """The photo with its mask, or without one if the mask cannot be used; what is odd about it goes into `said`."""
     whole = replace(photo, mask=None, mask_lens=None)
     if mask is None:

@@ -4,13 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.colmap import find_model, kind_of, lacks_photos, read_colmap
-from core.data.kept_points import home_of, read_kept, scene_of
+from core.data.formats.colmap import find_model, kind_of, lacks_photos, read_colmap
+from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
+from core.data.formats.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
 from core.data.made import is_of_run
-from core.data.nerf_osr import find_nerf_osr, read_nerf_osr
-from core.data.photo_folder import list_photos, no_photos
+from core.data.photos.folder import list_photos, no_photos
 from core.data.posed import Posed, collect
-from core.data.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
+from core.data.sfm.kept_points import home_of, read_kept, scene_of
 from core.errors import BadInput, command
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")

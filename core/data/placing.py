@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data import lens as lenses
-from core.data.photo_file import Header, named_with_fault, probe
+from core.data.photos import distortion
+from core.data.photos.file import Header, named_with_fault, probe
 from core.errors import BadInput
 from core.scene.camera import Camera
+from core.scene.lens import Lens
 from core.words import Note, Reasons, counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
@@ -42,7 +43,7 @@ class Placed:
     """camera: a pinhole in world units, at the size the photo has as displayed. lens: as in Photo."""
 
     camera: Camera
-    lens: dict | None
+    lens: Lens | None
 
 
 @dataclass
@@ -74,7 +75,7 @@ class Placing:
         if lens.is_spherical():
             self.said.add(f"taken by a panorama camera ({lens.model_name}), not used", view.name)
             return None
-        if not lenses.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (view.rotation, view.centre)):
+        if not distortion.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (view.rotation, view.centre)):
             self.said.add("with a camera or pose that is broken, not used", view.name)
             return None
         return self._fit(view, lens, header)
@@ -88,24 +89,20 @@ class Placing:
             self.said.add("of another shape than the camera says, not used", f"{view.name} ({sizes})")
             return None
         orientation = header.orientation if stored else 1
-        if orientation not in lenses.TURNS:
+        if orientation not in distortion.TURNS:
             self.said.add("mirrored by EXIF orientation, not used", view.name)
             return None
         width, height = (header.width, header.height) if stored else header.displayed
-        camera = Camera(view.rotation, view.centre, *lenses.pinhole(lens, width, height), width, height)
-        description = None
-        if not lenses.is_pinhole(lens):
-            self.undistorted += 1
-            description = lenses.describe(lens)
+        camera = Camera(view.rotation, view.centre, *distortion.pinhole(lens, width, height), width, height)
+        distorted = not distortion.is_pinhole(lens)
+        self.undistorted += distorted
         if orientation != 1:
             self.said.add("turned by EXIF orientation, camera and all", view.name, harmless=True)
-            camera = lenses.turned(camera, orientation)
-            if description is not None:
-                description["orientation"] = orientation
+            camera = distortion.turned(camera, orientation)
         self.placed += 1
         if not is_usual(lens):
             self.unusual.append(f"{view.name} ({camera.fx:.3g} px at a width of {camera.width})")
-        return Placed(camera, description)
+        return Placed(camera, distortion.lens_of(lens, orientation) if distorted else None)
 
     def notes(self) -> list[str]:
         """One line for each reason that occurred."""

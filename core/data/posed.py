@@ -8,7 +8,7 @@ import numpy as np
 
 from core.data.collection import FAR, Collection, Photo, astray
 from core.data.given_masks import with_masks_by_name
-from core.data.photo_folder import copies_among
+from core.data.photos.folder import copies_among
 from core.data.placing import LARGEST_COORDINATE, Placing, View
 from core.data.split import split_photos
 from core.errors import BadInput, command

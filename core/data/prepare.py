@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.found_cameras import scene_of_photos
-from core.data.kept_points import points_beside
 from core.data.load import count_photos, find_kind, find_photos, load_collection
-from core.data.photo_folder import fuller_below, list_photos
-from core.data.sfm_record import shortfall
+from core.data.photos.folder import fuller_below, list_photos
+from core.data.sfm.kept_cameras import scene_of_photos
+from core.data.sfm.kept_points import points_beside
+from core.data.sfm.originals import shortfall
 from core.data.split import copy_lists
 from core.report import Report
 from core.words import counted

@@ -8,7 +8,7 @@ import torch
 
 from core.config import Settings
 from core.data.collection import spread_over
-from core.data.photo_file import named_with_fault
+from core.data.photos.file import named_with_fault
 from core.doctor import views
 from core.doctor.finding import Finding, part
 from core.doctor.gaussians import look_at_gaussians

@@ -8,17 +8,17 @@ import numpy as np
 
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
-from core.data import photos as files
 from core.data.collection import Collection, Photo, astray
-from core.data.features import LEAST_PHOTOS
-from core.data.found_cameras import scene_around
-from core.data.kept_points import scene_of
-from core.data.likely_pairs import PAIR_S, most_pairs
 from core.data.load import FOUND_BY_SFM
-from core.data.photo_file import named_with_fault
-from core.data.photo_folder import fuller_below, list_photos, list_unreadable
+from core.data.photos.file import named_with_fault
+from core.data.photos.folder import fuller_below, list_photos, list_unreadable
+from core.data.photos.pixels import load_photo, read_pixels
 from core.data.placing import USUAL_FOCAL_LENGTHS
-from core.data.sfm_record import placed_of, shortfall
+from core.data.sfm.features import LEAST_PHOTOS
+from core.data.sfm.kept_cameras import scene_around
+from core.data.sfm.kept_points import scene_of
+from core.data.sfm.likely_pairs import PAIR_S, most_pairs
+from core.data.sfm.originals import placed_of, shortfall
 from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
@@ -160,7 +160,7 @@ def _photos(collection: Collection, report: Report) -> list[Finding]:
         width = min(SMALL_PX, photo.camera.width)
         height = max(1, round(photo.camera.height * width / photo.camera.width))
         try:
-            picture = files.load(photo, width, height, cut_out=cut_out)
+            picture = load_photo(photo, width, height, cut_out=cut_out)
         except BadInput as problem:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
@@ -185,7 +185,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
     for number, path in enumerate(paths):
         report.progress("Photos", number + 1, len(paths), path.name)
         try:
-            pixels = files.read(path)
+            pixels = read_pixels(path)
         except BadInput as problem:
             unusable[named_with_fault(path.name, path, problem)] = problem.fix
             continue

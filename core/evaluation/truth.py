@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.data.collection import relative_path
-from core.data.kept_points import home_of
-from core.data.photos import read
+from core.data.photos.pixels import read_pixels
+from core.data.sfm.kept_points import home_of
 from core.errors import BadInput
 
 FOLDER = "truth"
@@ -52,7 +52,7 @@ def _read(path: Path, width: int, height: int) -> np.ndarray | None:
     if not path.is_file():
         return None
     try:
-        pixels = read(path)
+        pixels = read_pixels(path)
     except BadInput as problem:
         raise BadInput(problem.what, f"Restore it, or remove the folder {FOLDER}.") from None
     if pixels.shape[:2] != (height, width):

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import torch
 
-from core.data import photos as files
-from core.data import sfm_record
 from core.data.collection import Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
 from core.data.made import read_mark
-from core.data.photo_file import probe
+from core.data.photos.file import probe
+from core.data.photos.pixels import read_light
+from core.data.sfm import originals
 from core.errors import BadInput
 from core.looks import saved_look
 from core.looks.outside import light_in_words, read_from_outside
@@ -71,7 +71,7 @@ def _of_collection(trained: Run, word: str) -> Photo | None:
     if not path.is_file():
         return collection.called(word)
     same = next((photo for photo in collection.photos if photo.path.is_file() and photo.path.samefile(path)), None)
-    made_of = sfm_record.name_in(collection.root, path)
+    made_of = originals.name_in(collection.root, path)
     return same or next((photo for photo in collection.photos if photo.name == made_of), None)
 
 
@@ -89,9 +89,9 @@ def find_view(trained: Run, word: str | None) -> Photo:
 def _left_out(trained: Run, word: str) -> Path | None:
     """The file called `word`, with or without suffix, that structure from motion was given but could not place."""
     root = trained.collection.root
-    names = read_mark(root / sfm_record.NAMES)
+    names = read_mark(root / originals.NAMES)
     known = {photo.name for photo in trained.collection.photos}
-    lost = [Path(path) for path in read_mark(root / sfm_record.FILES) if names and names.get(path) not in known]
+    lost = [Path(path) for path in read_mark(root / originals.FILES) if names and names.get(path) not in known]
     return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
 
 
@@ -102,7 +102,7 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, repor
         _refuse_unknown_to_table(trained, photo.name)
     if mask is not None:
         size = probe(mask).displayed
-        photo = with_mask(photo, mask, size, sfm_record.lenses_of(trained.collection.root).get(photo.name))
+        photo = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, size_for_mask(photo))
     kind = "training" if row is not None else "held-out"
     look = partial(Appearance, Path(photo.name).stem, f"{kind} photo {photo.name}")
@@ -117,7 +117,7 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     _refuse_unknown_to_table(trained, str(path))
     if mask is not None:
         check_fits(mask, probe(mask).displayed, probe(path).displayed)
-    pixels = files.read_light(path, mask)
+    pixels = read_light(path, mask)
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 from core.data.collection import Photo
-from core.data.photo_file import named_with_fault
+from core.data.photos.file import named_with_fault
 from core.errors import BadInput
 from core.evaluation.protocols import View
 from core.evaluation.truth import load_truth

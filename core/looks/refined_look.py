@@ -9,11 +9,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.appearance.refinement import STEPS, refinement
-from core.data import landmarks, load_collection
-from core.data import photos as files
+from core.data import load_collection
 from core.data.collection import Photo
-from core.data.landmarks import Landmarks, landmarks_of
-from core.data.locate import locate
+from core.data.photos.pixels import load_photo
+from core.data.sfm import landmarks
+from core.data.sfm.landmarks import Landmarks, landmarks_of
+from core.data.sfm.locate import locate
 from core.errors import BadInput, WegsError
 from core.looks.trained import Appearance, Run
 from core.report import QUIET, Report
@@ -50,7 +51,7 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
         photo = Photo(path.name, path, found.camera, "test", mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
-        picture = files.load(photo, camera.width, camera.height, trained.is_cut_out)
+        picture = load_photo(photo, camera.width, camera.height, trained.is_cut_out)
     except BadInput:  # nothing is left of a mask in a smaller picture
         return as_read("too little of it is left at the size at which it is drawn")
     pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from core.data.made import FADE
-from core.data.photo_folder import SUFFIXES
+from core.data.photos.folder import SUFFIXES
 from core.errors import BadSetting, WegsError
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks.find_look import find_appearance, find_view

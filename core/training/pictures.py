@@ -13,9 +13,9 @@ from torch import Tensor
 
 from core.appearance.encoder import shrink
 from core.config import AUTO_PIXELS, Settings
-from core.data import photos as files
 from core.data.collection import Photo
-from core.data.photo_file import named_with_fault
+from core.data.photos.file import named_with_fault
+from core.data.photos.pixels import load_photo
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.system import memory
@@ -70,7 +70,7 @@ class Sizes:
 class Picture:
     """A decoded photo. pixels: (H, W, 3) uint8. valid: (H, W) bool or None. camera: at this size. encoder_input: (3, h, w).
 
-    empty: (H, W) uint8 or None, as core.data.photos has it.
+    empty: (H, W) uint8 or None, as core.data.photos.pixels has it.
     """
 
     photo: Photo
@@ -94,7 +94,7 @@ def load_picture(photo: Photo, sizes: Sizes, device: torch.device = CPU, cut_out
     device: of the encoder's input; the pixels stay in the machine's own memory. cut_out: what is transparent is empty.
     """
     camera = sizes.camera(photo)
-    loaded = files.load(photo, camera.width, camera.height, cut_out)
+    loaded = load_photo(photo, camera.width, camera.height, cut_out)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
     return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
 

@@ -17,13 +17,14 @@ import numpy as np
 
 import core
 from core.config import Settings
-from core.data import landmarks
 from core.data.collection import Collection, Photo
-from core.data.kept_points import home_of
 from core.data.made import CONFIG, followed, is_of_run, path_within, read_mark, way_to
+from core.data.sfm import landmarks
+from core.data.sfm.kept_points import home_of
 from core.errors import BadInput, BadSetting, not_made
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
+from core.scene.lens import Lens
 from core.system.atomic import check_folder, write_json, write_text
 from core.training import checkpoint, viewer_files
 from core.training.backdrop import is_cut_out
@@ -218,9 +219,9 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
         "path": path_within(photo.path, home),
         "split": photo.split,
         "camera": camera,
-        "lens": photo.lens,
+        "lens": photo.lens and asdict(photo.lens),
         "mask": None if photo.mask is None else path_within(photo.mask, home),
-        "mask_lens": photo.mask_lens,
+        "mask_lens": photo.mask_lens and asdict(photo.mask_lens),
     }
 
 
@@ -231,14 +232,14 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
     }
     nothing = np.zeros(0, dtype=np.int64)
     path = home / values["path"]  # an absolute path stays as it is
-    mask = values.get("mask")  # runs made before there were given masks have none
+    lens, mask, mask_lens = (values.get(key) for key in ("lens", "mask", "mask_lens"))  # runs made before there were given masks have none
     return Photo(
         values["name"],
         path,
         Camera(**camera),
         values["split"],
         points=nothing,
-        lens=values["lens"],
+        lens=lens and Lens(**lens),
         mask=None if mask is None else home / mask,
-        mask_lens=values.get("mask_lens"),
+        mask_lens=mask_lens and Lens(**mask_lens),
     )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from core.data.landmarks import landmarks_of
+from core.data.sfm.landmarks import landmarks_of
 from core.report import Report
 from tests.data.room_corner import corner_with_points
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.colmap import find_model
-from core.data.model_file import read_model
+from core.data.formats.colmap import find_model
+from core.data.formats.model_file import read_model
 
 LENS_TERMS = {
     "SIMPLE_PINHOLE": (),

@@ -6,8 +6,8 @@ import pytest
 
 from core.data import load_collection
 from tests.data.converted import changed, write_nerfstudio
+from tests.data.formats.test_colmap import check_geometry, notes_with
 from tests.data.small_scene import SmallScene
-from tests.data.test_colmap import check_geometry, notes_with
 
 
 def renamed(tmp_path, names):

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data import lens as lenses
 from core.data.given_masks import (
     check_fits,
     check_masks,
@@ -16,12 +15,14 @@ from core.data.given_masks import (
     with_masks_in,
     with_same_masks,
 )
-from core.data.photos import load, read, read_light
+from core.data.photos import distortion
+from core.data.photos.pixels import load_photo, read_light, read_pixels
 from core.errors import BadInput
+from core.scene.lens import Lens
 from core.training import run
+from tests.data.photos.test_distortion import HEIGHT, WIDTH, SmallScene, load_collection
+from tests.data.photos.test_pixels import noise, photo_at, save
 from tests.data.small_scene import add_exif, exif_block
-from tests.data.test_lens import HEIGHT, WIDTH, SmallScene, load_collection
-from tests.data.test_photos import noise, photo_at, save
 from tests.small import small_collection, small_settings
 
 
@@ -155,26 +156,26 @@ def test_a_mask_that_is_missing_is_called_so(collection, tmp_path):
     assert found.photos[0].mask is None and "0 photos with a mask" in found.notes[-3]
     assert found.notes[-2] == f"2 photos whose mask is missing, used whole: photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
     with pytest.raises(BadInput, match="The mask .*gone.png cannot be opened"):
-        load(replace(found.photos[1], mask=tmp_path / "gone.png"), 48, 36)
+        load_photo(replace(found.photos[1], mask=tmp_path / "gone.png"), 48, 36)
 
 
 def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
     """COLMAP's copy of such a photo is of another shape than the photo."""
-    lens = {"model": "SIMPLE_RADIAL", "width": 160, "height": 106, "params": [112.0, 80.0, 53.0, -0.25]}
+    lens = Lens("SIMPLE_RADIAL", 160, 106, [112.0, 80.0, 53.0, -0.25])
     photo = photo_at(save(tmp_path / "copy.png", np.zeros((114, 199, 3), np.uint8)), 199, 114)
     photo = replace(photo, camera=replace(photo.camera, fx=112.0, fy=112.0))
     found = with_mask(photo, save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50]), (160, 106), lens)
     check_fits(found.mask, (160, 106), size_for_mask(found))
-    assert 0.2 < load(found, 199, 114).valid.mean() < 0.8
+    assert 0.2 < load_photo(found, 199, 114).valid.mean() < 0.8
 
 
 def test_beyond_the_edges_of_a_mask_all_is_used(tmp_path):
-    lens = {"model": "SIMPLE_RADIAL", "width": 160, "height": 106, "params": [112.0, 80.0, 53.0, -0.25]}
+    lens = Lens("SIMPLE_RADIAL", 160, 106, [112.0, 80.0, 53.0, -0.25])
     photo = photo_at(save(tmp_path / "copy.png", np.zeros((114, 199, 3), np.uint8)), 199, 114)
     photo = replace(photo, camera=replace(photo.camera, fx=80.0, fy=80.0))
     mask = save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50])  # black up to its edges
-    _, seen = lenses.undistort(np.zeros((106, 160, 1), np.uint8), lens, photo.camera)
-    valid = load(with_mask(photo, mask, (160, 106), lens), 199, 114).valid
+    _, seen = distortion.undistort(np.zeros((106, 160, 1), np.uint8), lens, photo.camera)
+    valid = load_photo(with_mask(photo, mask, (160, 106), lens), 199, 114).valid
     assert (~seen[:50]).sum() > 100 and valid[~seen].all() and not valid[:50][seen[:50]].any()
 
 
@@ -182,10 +183,10 @@ def test_beyond_the_edges_of_a_mask_all_is_used(tmp_path):
 def test_a_mask_lies_on_the_photo_as_displayed(tmp_path, orientation):
     path = save(tmp_path / "a.png", noise())
     add_exif(path, exif_block(orientation))
-    whole = read(path)
+    whole = read_pixels(path)
     height, width = whole.shape[:2]
     mask = save_mask(tmp_path / "m.png", height, width, np.s_[: height // 3, : width // 2])
-    picture = load(replace(photo_at(path, width, height), mask=mask), width, height)
+    picture = load_photo(replace(photo_at(path, width, height), mask=mask), width, height)
     use = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE) == 255
     np.testing.assert_array_equal(picture.valid, use)
     np.testing.assert_array_equal(picture.pixels[use], whole[use])
@@ -200,7 +201,7 @@ def test_what_is_transparent_and_what_a_mask_hides_are_both_invalid(tmp_path):
     path, mask = save(tmp_path / "a.png", pixels), save_mask(tmp_path / "m.png", hidden=np.s_[6:20, 20:40])
     expected = np.ones((36, 48), bool)
     expected[:12, :30] = expected[6:20, 20:40] = False
-    np.testing.assert_array_equal(load(replace(photo_at(path, 48, 36), mask=mask), 48, 36).valid, expected)
+    np.testing.assert_array_equal(load_photo(replace(photo_at(path, 48, 36), mask=mask), 48, 36).valid, expected)
 
 
 def test_masks_of_other_sizes_and_shrunk_photos(tmp_path):
@@ -209,9 +210,9 @@ def test_masks_of_other_sizes_and_shrunk_photos(tmp_path):
     photo = replace(photo_at(path, 96, 64), mask=half)
     expected = np.ones((64, 96), bool)
     expected[16:32, 32:64] = False
-    np.testing.assert_array_equal(load(photo, 96, 64).valid, expected)
+    np.testing.assert_array_equal(load_photo(photo, 96, 64).valid, expected)
     # Shrunk, a pixel is hidden if any of it is: rows 16 to 31 of 64 are 4 to 7 of 16.
-    np.testing.assert_array_equal(load(photo, 24, 16).valid, expected[::4, ::4])
+    np.testing.assert_array_equal(load_photo(photo, 24, 16).valid, expected[::4, ::4])
 
 
 def test_a_mask_is_undistorted_with_its_photo(tmp_path):
@@ -222,8 +223,8 @@ def test_a_mask_is_undistorted_with_its_photo(tmp_path):
     hidden = cv2.imread(str(marked), cv2.IMREAD_GRAYSCALE) == 0
     stored[hidden], stored[~hidden] = 0, 255
     painted = save(tmp_path / "painted.png", stored)  # the photo itself shows its mask
-    picture = load(replace(photo, path=painted), WIDTH, HEIGHT)
-    masked = load(replace(photo, path=painted, mask=marked), WIDTH, HEIGHT)
+    picture = load_photo(replace(photo, path=painted), WIDTH, HEIGHT)
+    masked = load_photo(replace(photo, path=painted, mask=marked), WIDTH, HEIGHT)
     assert not (picture.pixels[masked.valid] < 250).any()  # nothing dark is left to be used
     rim = picture.valid is not None and ~picture.valid
     dark = (picture.pixels < 128).all(axis=2) | rim
@@ -235,7 +236,7 @@ def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
     path = save(tmp_path / "a.png", noise())
     mask = save(tmp_path / "m.png", np.ones((30, 44), np.uint8))  # white as 1, not 255
     with pytest.raises(BadInput, match=r"a.png is left with 0.0% .* White \(255\)"):
-        load(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
+        load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
     with pytest.raises(BadInput, match="White"):
         read_light(path, mask)
 
@@ -246,33 +247,33 @@ def test_a_mask_that_leaves_less_than_a_hundredth_is_a_mistake(tmp_path, rows, i
     photo = replace(photo_at(path, 20, 200), mask=mask)
     if is_mistake:
         with pytest.raises(BadInput, match=r"a.png is left with 0.5% of its pixels by its mask .*m.png"):
-            load(photo, 20, 200)
+            load_photo(photo, 20, 200)
     else:
-        assert load(photo, 20, 200).valid.sum() == rows * 20
+        assert load_photo(photo, 20, 200).valid.sum() == rows * 20
 
 
 def test_the_mask_of_a_photo_as_it_was_taken_lies_on_its_undistorted_copy(tmp_path):
     """A black disc near the corner, which the lens bent towards the middle, is hidden all of it, and little else."""
     width, height = 160, 120
-    lens = {"model": "SIMPLE_RADIAL", "width": width, "height": height, "params": [130.0, 80.0, 60.0, -0.25]}
+    lens = Lens("SIMPLE_RADIAL", width, height, [130.0, 80.0, 60.0, -0.25])
     taken = np.full((height, width, 3), 255, np.uint8)
     cv2.circle(taken, (22, 20), 9, (0, 0, 0), -1)
     photo = photo_at(tmp_path / "copy.png", width + 8, height + 6)
     photo = replace(photo, camera=replace(photo.camera, fx=130.0, fy=130.0, cx=84.0, cy=63.0))
-    copy, _ = lenses.undistort(taken, lens, photo.camera)
+    copy, _ = distortion.undistort(taken, lens, photo.camera)
     save(photo.path, copy)
     mask = save(tmp_path / "mask.png", taken[..., 0])
     disc = copy[..., 0] < 128
-    hidden = ~load(with_mask(photo, mask, (width, height), lens), width + 8, height + 6).valid
+    hidden = ~load_photo(with_mask(photo, mask, (width, height), lens), width + 8, height + 6).valid
     assert (hidden == disc).all() and disc.sum() > 200
-    stretched = ~load(with_mask(photo, mask, (width, height), None), width + 8, height + 6).valid
+    stretched = ~load_photo(with_mask(photo, mask, (width, height), None), width + 8, height + 6).valid
     assert (disc & ~stretched).sum() > 20
     own = with_mask(photo, save(tmp_path / "own.png", copy[..., 0]), (width + 8, height + 6), lens)  # drawn on the copy, whose size tells
-    assert own.mask_lens is None and (~load(own, width + 8, height + 6).valid == disc).all()
+    assert own.mask_lens is None and (~load_photo(own, width + 8, height + 6).valid == disc).all()
 
 
 def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tmp_path):
-    mask, lens = save_mask(tmp_path / "masks" / "photo_0.png", 72, 96), {"model": "SIMPLE_RADIAL", "width": 96, "height": 72, "params": [1, 2, 3, 4]}
+    mask, lens = save_mask(tmp_path / "masks" / "photo_0.png", 72, 96), Lens("SIMPLE_RADIAL", 96, 72, [1, 2, 3, 4])
     first = with_mask(collection.photos[0], mask, (96, 72), lens)
     collection = replace(collection, photos=(first, *collection.photos[1:]))
     run.create(tmp_path / "run", collection, small_settings())

@@ -10,7 +10,7 @@ import pytest
 from core.data import find_kind, find_photos, load_collection, prepare
 from core.data.collection import png_paths, relative_path
 from core.data.load import check_cameras_unknown
-from core.data.photos import load
+from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from tests.data.converted import write_nerfstudio
 from tests.data.small_scene import SmallScene
@@ -205,7 +205,7 @@ def test_real_collections(name, kind, train, test, points):
         inside = (pixels > -margin) & (pixels < np.array([photo.camera.width, photo.camera.height]) + margin)
         assert inside.all() and (depth > 0).all()
     photo = collection.photos[0]
-    picture = load(photo, photo.camera.width // 3, photo.camera.height // 3)
+    picture = load_photo(photo, photo.camera.width // 3, photo.camera.height // 3)
     assert picture.pixels.std() > 20  # a photo, not a flat fill
 
 

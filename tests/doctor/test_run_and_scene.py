@@ -9,9 +9,9 @@ import torch
 from click.testing import CliRunner
 
 from core import pipeline
-from core.data import sfm, sfm_record
 from core.data.made import write_mark
 from core.data.prepare import prepared
+from core.data.sfm import originals
 from core.doctor import Finding, examine
 from core.doctor.finding import verdict
 from core.errors import BadInput
@@ -270,9 +270,9 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place)
 def mark_as_made(scene, placed, total, focal_px):
     """As if `placed` of `total` photos of 160 x 120 px had got a place."""
     lens = {"model": "SIMPLE_PINHOLE", "width": WIDTH, "height": HEIGHT, "params": [focal_px, WIDTH / 2, HEIGHT / 2]}
-    write_mark(scene / sfm_record.FILES, {})
-    write_mark(scene / sfm_record.NAMES, {f"/photos/{number}.png": f"{number}.png" for number in range(total)})
-    write_mark(scene / sfm_record.LENSES, {f"{number}.png": lens for number in range(placed)})
+    write_mark(scene / originals.FILES, {})
+    write_mark(scene / originals.NAMES, {f"/photos/{number}.png": f"{number}.png" for number in range(total)})
+    write_mark(scene / originals.LENSES, {f"{number}.png": lens for number in range(placed)})
 
 
 @pytest.mark.parametrize(
@@ -285,14 +285,14 @@ def mark_as_made(scene, placed, total, focal_px):
 )
 def test_a_scene_that_lost_most_of_its_photos_says_so(tmp_path, placed, focal_px, words, monkeypatch):
     scene = SmallScene().write(tmp_path / "scene")
-    assert "photos placed" not in examined(scene)[0] and not sfm_record.shortfall(scene)
+    assert "photos placed" not in examined(scene)[0] and not originals.shortfall(scene)
     mark_as_made(scene, placed, 9, focal_px)
-    assert sfm_record.shortfall(scene).startswith(words) and bool(sfm_record.shortfall(scene)) == bool(words)
+    assert originals.shortfall(scene).startswith(words) and bool(originals.shortfall(scene)) == bool(words)
     heard = Heard()
     prepared(scene, tmp_path / "made", heard)
-    monkeypatch.setattr(sfm, "reconstruct", lambda photos, output, report: output)
+    monkeypatch.setattr("core.pipeline.cameras.reconstruct", lambda photos, output, report: output)
     pipeline.find_cameras(tmp_path / "photos", scene, heard)
-    assert heard.lines == [f"! {sfm_record.shortfall(scene)}"] * 2 * bool(words) + [f"Next: wegs train {scene}"]
+    assert heard.lines == [f"! {originals.shortfall(scene)}"] * 2 * bool(words) + [f"Next: wegs train {scene}"]
     found = examined(scene)[0]["photos placed"]
     assert found.figure == f"{placed} of 9" and bool(found.advice) == bool(words)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from core.data import sfm_record
 from core.data.made import write_mark
+from core.data.sfm import originals
 from core.errors import BadInput
 from core.looks.find_look import find_appearance, find_view
 from core.looks.outside import light_in_words
@@ -44,8 +44,8 @@ def test_a_view_is_called_as_a_look_is(trained):
 
 def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
     names = [*(photo.name for photo in trained.collection.photos), "lost.jpg"]
-    write_mark(tmp_path / sfm_record.FILES, {f"/photos/{name}": [1, 1] for name in (*names, "garbled.jpg")})
-    write_mark(tmp_path / sfm_record.NAMES, {f"/photos/{name}": name for name in names})
+    write_mark(tmp_path / originals.FILES, {f"/photos/{name}": [1, 1] for name in (*names, "garbled.jpg")})
+    write_mark(tmp_path / originals.NAMES, {f"/photos/{name}": name for name in names})
     made = replace(trained, collection=replace(trained.collection, root=tmp_path))
     for word, name in (("lost.jpg", "lost.jpg"), ("lost", "lost.jpg"), ("elsewhere/lost.jpg", "lost.jpg"), ("garbled.jpg", "garbled.jpg")):
         said = f"{name} was left out when the cameras were found."
@@ -55,7 +55,7 @@ def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
             find_view(made, word)
     with pytest.raises(BadInput, match="lust.jpg is neither a photo file"):
         find_appearance(made, "lust.jpg")
-    Path(tmp_path / sfm_record.NAMES).unlink()  # by a version that did not keep it: nothing can be told
+    Path(tmp_path / originals.NAMES).unlink()  # by a version that did not keep it: nothing can be told
     with pytest.raises(BadInput, match="lost.jpg is neither a photo file"):
         find_appearance(made, "lost.jpg")
 

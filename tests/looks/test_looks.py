@@ -12,8 +12,8 @@ import torch
 
 import core.rasterizer
 from core.appearance.tone import band_means, tone_between, toned
-from core.data import sfm_record
 from core.data.made import write_mark
+from core.data.sfm import originals
 from core.errors import BadInput
 from core.export.pictures import to_8_bit, write_png
 from core.looks import saved_look
@@ -188,8 +188,8 @@ def test_the_file_that_a_training_photo_was_made_of_has_its_look(trained, tmp_pa
     original = tmp_path / "original.png"
     original.write_bytes(photo.path.read_bytes())
     root.mkdir()
-    write_mark(root / sfm_record.FILES, sfm_record.files_of(tmp_path))
-    write_mark(root / sfm_record.NAMES, {str(original.resolve()): photo.name})
+    write_mark(root / originals.FILES, originals.files_of(tmp_path))
+    write_mark(root / originals.NAMES, {str(original.resolve()): photo.name})
     made = replace(trained, collection=replace(trained.collection, root=root))
     look, by_name = find_appearance(made, str(original)), find_appearance(made, photo.name)
     assert look.source == by_name.source and torch.equal(look.embedding, by_name.embedding)

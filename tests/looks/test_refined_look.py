@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from core.data.landmarks import Landmarks
 from core.data.prepare import prepared
+from core.data.sfm.landmarks import Landmarks
 from core.errors import BadInput
 from core.looks import refined_look
 from core.looks.find_look import find_appearance

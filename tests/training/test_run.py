@@ -15,6 +15,7 @@ from core.errors import BadInput, BadSetting
 from core.looks import saved_look
 from core.looks.trained import Appearance
 from core.scene.frame import SceneFrame
+from core.scene.lens import Lens
 from core.training import run
 from tests.small import small_collection, small_settings
 
@@ -25,7 +26,7 @@ def collection(tmp_path):
     folder = tmp_path / "scene"
     folder.mkdir()
     made = small_collection(folder)
-    lens = {"model": "SIMPLE_RADIAL", "width": 48, "height": 36, "params": [50.0, 24.0, 18.0, 0.1]}
+    lens = Lens("SIMPLE_RADIAL", 48, 36, [50.0, 24.0, 18.0, 0.1])
     photos = (replace(made.photos[0], lens=lens), *made.photos[1:])
     return replace(made, photos=photos, frame=SceneFrame(np.array([100.0, -20.0, 1 / 3]), 7.0))
 
@@ -177,7 +178,7 @@ def test_a_run_goes_on_with_the_very_cameras_alone(tmp_path, collection):
     for camera in (replace(first.camera, fx=1.3 * first.camera.fx), replace(first.camera, world_to_camera=turned), replace(first.camera, width=7)):
         other = replace(collection, photos=(replace(first, camera=camera), *collection.photos[1:]))
         assert other.changed_since(before) == [first.name]
-    lens = {"model": "OPENCV", "width": 1, "height": 1, "params": []}
+    lens = Lens("OPENCV", 1, 1, [])
     assert replace(collection, photos=(replace(first, lens=lens), *collection.photos[1:])).changed_since(before) == [first.name]
 
 

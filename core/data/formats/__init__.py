@@ -1,0 +1,1 @@
+"""What other programs write: cameras and points, each format read into a Posed."""

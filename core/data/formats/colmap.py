@@ -1,0 +1,165 @@
+"""COLMAP folders: a model and the photos it was made from, at whatever size they are found."""
+
+import os
+from collections import Counter
+from copy import copy
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from core.data.formats.model_file import holds_model, lacking_files, photos_in_model, read_model
+from core.data.formats.transforms import FILE
+from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
+from core.data.photos.folder import list_photos
+from core.data.phototourism import find_tables
+from core.data.placing import View
+from core.data.posed import Points, Posed, usable_points
+from core.errors import BadInput
+from core.words import name_them
+
+MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
+NERFSTUDIO_FOLDER = "colmap/sparse/0"  # beside a transforms.json of the same, which says more
+ORIGINALS = ("input", "photos")  # where photos may lie before they are undistorted, which gives a model of other pixels
+
+
+def find_model(root: Path) -> Path | None:
+    """The folder of the COLMAP model: below `root`, or `root` itself if it also holds the photos; else None. BadInput if the model lacks files."""
+    folders = [root / name for name in MODEL_FOLDERS]
+    folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
+    folders += [root / NERFSTUDIO_FOLDER] * (not (root / FILE).exists())
+    for folder in folders:
+        if holds_model(folder):
+            others = _models_beside(folder)
+            return max([folder, *others], key=photos_in_model) if others else folder  # the first of equals
+    for folder in folders:
+        if lacking := lacking_files(folder):
+            fix = "Copy it again, or remove the folder to have the cameras found anew."
+            raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking)}.", fix)
+    return root if holds_model(root) and ((root / "images").is_dir() or list_photos(root)) else None
+
+
+def kind_of(root: Path) -> str:
+    """The kind of a folder with a COLMAP model and its photos: "phototourism" if it has a split .tsv, else "colmap"."""
+    return "phototourism" if find_tables(root)[0] else "colmap"
+
+
+def lacks_photos(folder: Path) -> bool:
+    """Whether the folder is that of a COLMAP model, or of several: not a whole scene, as the photos lie elsewhere."""
+    return any(holds_model(path) for path in (folder, *_numbered(folder)))
+
+
+def _numbered(folder: Path) -> list[Path]:
+    """The models 0, 1, ... that COLMAP writes when the photos fall apart into several, in no order of size."""
+    found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
+    return sorted(found, key=lambda path: int(path.name))
+
+
+def _models_beside(model: Path) -> list[Path]:
+    """The other numbered models of its folder; none of a model that has no number."""
+    return [folder for folder in _numbered(model.parent) if folder != model and holds_model(folder)] if model.name.isdecimal() else []
+
+
+def read_colmap(root: Path) -> Posed:
+    """What the COLMAP model below `root` says of its photos, which lie in images/, images_N/ or beside it.
+
+    Raises BadInput for a damaged model, and for one without poses.
+    """
+    model = find_model(root)
+    if model is None:
+        raise BadInput(f"{root} has no COLMAP model any more.", "Put it back.")
+    reconstruction = read_model(model)
+    names, garbled = _names_in(reconstruction)
+    not_named = name_them("of the model whose name is not in UTF-8, not used", garbled)
+    found = [image for number in sorted(names, key=names.get) if (image := reconstruction.images[number]).has_pose]
+    if not found:
+        why = f": {not_named[0]}" if not_named else ""
+        raise BadInput(f"{model} has no photos with a pose{why}.", "Run COLMAP again, or type: wegs sfm PHOTOS -o SCENE")
+    points, notes = read_points(reconstruction, model)
+    notes += not_named + _other_models(model)
+    images = _images_folder(root, model, [image.name for image in found])
+    if images.name in ORIGINALS:
+        notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
+    names_used = Counter(image.name for image in found)
+    notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
+    views, found_notes = with_files_found([_view(image, images) for image in found], [images])
+    notes += found_notes
+    there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
+    known = {os.path.abspath(path) for path in (*(view.path for view in views), *(images / name for name in garbled))}
+    extra = [path.name for path in there if os.path.abspath(path) not in known]
+    notes += name_them(f"in {images} without a pose, not used", extra)
+    fix = f"Put the photos into {root / 'images'}, named as in the model."
+    return Posed(kind_of(root), model, views, points, f"of the model missing in {images}", fix, notes)
+
+
+def _names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
+    """The names of a model's photos, by id; and, as Python names files, those that are not UTF-8, which pycolmap does not return."""
+    names, garbled = {}, []
+    for number, image in reconstruction.images.items():
+        try:
+            names[number] = image.name
+        except UnicodeDecodeError as problem:
+            garbled.append(problem.object.decode("utf-8", "surrogateescape"))
+    return names, sorted(garbled)
+
+
+def _view(image: pycolmap.Image, images: Path) -> View:
+    pose = image.cam_from_world().matrix()
+    camera = copy(image.camera)  # the model's own is freed with the model
+    rotation = pose[:, :3]
+    with np.errstate(invalid="ignore", over="ignore"):  # an impossible pose is left out when the photo is placed
+        centre = -rotation.T @ pose[:, 3]
+    return View(image.name, images / image.name, lambda width, height: camera, rotation, centre)
+
+
+def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:
+    """The usable points of a model, if any, with which photo sees which, if the model says so; and notes."""
+    # By id: pycolmap returns them in a hash table's order, but every run must start the same.
+    points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
+    positions = np.array([point.xyz for _, point in points], np.float64).reshape(-1, 3)
+    good, notes = usable_points(positions)
+    if not points and any(image.num_points3D for image in reconstruction.images.values()):
+        notes.append(f"{model} lacks the points that its photos see: copy it again if you have them.")
+    if not good.any():
+        return None, notes
+    kept = [item for item, is_good in zip(points, good, strict=True) if is_good]
+    colours = np.array([point.color for _, point in kept], np.float32) / 255
+    seen: dict[int, list[int]] = {number: [] for number in reconstruction.images}
+    for row, (_, point) in enumerate(kept):
+        for element in point.track.elements:
+            seen[element.image_id].append(row)
+    if not any(seen.values()):  # some programs write no tracks, others none that fit
+        rows = {number: row for row, (number, _) in enumerate(kept)}
+        for number, image in reconstruction.images.items():
+            seen[number] = [rows[point.point3D_id] for point in image.points2D if point.point3D_id in rows]
+        if not any(seen.values()):
+            return Points(positions[good], colours, None), notes
+        notes.append(f"The points of {model} do not say which of its photos see them: its photos do.")
+    # An image may see a point twice.
+    by_name = {name: np.unique(seen[number]).astype(np.int64) for number, name in _names_in(reconstruction)[0].items()}
+    return Points(positions[good], colours, by_name), notes
+
+
+def _other_models(model: Path) -> list[str]:
+    others = [folder.name for folder in _models_beside(model)]
+    return [f"{model.parent} holds other models as well ({', '.join(others)}); {model.name} is used: it has most photos."] if others else []
+
+
+def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
+    """The folder with most of the model's photos: images/, images_N/, the same below dense/, or root itself; input/ or photos/ only if
+    none of these holds any."""
+    near = model.parent.parent if model.name.isdecimal() else model.parent
+    usual = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
+    originals = [base / name for base in (root, near) for name in ORIGINALS]
+
+    def exact(folder: Path) -> int:
+        return sum(os.path.isfile(folder / name) for name in names)  # pathlib's raises for names that are too long
+
+    def alike(folder: Path) -> int:
+        return len(nearly_named([folder / name for name in names], [folder]))
+
+    for folders, count in ((usual, exact), (usual, alike), (originals, exact), (originals, alike)):
+        best = max(folders, key=count)  # the first of equals
+        if count(best):
+            return best
+    return usual[0]

@@ -1,0 +1,93 @@
+"""NeRF-OSR folders, SITE/final/{train,validation,test}/{rgb,pose,intrinsics,mask}, and those of NeRF++, of the same layout.
+
+Source: the README and data reader of github.com/r00tman/NeRF-OSR (Rudnev et al. 2022), and nerfstudio's parser of the same data:
+text files of 16 numbers; pose leads from camera to world, with OpenCV axes; intrinsics hold px of the photo; masks are white
+where nothing moves.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from core.data.photos.folder import list_photos
+from core.data.placing import View
+from core.data.posed import Fault, Posed, from_camera_to_world
+from core.errors import BadInput
+from core.words import Note, Reasons
+
+PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
+TRAINING, HELD_OUT = "train", ("test", "validation")  # the first of these that has photos
+LARGEST_SKEW = 1e-3  # of the focal length; a pinhole has none
+
+
+def find_nerf_osr(root: Path) -> Path | None:
+    """The folder of the splits in or below `root`, or None."""
+    folders = (root / place for place in PLACES)
+    return next((folder for folder in folders if (folder / TRAINING / "pose").is_dir()), None)
+
+
+def read_nerf_osr(root: Path) -> Posed:
+    """What the folders of `root` say: train/ is trained on; test/ is held out, or validation/ if test/ has no photos.
+
+    Text files and masks have the stem of their photo, also in subfolders. Raises BadInput if train/ has no photos.
+    """
+    source = find_nerf_osr(root)
+    if source is None:
+        raise BadInput(f"{root} has no folder {TRAINING}/pose any more.", "Put it back.")
+    fix = f"Put photos into {source / TRAINING / 'rgb'}, and their pose and intrinsics beside them."
+    photos = {split: _pictures(source / split / "rgb") for split in (TRAINING, *HELD_OUT)}
+    if not photos[TRAINING]:
+        raise BadInput(f"{source / TRAINING / 'rgb'} holds no photos.", fix)
+    held_out = next((split for split in HELD_OUT if photos[split]), None)
+    notes = [
+        Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True)
+        for split in HELD_OUT
+        if photos[split] and split != held_out
+    ]
+    used = [(split, place) for split in (TRAINING, held_out) if split for place in photos[split]]
+    several = len({place for _, place in used}) < len(used)
+    views, faults = [], Reasons()
+    masks = {split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")} for split in photos}
+    for split, place in used:
+        name = f"{split}/{place.as_posix()}" if several else place.as_posix()
+        role = None if held_out is None else "train" if split == TRAINING else "test"
+        try:
+            lens = _lens(_matrix(source / split / "intrinsics", place))
+            rotation, centre = from_camera_to_world(_matrix(source / split / "pose", place), "a pose")
+        except Fault as fault:
+            faults.add(f"{fault}, not used", name)
+            continue
+        views.append(View(name, source / split / "rgb" / place, lens, rotation, centre, role, masks[split].get(place.with_suffix(""))))
+    return Posed("nerf-osr", source, views, None, f"missing in {source}", fix, notes + faults.notes())
+
+
+def _pictures(folder: Path) -> list[Path]:
+    """The pictures in the folder and its subfolders, as relative paths; none if there is no such folder."""
+    places = sorted(Path(place) for place, _, _ in os.walk(folder))
+    return [path.relative_to(folder) for place in places for path in list_photos(place)]
+
+
+def _matrix(folder: Path, place: Path) -> np.ndarray:
+    """The (4, 4) matrix in the text file of the photo with this relative path; Fault if it holds none."""
+    path = folder / place.with_suffix(".txt")
+    try:
+        numbers = np.array(path.read_text(encoding="utf-8").split(), dtype=np.float64)
+    except OSError:
+        raise Fault(f"without a text file in {folder.name}/") from None
+    except ValueError:
+        numbers = np.zeros(0)
+    if numbers.size != 16:
+        raise Fault(f"whose text file in {folder.name}/ does not hold 16 numbers")
+    return numbers.reshape(4, 4)
+
+
+def _lens(matrix: np.ndarray) -> Callable[[int, int], pycolmap.Camera]:
+    """The pinhole of an intrinsics matrix, for View.lens."""
+    fx, skew, cx = matrix[0, :3]
+    fy, cy = matrix[1, 1:3]
+    if not abs(skew) <= LARGEST_SKEW * abs(fx):
+        raise Fault("with intrinsics whose skew is not 0")
+    return lambda width, height: pycolmap.Camera(model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])

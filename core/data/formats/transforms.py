@@ -1,0 +1,263 @@
+"""transforms.json of nerfstudio and Instant-NGP, and transforms_train.json with its siblings of NeRF's Blender scenes.
+
+Sources: nerfstudio's "Data conventions" page and the parser that it documents; Instant-NGP's docs/nerf_dataset_tips.md; the
+Blender scenes of NeRF (Mildenhall et al. 2020). Poses lead from camera to world, with OpenGL axes (x right, y up, z back).
+"""
+
+import json
+import math
+import os
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from core.data.formats.point_file import read_points_file
+from core.data.found_file import SHRUNKEN, with_files_found
+from core.data.photos.folder import SUFFIXES
+from core.data.placing import View
+from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable_points
+from core.data.split import rows_of
+from core.errors import BadInput
+from core.words import Note, Reasons, list_names, name_them
+
+FILE = "transforms.json"
+BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
+# All read alike, with whatever lens terms are given.
+PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+FISHEYE = "OPENCV_FISHEYE"
+LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
+LARGEST_SIDE = 1 << 20  # px
+IN_VIEW = 0.5  # of the points; if the cameras show less, the file is likely to be in another frame
+POINTS_ASKED = 10_000  # evenly spread, to find that out
+
+
+def read_transforms(root: Path) -> Posed:
+    """What transforms.json in `root` says, with the split of its train_filenames, test_filenames and val_filenames.
+
+    Raises BadInput for a file that is broken or has no frames, and for a ..._filenames that is not a list of names.
+    """
+    reading = _Reading(root)
+    source = root / FILE
+    facts = _read_json(source)
+    if others := [name for name in BLENDER_FILES.values() if (root / name).is_file()]:
+        reading.notes.append(f"{root} holds {list_names(others)} as well; {FILE} is used.")
+    views = reading.split_as_listed(source, facts, reading.views(source, facts))
+    return reading.posed("nerfstudio", source, views, reading.points(facts, views))
+
+
+def read_blender(root: Path) -> Posed:
+    """What transforms_train.json in `root` says; transforms_test.json, or else transforms_val.json, is held out.
+
+    Raises BadInput for a file that is broken, and if there are no frames to train on.
+    """
+    reading = _Reading(root)
+    source = root / BLENDER_FILES["train"]
+    facts = _read_json(source)
+    training, held_out, holding_out = reading.views(source, facts), [], source
+    there = [root / BLENDER_FILES[split] for split in ("test", "val") if (root / BLENDER_FILES[split]).is_file()]
+    for path in there:
+        if held_out:
+            reading.notes.append(Note(f"{path.name} is not used: {holding_out.name} is what is held out.", harmless=True))
+        else:
+            held_out, holding_out = reading.views(path, _read_json(path, may_be_empty=True)), path
+    both = {view.path for view in training} & {view.path for view in held_out}
+    if both:
+        reading.notes += name_them("listed for training and as held out, held out", sorted(path.name for path in both))
+    if held_out:
+        training = [replace(view, split="train") for view in training if view.path not in both]
+    views = training + [replace(view, split="test") for view in held_out]
+    return reading.posed("blender", source, views, reading.points(facts, views))
+
+
+@dataclass
+class _Reading:
+    """Reads frames, and collects which could not be used and why. Views are named by their whole paths until all are known."""
+
+    root: Path
+    notes: list[str] = field(default_factory=list)
+    faults: Reasons = field(default_factory=Reasons)
+    sources: list[str] = field(default_factory=list)
+
+    def views(self, source: Path, facts: dict) -> list[View]:
+        """The usable frames, each photo once."""
+        views: dict[Path, View] = {}
+        for number, frame in enumerate(facts["frames"]):
+            label = f"frame {number} of {source.name}"
+            try:
+                if not (isinstance(frame, dict) and frame.get("file_path") and isinstance(frame["file_path"], str)):
+                    raise Fault("without a file_path")
+                path = self.find(frame["file_path"])
+                label = path.name
+                if path in views:
+                    self.faults.add("named more than once, used the first time", label)
+                    continue
+                rotation, centre = _pose(frame)
+                lens = _Lens.of(facts | frame)
+                mask = frame.get("mask_path")
+                mask = self.find(mask) if isinstance(mask, str) else None
+                views[path] = View(str(path), path, lens.camera, rotation, centre, mask=mask)
+            except Fault as fault:
+                self.faults.add(f"{fault}, not used", label)
+        if views:
+            self.sources.append(source.name)
+        return list(views.values())
+
+    def find(self, name: str) -> Path:
+        """The file that a file_path means, relative to the root. Blender scenes omit the suffix."""
+        path = os.path.abspath(self.root / name)
+        if os.path.isfile(path):  # pathlib's raises for names that are too long
+            return Path(path)
+        if "\\" in name:  # written on Windows
+            return self.find(name.replace("\\", "/"))
+        return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if os.path.isfile(path + suffix)), path))
+
+    def split_as_listed(self, source: Path, facts: dict, views: list[View]) -> list[View]:
+        """The views with the split of the file's lists; unchanged if it has none. Without train_filenames, all that is not held out is trained
+        on. Names may omit folder and suffix if they stay unambiguous."""
+        lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
+        if not lists:
+            return views
+        if not all(
+            isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
+        ):
+            raise BadInput(f"{source} has a ..._filenames that is not a list of file names.", "Correct or remove it.")
+        paths = {view.path for view in views}
+        meant = {row: Path(name) for name, row in rows_of((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
+        listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
+        held_out = listed.get("test") or listed.get("val", set())
+        given = listed.get("train", paths - held_out)
+        split = {path: "train" for path in given} | {path: "test" for path in held_out}
+        for words, odd in (
+            ("listed for training and as held out, held out", given & held_out),
+            (f"listed in {source.name} without a usable frame", split.keys() - paths),
+            ("listed neither for training nor for testing, not used", paths - split.keys()),
+        ):
+            self.notes += name_them(words, sorted(path.name for path in odd))
+        return [replace(view, split=split[view.path]) for view in views if view.path in split]
+
+    def points(self, facts: dict, views: list[View]) -> Points | None:
+        """The points of ply_file_path, or None. They are in the frame of the poses: applied_transform has been applied to both. (Older
+        versions of nerfstudio did not apply it to points, so the cameras are asked whether they see them.)"""
+        name = facts.get("ply_file_path")
+        if not isinstance(name, str):
+            return None
+        path = self.find(name)
+        if not os.path.isfile(path):
+            self.notes.append(f"The points file {path} is missing.")
+            return None
+        positions, colours = read_points_file(path)
+        good, notes = usable_points(positions)
+        self.notes += notes
+        if not good.any():
+            self.notes.append(f"The points file {path} has no usable points.")
+            return None
+        share = _share_in_view(positions[good], views)
+        if views and share < IN_VIEW:
+            what = f"Only {share:.0%} of the points of {path} lie before a camera"
+            self.notes.append(f"{what}: if they are in another frame than the poses, take out ply_file_path.")
+        return Points(positions[good], colours[good], None)
+
+    def posed(self, kind: str, source: Path, views: list[View], points: Points | None) -> Posed:
+        """All that was read. Photos are named by paths below their common folder, or by whole paths if there is none (drives of Windows)."""
+        folder = self.root
+        with suppress(ValueError):
+            folder = Path(os.path.commonpath([view.path.parent for view in views]))
+            views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
+        views, found = with_files_found(views, [self.root / name for name in ("images", ".", *SHRUNKEN)])
+        missing_words = f"of {list_names(self.sources)} missing in {folder}"
+        fix = f"Put the photos where its file_path says, or correct {source.name}."
+        return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes + found)
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """A frame's intrinsics as the file gives them; what it omits follows from the size of the photo."""
+
+    model: str
+    numbers: dict[str, float]
+
+    @staticmethod
+    def of(facts: dict) -> "_Lens":
+        """The lens of a frame. facts: those at the top of the file, overridden by the frame's own."""
+        model = str(facts.get("camera_model") or (FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])).upper()
+        if model not in (*PERSPECTIVE, FISHEYE):
+            raise Fault(f"with a camera_model that is not supported ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
+        terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)
+        try:
+            numbers = {name: float(facts[name]) for name in terms if facts.get(name) is not None}
+        except (TypeError, ValueError, OverflowError):
+            raise Fault("with intrinsics that are not numbers") from None
+        if not {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} & numbers.keys():
+            raise Fault("without fl_x or camera_angle_x")
+        if not all(1 <= numbers.get(name, 1) <= LARGEST_SIDE for name in ("w", "h")):
+            raise Fault("with a w or h that no photo has")
+        if model != FISHEYE and numbers.get("k4"):
+            raise Fault(f"with a k4, which only {FISHEYE} lenses have")
+        return _Lens(model, numbers)
+
+    def camera(self, width: int, height: int) -> pycolmap.Camera:
+        """COLMAP's camera of the same lens. Pixels are counted as there: the corner of the picture is (0, 0)."""
+        numbers = self.numbers
+        width, height = round(numbers.get("w", width)), round(numbers.get("h", height))
+        x = numbers.get("fl_x", _focal_length(numbers.get("camera_angle_x"), width))
+        y = numbers.get("fl_y", _focal_length(numbers.get("camera_angle_y"), height))
+        focal = [y if x is None else x, x if y is None else y]  # only one is given if pixels are square
+        centre = [numbers.get("cx", width / 2), numbers.get("cy", height / 2)]
+        k1, k2, k3, k4, p1, p2 = (numbers.get(name, 0.0) for name in LENS_TERMS)
+        if self.model == FISHEYE:  # has no p1 and p2, though files may list them
+            model, terms = FISHEYE, [k1, k2, k3, k4]
+        elif k3:
+            model, terms = "FULL_OPENCV", [k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+        else:
+            model, terms = ("OPENCV", [k1, k2, p1, p2]) if any((k1, k2, p1, p2)) else ("PINHOLE", [])
+        return pycolmap.Camera(model=model, width=width, height=height, params=focal + centre + terms)
+
+
+def _focal_length(angle: float | None, side: int) -> float | None:
+    """The focal length (px) of a lens that sees `angle` radians across `side` px; NaN for an angle that no lens has."""
+    if angle is None:
+        return None
+    return side / 2 / math.tan(angle / 2) if 0 < angle < math.pi else math.nan
+
+
+def _pose(frame: dict) -> tuple[np.ndarray, np.ndarray]:
+    """View.rotation and View.centre."""
+    try:
+        matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        matrix = np.zeros(0)
+    if matrix.shape not in ((4, 4), (3, 4)):
+        raise Fault("without a transform_matrix of 4 x 4 numbers")
+    return from_camera_to_world(matrix[:3] * [*TO_OPENCV, 1.0], "a transform_matrix")
+
+
+def _share_in_view(points: np.ndarray, views: list[View]) -> float:
+    """The share of the points (P, 3) that some camera sees within 45 degrees of its viewing direction."""
+    points = points[:: -(-len(points) // POINTS_ASKED)]
+    seen = np.zeros(len(points), bool)
+    for view in views:
+        local = (points - view.centre) @ view.rotation.T
+        seen |= local[:, 2] > np.linalg.norm(local[:, :2], axis=1)
+    return float(seen.mean())
+
+
+def _read_json(path: Path, may_be_empty: bool = False) -> dict:
+    """The file's facts, with a list of "frames" that is not empty unless it may be."""
+    fix = f"Write {path.name} again with the program that made it."
+    try:
+        facts = json.loads(path.read_bytes())
+    except OSError as problem:
+        raise BadInput(f"{path} cannot be read: {problem.strerror}.", fix) from None
+    except RecursionError:
+        raise BadInput(f"{path} is not valid JSON: it is nested too deeply.", fix) from None
+    except ValueError as problem:  # of the text or of its encoding
+        raise BadInput(f"{path} is not valid JSON: {problem}.", fix) from None
+    if not isinstance(facts, dict) or not isinstance(facts.get("frames"), list):
+        raise BadInput(f"{path} has no list of frames.", fix)
+    if not facts["frames"] and not may_be_empty:
+        raise BadInput(f"{path} has no frames.", fix)
+    return facts

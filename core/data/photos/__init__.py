@@ -1,0 +1,1 @@
+"""Photo files and their pixels: found in a folder, read, undistorted, holes filled."""

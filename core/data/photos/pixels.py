@@ -1,0 +1,222 @@
+"""The pixels of photos: as displayed, undistorted, at the size wanted."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from core.data.collection import Photo
+from core.data.photos import distortion
+from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, peek
+from core.data.photos.fill import fill
+from core.errors import BadInput
+
+REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
+MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
+OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
+LIGHT_PX = 2000  # a side; more than enough for light, as the encoder sees a square of 144
+LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake, such as a white of 1 instead of 255
+FILL = 128  # what a JPEG decoder paints where the data ran out
+
+
+@dataclass(frozen=True)
+class Picture:
+    """pixels: (h, w, 3) uint8 RGB. valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
+
+    empty: (h, w) uint8, how much of each pixel is empty space, shown as white: 255 all of it; None where nothing is empty.
+    """
+
+    pixels: np.ndarray
+    valid: np.ndarray | None
+    empty: np.ndarray | None = None
+
+
+def read_pixels(path: Path) -> np.ndarray:
+    """A photo as displayed: (H, W, 3) uint8 RGB, EXIF rotation applied.
+
+    Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparency is laid on white, as
+    viewers do.
+    Raises BadInput for what is missing, truncated or no photo.
+    """
+    header, pixels, alpha = _read_file(Path(path))
+    return upright(_on_white(pixels, alpha), header.orientation)
+
+
+def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
+    """A photo for its light alone: as `read`, but what is transparent or hidden by a mask is filled with the colours around it.
+
+    mask: a picture, white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises BadInput
+    as `read`, and if nothing of the photo is left.
+    """
+    header, pixels, alpha = _read_file(Path(path), (LIGHT_PX, LIGHT_PX))
+    pixels = upright(pixels, header.orientation)
+    use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) == 255
+    if mask is not None:
+        use &= _read_mask(mask, pixels.shape[:2])
+    return pixels if use.all() else _filled(pixels, use, path, mask)
+
+
+def load_photo(photo: Photo, width: int, height: int, cut_out: bool = False) -> Picture:
+    """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
+
+    A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the lens did not see
+    them, if they are at all transparent, or if the photo's mask hides them; the latter two are filled with the colours around them.
+    cut_out: transparent pixels are valid, and empty space. Raises BadInput like `read`.
+    """
+    header, pixels, alpha = _read_file(Path(photo.path), (width, height))
+    pixels = _on_white(pixels, alpha)
+    valid = None if alpha is None or cut_out else alpha == 255
+    if cut_out and alpha is not None and (alpha < 255).any():
+        pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
+    if photo.mask is not None:
+        shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
+        use = _as_stored(_read_mask(photo.mask, shown, photo), header.orientation)
+        valid = use if valid is None else valid & use
+    if photo.lens is None:
+        pixels = upright(pixels, header.orientation)
+        valid = None if valid is None else upright(valid, header.orientation)
+    else:
+        pixels, valid = _undistort(pixels, valid, photo, header, (width, height))
+    pixels, valid = _resize(pixels, width, height), _resize_valid(valid, width, height)
+    empty = pixels[..., 3] if pixels.shape[2] == 4 else None
+    pixels = np.ascontiguousarray(pixels[..., :3])
+    if photo.mask is not None and valid is not None:
+        pixels = _filled(pixels, valid, photo.path, photo.mask)
+    elif valid is not None and not valid.any():
+        raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
+    elif valid is not None and alpha is not None and not cut_out:
+        pixels = fill(pixels, valid)
+    return Picture(pixels, valid, empty)
+
+
+def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Stored pixels (H, W, ...) as displayed; orientation: EXIF's 1..8."""
+    if orientation >= 5:
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return np.ascontiguousarray(pixels)
+
+
+def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """The inverse of `upright`."""
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
+
+
+def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
+    """(H, W) bool: where the mask of a photo of this `size` is white, both as displayed; resized by nearest pixel.
+
+    photo: of a collection; if its mask_lens says so, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
+    Transparent is not white: many programs save selections like that.
+    """
+    try:
+        header, pixels, alpha = _read_file(path)
+    except BadInput as problem:
+        raise BadInput(f"The mask {problem.what}", problem.fix) from None
+    shade = pixels.mean(axis=2) if alpha is None else pixels.mean(axis=2) * (alpha / 255)
+    white = upright((shade >= 128).astype(np.uint8), header.orientation)
+    if photo is not None and photo.mask_lens is not None:
+        found, seen = distortion.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(*size[::-1]))
+        return (found[..., 0] >= 128) | ~seen
+    return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
+
+
+def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path | None) -> np.ndarray:
+    if use.mean() < LEAST_USE:
+        if mask is None:
+            raise bad_photo(path, f"shows something in {use.mean():.1%} of its pixels: the others are transparent")
+        why = f"is left with {use.mean():.1%} of its pixels by its mask {mask}"
+        raise BadInput(f"{path} {why}.", "White (255) marks what is to be used, black what is not.")
+    return fill(pixels, use)
+
+
+def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
+    """The header as of `peek`, stored pixels (H, W, 3) RGB, and alpha (H, W) or None.
+
+    A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as problem:
+        raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
+    header = peek(path, data)
+    if header.kind == "jpeg":
+        flags = REDUCTIONS.get(_reduction(header, wanted), cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
+        pixels = decode(path, data, flags)
+        if _runs_out(pixels):
+            raise bad_photo(path, f"{TRUNCATED}, or has a grey border below, which is to be cut off")
+        return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
+    pixels = decode(path, data, cv2.IMREAD_UNCHANGED)  # the only way to alpha; ignores EXIF
+    if pixels.dtype == np.uint16:
+        pixels = (pixels >> 8).astype(np.uint8)
+    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+    if channels == 4 and pixels.dtype == np.uint8:
+        return header, cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[..., 3]
+    if header.kind != "other":
+        return header, cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB), None
+    # Decoded once more: for these formats only OpenCV knows the rotation, and how to convert to 8 bits.
+    return header, cv2.cvtColor(decode(path, data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), None
+
+
+def _reduction(header: Header, wanted: tuple[int, int] | None) -> int:
+    """The largest of 8, 4, 2, 1 that leaves at least the wanted size (as displayed) and keeps the picture aligned."""
+    if wanted is None:
+        return 1
+    for factor in REDUCTIONS:
+        sides = tuple(zip(header.displayed, wanted, strict=True))
+        if all(side >= factor * want and (-side % factor) * want <= MISALIGNED_PX * side for side, want in sides):
+            return factor
+    return 1
+
+
+def _runs_out(pixels: np.ndarray) -> bool:
+    """Whether the last row is the decoder's grey: some servers put an end marker where the data ran out."""
+    return bool((pixels[-1] == FILL).all() and not (pixels == FILL).all())
+
+
+def _on_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
+    if alpha is None:
+        return pixels
+    share = alpha[..., None].astype(np.float32) / 255
+    return np.rint(pixels * share + 255 * (1 - share)).astype(np.uint8)
+
+
+def _undistort(
+    pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
+    channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]
+    most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if header.orientation >= 5 else wanted))
+    if pixels.shape[1] > most[0] and pixels.shape[0] > most[1]:
+        layers = [_resize(layer, *most) for layer in layers]  # one by one: OpenCV averages over four channels at most
+    pixels = np.dstack(layers)
+    if photo.lens.orientation == 1:  # the lens is that of the picture as displayed
+        pixels = upright(pixels, header.orientation)
+    height, width = pixels.shape[:2]
+    if photo.lens.orientation >= 5:
+        width, height = height, width
+    found, seen = distortion.undistort(pixels, photo.lens, photo.camera.resized(width, height))
+    if valid is not None:
+        seen &= found[..., channels] == 255
+    return found[..., :channels], seen
+
+
+def _resize(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
+    if pixels.shape[:2] == (height, width):
+        return np.ascontiguousarray(pixels)
+    shrinks = pixels.shape[0] >= height and pixels.shape[1] >= width
+    return cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+
+
+def _resize_valid(valid: np.ndarray | None, width: int, height: int) -> np.ndarray | None:
+    """A pixel is valid if all pixels averaged into it are."""
+    if valid is None or valid.all():
+        return None
+    return _resize(valid * np.uint8(255), width, height) >= 254

@@ -1,0 +1,1 @@
+"""What plain photos lack: cameras by structure from motion, points by triangulation, the camera of one more photo."""

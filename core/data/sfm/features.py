@@ -1,0 +1,134 @@
+"""SIFT features of photos and their matches, by pycolmap on a CPU, in parts that tell of progress."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+
+from core.data.collection import Photo
+from core.data.photos.pixels import load_photo
+from core.errors import BadInput
+from core.report import Report
+from core.scene.camera import Camera
+
+LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
+FEATURES = 8192  # at most, of a photo whose camera is known
+LEAST_PHOTOS = 2
+JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undistorted photos
+SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
+USUAL_RATIO = 0.8  # Lowe's and COLMAP's
+PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
+PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
+HALF = 128  # of 255: features are extracted where less of a pixel than this is empty
+
+
+def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
+    """Write the pictures that `extract` reads; returns, by a picture's name, its photo and the camera at its size.
+
+    Numbered, because COLMAP's list of pairs is split at spaces. Photos that cannot be decoded are left out.
+    """
+    cameras = {}
+    for number, (photo, camera) in enumerate(posed, 1):
+        name = f"{number:06d}.jpg"
+        try:
+            cameras[name] = photo, write_picture(photo, camera, work, name)
+        except BadInput:
+            continue
+        report.progress("Photos", number, len(posed))
+    return cameras
+
+
+def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
+    """Write a photo, undistorted and shrunk to LONG_SIDE_PX, and its mask; returns its camera at that size. BadInput if it cannot be decoded."""
+    camera = camera.shrunk(LONG_SIDE_PX / max(camera.width, camera.height))
+    picture = load_photo(photo, camera.width, camera.height, cut_out=True)
+    shown = np.ones(picture.pixels.shape[:2], bool) if picture.valid is None else picture.valid
+    if picture.empty is not None:
+        shown &= picture.empty < HALF
+    for folder in (PHOTOS, MASKS):
+        (work / folder).mkdir(exist_ok=True)
+    pixels = cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2BGR)
+    _write(work / PHOTOS / name, ".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    _write(work / MASKS / f"{name}.png", ".png", shown * np.uint8(255), [])  # COLMAP reads no photo that lacks one
+    return camera
+
+
+def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
+    path.write_bytes(cv2.imencode(kind, pixels, flags)[1].tobytes())  # raises if the disk is full; imwrite would only return False
+
+
+def extract(work: Path, names: list[str], report: Report, masks: Path | None = None, most: int = FEATURES) -> None:
+    """SIFT features of the photos in work/photos into the database, each photo with a camera of its own.
+
+    masks: a folder of pictures NAME.png, black where no feature is wanted. most: features a photo.
+    """
+    reading = pycolmap.ImageReaderOptions()
+    if masks is not None:
+        reading.mask_path = masks
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.max_image_size = LONG_SIDE_PX
+    options.sift.max_num_features = most
+    for done, part in _parts(names, least=2):
+        _number(work, part)
+        pycolmap.extract_features(
+            work / DATABASE,
+            work / PHOTOS,
+            part,
+            pycolmap.CameraMode.PER_IMAGE,
+            reading,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
+        report.progress("Features", done, len(names))
+
+
+def _number(work: Path, names: list[str]) -> None:
+    """Number the photos in their order. Otherwise they are numbered as threads finish with them, and mapping depends on the numbers."""
+    with pycolmap.Database.open(work / DATABASE):
+        pass  # creates it
+    pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)
+
+
+def match(
+    work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO
+) -> None:
+    """Match the pairs of photos, into the database.
+
+    verify: estimate the epipolar geometry of each pair, keep the matches that fit it, and add more along its lines (guided matching;
+    core/TRIED.md has the figures). Without it, all features that look alike stay matched.
+    ratio: of the distances to the most and the second most similar feature, which a match has to be below (Lowe 2004, 7.1).
+    """
+    options = pycolmap.FeatureMatchingOptions()
+    options.use_gpu = False
+    options.skip_geometric_verification = not verify
+    options.guided_matching = verify
+    options.sift.max_ratio = ratio
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = SEED  # else each thread draws on
+    lines = [f"{first} {second}" for first, second in pairs]
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = work / "pairs.txt"
+    for done, part in _parts(lines, least=8):
+        (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
+        pycolmap.match_image_pairs(
+            work / DATABASE,
+            matching_options=options,
+            pairing_options=pairing,
+            verification_options=verification,
+            device=pycolmap.Device.cpu,
+        )
+        report.progress("Matches", done, len(lines))
+
+
+def _parts(items: list[str], least: int) -> Iterator[tuple[int, list[str]]]:
+    """The items in parts of `least` or more, sized to take PART_S each, with the number of items up to the end of that part."""
+    done, size = 0, least
+    while done < len(items):
+        part, since = items[done : done + size], time.monotonic()
+        done += len(part)
+        yield done, part
+        size = max(least, min(2 * size, int(size * PART_S / max(time.monotonic() - since, 1e-3))))

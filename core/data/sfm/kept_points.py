@@ -1,0 +1,73 @@
+"""Points for scenes that have cameras but no points: triangulated once, and kept beside the runs."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from core.data.collection import Collection
+from core.data.formats.colmap import read_points
+from core.data.formats.model_file import read_model
+from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to, write_mark
+from core.data.posed import Points
+from core.data.sfm.triangulate import triangulate
+from core.errors import BadInput
+from core.report import Report
+from core.system.atomic import replacing_folder
+from core.words import counted
+
+MARK = "triangulated.json"  # in a folder of points: whose they are, and what they were made of
+MODEL = "points"  # a COLMAP model of the training photos
+
+
+def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
+    """The folder of the collection's points, which core.data.load reads like the scene itself; made now unless it exists.
+
+    wanted: the folder; with a number if something else has it. Points are used again only for the very same training photos, masks and
+    cameras. Raises BadInput if no point is found, or nothing can be written.
+    """
+    training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
+    root = collection.root.resolve()
+    made_of = {}
+    for photo, camera in training:
+        mask = [] if photo.mask is None else [path_within(photo.mask, root), *stamp(photo.mask)]
+        made_of[path_within(photo.path, root)] = [*stamp(photo.path), *camera.numbers(), photo.lens and asdict(photo.lens), *mask]
+    same = {"kind": collection.kind, "made_of": made_of}
+
+    def are_there(folder: Path) -> bool:
+        return same.items() <= read_mark(folder / MARK).items() and home_of(folder).resolve() == root
+
+    def make(folder: Path) -> None:
+        report.say(f"{collection.root} has cameras but no points: they are triangulated from {counted(len(training), 'photo')}.")
+        with replacing_folder(folder) as work:
+            model = triangulate(training, work, report)
+            if not model.num_points3D():
+                what = f"No point could be triangulated from the photos and cameras of {collection.root}"
+                fix = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
+                raise BadInput(f"{what}.", fix)
+            (work / "scene" / MODEL).mkdir(parents=True)
+            model.write(work / "scene" / MODEL)
+            write_mark(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
+        report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
+
+    return made_once(wanted, are_there, make, "Points as triangulated", report)
+
+
+def scene_of(folder: Path) -> tuple[Path, str] | None:
+    """The scene whose points the folder holds, and its kind; None if the folder holds anything else."""
+    facts = read_mark(folder / MARK)
+    if not {"scene", "kind"} <= facts.keys():
+        return None
+    return followed(Path(str(facts["scene"])), facts.get("from_here"), folder), str(facts["kind"])
+
+
+def home_of(root: Path) -> Path:
+    """The scene's own folder: `root`, or, if that holds triangulated points, the scene that they are of."""
+    scene, _ = scene_of(root) or (root, None)
+    return scene
+
+
+def read_kept(folder: Path) -> tuple[Points, list[str]]:
+    """The points, and notes on them; BadInput for a model that is damaged or has no points."""
+    points, notes = read_points(read_model(folder / MODEL), folder / MODEL)
+    if points is None:
+        raise BadInput(f"{folder / MODEL} holds no points any more.", f"Remove {folder} to have them found again.")
+    return points, notes

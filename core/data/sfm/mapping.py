@@ -1,0 +1,104 @@
+"""From matches to cameras and points, by COLMAP's incremental mapping; if that loses most photos, once more with focal lengths refined last."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pycolmap
+
+from core.data.placing import is_usual
+from core.data.sfm.features import DATABASE, PHOTOS, SEED
+from core.errors import BadInput
+from core.report import Report
+
+REPEATABLE = 100  # up to this many photos one thread maps them, with the same result each time; a sixth slower than two (87 photos: 21 s)
+
+
+def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
+    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput if there is none.
+
+    COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses follow, and other photos
+    cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So if fewer than half the photos are registered
+    with a focal length that lenses have, they are mapped again with the focal lengths of EXIF, or COLMAP's guess, refined only at the
+    end. That model is taken if it has more such photos, and more points (core/TRIED.md has the figures).
+    """
+    models = _models(work, names, report, refined=True)
+    found = _plausible(models)
+    if 2 * found < len(names):
+        again = _models(work, names, report, refined=False)
+        _refine(again)
+        plausible = _plausible(again)
+        if plausible > found and _points(again) > _points(models):
+            models = again
+            report.say(
+                f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
+                f"not {found} as with focal lengths refined along the way."
+            )
+    if not models:
+        raise BadInput(
+            f"No cameras could be found: the {len(names)} photos do not overlap enough.",
+            "Add photos of the same place from nearby viewpoints.",
+        )
+    if len(models) > 1:
+        sizes = ", ".join(str(part.num_reg_images()) for part in models)
+        report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
+    return models[0]
+
+
+def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:
+    """COLMAP's models of the matches, the one with the most photos first. refined: whether focal lengths are refined as photos are added."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.min_model_size = min(3, len(names))  # COLMAP's 10 would refuse small collections
+    options.random_seed = SEED
+    options.num_threads = options.mapper.num_threads = _threads(len(names))
+    options.ba_refine_focal_length = refined
+    folder = work / ("models" if refined else "models-again")
+    folder.mkdir()
+    models = pycolmap.incremental_mapping(
+        work / DATABASE,
+        work / PHOTOS,
+        folder,
+        options,
+        initial_image_pair_callback=_counter(report, len(names), 2),
+        next_image_callback=_counter(report, len(names), 3),
+    )
+    return sorted(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
+
+
+def _refine(models: list[pycolmap.Reconstruction]) -> None:
+    """A bundle adjustment of the whole largest model, focal lengths included."""
+    for model in models[:1]:
+        config = pycolmap.BundleAdjustmentConfig()
+        for number in model.reg_image_ids():
+            config.add_image(number)
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+        options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+        options.ceres.solver_options.num_threads = _threads(model.num_reg_images())
+        pycolmap.create_default_bundle_adjuster(options, config, model).solve()  # pycolmap.bundle_adjustment would turn COLMAP's log on
+        model.update_point_3d_errors()
+
+
+def _threads(photos: int) -> int:
+    """How many threads COLMAP may use for this many photos; -1: one a core."""
+    return 1 if photos <= REPEATABLE else -1
+
+
+def _plausible(models: list[pycolmap.Reconstruction]) -> int:
+    """How many photos of the largest model have a pose, and a focal length that lenses have."""
+    return sum(is_usual(image.camera) for model in models[:1] for image in model.images.values() if image.has_pose)
+
+
+def _points(models: list[pycolmap.Reconstruction]) -> int:
+    """How many points the largest model has."""
+    return sum(model.num_points3D() for model in models[:1])
+
+
+def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
+    """A callback that counts registered photos, which several models may share. first: the number at its first call."""
+    placed = first - 1
+
+    def count() -> None:
+        nonlocal placed
+        placed = min(placed + 1, total)
+        report.progress("Cameras", placed, total)
+
+    return count

@@ -1,0 +1,52 @@
+"""What a scene that wegs made of plain photos remembers of them: the files, what the scene calls them, and their lenses."""
+
+from pathlib import Path
+
+from core.data.made import read_mark, stamp
+from core.data.photos.distortion import colmap_camera
+from core.data.photos.folder import list_photos
+from core.data.placing import is_usual
+from core.scene.lens import Lens
+
+# In the scene's folder:
+FILES = "photos.json"  # the files it was made of, each with its stamp
+NAMES = "names.json"  # what it calls the photo of each file that could be read
+LENSES = "lenses.json"  # the lens through which each of its photos was taken, before it was undistorted
+LENS = {"model", "width", "height", "params"}  # what is known of a lens
+
+
+def files_of(photos: Path) -> dict[str, list[int]]:
+    """The photos in a folder, by whole path, each with the stamp that tells whether it has changed."""
+    return {str(path.resolve()): stamp(path) for path in list_photos(photos)}
+
+
+def name_in(scene: Path, path: Path) -> str | None:
+    """What the scene calls the photo that it made of the file `path`; None for any other file, and for one that changed since."""
+    original = str(path.resolve())
+    return read_mark(scene / NAMES).get(original) if read_mark(scene / FILES).get(original) == stamp(path) else None
+
+
+def lenses_of(scene: Path) -> dict[str, Lens]:
+    """The lenses through which the photos were taken, by the scene's names; empty for a scene that wegs did not make."""
+    found = read_mark(scene / LENSES) if (scene / FILES).is_file() else {}
+    return {name: Lens(**lens) for name, lens in found.items() if isinstance(lens, dict) and LENS <= lens.keys()}
+
+
+def placed_of(scene: Path) -> tuple[int, int, int] | None:
+    """How many photos the scene was made of, how many of them got a camera, and how many of these a focal length that lenses have.
+
+    None for a scene that wegs did not make.
+    """
+    total, lenses = len(read_mark(scene / NAMES)), lenses_of(scene)
+    if not total or not lenses:
+        return None
+    return total, len(lenses), sum(is_usual(colmap_camera(lens)) for lens in lenses.values())
+
+
+def shortfall(scene: Path) -> str:
+    """A warning if the scene lost most of the photos it was made of, else nothing."""
+    total, placed, plausible = placed_of(scene) or (0, 0, 0)
+    if 2 * plausible >= total:
+        return ""
+    but = f", and {placed - plausible} of these with a focal length that no lens has" if placed > plausible else ""
+    return f"Only {placed} of {total} photos could be placed{but}: expect a poor scene. Add photos from in between."

@@ -1,0 +1,137 @@
+"""Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
+
+import os
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+
+from core.data.formats.model_file import quiet
+from core.data.made import write_mark
+from core.data.photos.distortion import lens_of
+from core.data.photos.file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
+from core.data.photos.folder import copies_among, list_photos, list_unreadable, no_photos
+from core.data.photos.pixels import read_pixels
+from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
+from core.data.sfm.likely_pairs import likely_pairs
+from core.data.sfm.mapping import map_photos
+from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
+from core.data.split import copy_lists
+from core.errors import BadInput
+from core.report import Report
+from core.system.atomic import files_in, replacing_folder
+from core.words import counted, name_them
+
+JPEG_SUFFIXES = (".jpg", ".jpeg")
+FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
+
+
+def reconstruct(photos: Path, output: Path, report: Report) -> Path:
+    """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them, whole or not at all.
+
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), the files of core.data.sfm.originals, and any lists
+    of held-out photos. Every photo gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the
+    one with the most photos is kept. Unreadable photos and those without a camera are left out and named.
+    Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
+
+    Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or
+    empty folder, and where no model is found; WegsError for a full disk.
+    """
+    if output.resolve() == Path.cwd():
+        raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
+    if output.exists() and (not output.is_dir() or files_in(output)):
+        raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
+    if not photos.is_dir():
+        raise BadInput(f"There is no folder {photos}.", "Give the folder that holds your photos.")
+    paths = list_photos(photos)
+    if not paths:
+        raise no_photos(photos)
+    for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
+        report.warn(line)
+    made_of = files_of(photos)
+    with replacing_folder(output) as work, quiet():
+        copies = _copy_upright(paths, work / PHOTOS, report)
+        names = list(copies)
+        if len(names) < LEAST_PHOTOS:
+            raise BadInput(
+                f"{photos} holds {counted(len(names), 'photo')} that can be read; at least {LEAST_PHOTOS} are needed.",
+                "Add photos of the same place.",
+            )
+        extract(work, names, report, most=FEATURES)
+        match(work, likely_pairs(work, names, report), report)
+        model = map_photos(work, names, report)
+        placed = {copies[image.name] for image in model.images.values() if image.has_pose}
+        _write_scene(work, model, copies)
+        write_mark(work / "scene" / FILES, made_of)
+        copy_lists(photos, work / "scene")
+        originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
+        write_mark(work / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
+    lost = [path.name for path, name in originals.items() if name not in placed]
+    for line in name_them("without a place among the others, left out", lost):
+        report.warn(line)
+    report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
+    return output
+
+
+def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
+    """Copy the readable photos into `folder` as COLMAP needs them; returns, by a copy's name, the photo's name in the scene.
+
+    COLMAP ignores EXIF rotation, so turned photos are written upright; anything but a JPEG is converted to one. Copies are named by
+    numbers, because COLMAP splits its list of pairs at spaces.
+    """
+    folder.mkdir()
+    by_length = sorted(paths, key=lambda path: (len(path.name), path.name))  # of a.jpg and "a (1).jpg" the copy is the latter
+    copies, turned, twins = {}, 0, copies_among(by_length)
+    for done, path in enumerate(paths, 1):
+        copy = f"{done:06d}.jpg"
+        try:
+            if path in twins:
+                raise BadInput(f"{path.name} is a copy of {twins[path].name}.")
+            header, pixels = probe(path), read_pixels(path)  # always decoded: some damage shows only then
+            if header.kind == "jpeg" and header.orientation == 1:
+                shutil.copyfile(path, folder / copy)
+            else:
+                (folder / copy).write_bytes(_encode(path, pixels, header))
+            turned += header.orientation != 1
+            name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
+            name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
+            copies[copy] = f"{done}-{name}" if name in copies.values() else name
+        except BadInput as problem:
+            report.warn(f"Left out: {problem.what}")
+        report.progress("Photos", done, len(paths))
+    if turned:
+        report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
+    return copies
+
+
+def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:
+    """A JPEG of the RGB pixels of `path` as displayed, with its EXIF block, whose focal length COLMAP starts from."""
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    done, data = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)
+    if not done:  # of more than 65,500 px a side
+        raise bad_photo(path, "is too large for a JPEG")
+    jpeg = data.tobytes()
+    block = JPEG_EXIF + without_orientation(header.exif)
+    if not header.exif or len(block) + 2 > 0xFFFF:
+        return jpeg
+    return jpeg[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + jpeg[2:]
+
+
+def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str]) -> None:
+    """Undistort the model's photos, under their own names, into scene/images, and the model into scene/sparse/0."""
+    named, chosen, undistorted, scene = (work / name for name in ("named", "chosen", "undistorted", "scene"))
+    named.mkdir()
+    for image in model.images.values():
+        os.replace(work / PHOTOS / image.name, named / copies[image.name])
+        image.name = copies[image.name]
+    chosen.mkdir()
+    model.write(str(chosen))
+    lenses = {image.name: asdict(lens_of(model.cameras[image.camera_id])) for image in model.images.values()}
+    pycolmap.undistort_images(undistorted, chosen, named, jpeg_quality=JPEG_QUALITY)
+    (scene / "sparse").mkdir(parents=True)
+    os.replace(undistorted / "images", scene / "images")
+    os.replace(undistorted / "sparse", scene / "sparse" / "0")
+    write_mark(scene / LENSES, lenses)

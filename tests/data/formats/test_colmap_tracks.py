@@ -1,0 +1,88 @@
+"""COLMAP models whose points and photos do not say of each other what sees what, as some programs write them and hands leave them."""
+
+import pytest
+
+from core.data import load_collection
+from core.doctor import examine
+from core.errors import BadInput
+from tests.data.formats.test_colmap import check_geometry, notes_with
+from tests.data.small_scene import SmallScene
+from tests.heard import Heard
+
+
+def cut(path, keep):
+    """Take all features out of an images.bin, or all tracks out of a points3D.bin; `keep` is where their number stands in the record."""
+    data, start = path.read_bytes(), 8
+    records = [data[:8]]
+    while start < len(data):
+        end, size = keep(data, start)
+        records += data[start:end], bytes(8)
+        start = end + 8 + size * int.from_bytes(data[end : end + 8], "little")
+    path.write_bytes(b"".join(records))
+
+
+def cut_features(path):
+    cut(path, lambda data, start: (data.index(b"\0", start + 64) + 1, 24))
+
+
+def cut_tracks(path):
+    cut(path, lambda data, start: (start + 43, 8))
+
+
+def test_points_without_tracks_are_seen_as_the_photos_say(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    cut_tracks(root / "sparse" / "0" / "points3D.bin")
+    collection = load_collection(root)
+    check_geometry(collection, SmallScene())
+    assert notes_with(collection, "do not say which of its photos see them: its photos do")
+
+
+@pytest.mark.parametrize("tracks", [True, False])
+def test_where_nothing_says_who_sees_a_point_that_is_said_and_the_points_are_used(tmp_path, tracks):
+    root = SmallScene().write(tmp_path / "scene")
+    cut_features(root / "sparse" / "0" / "images.bin")
+    if not tracks:
+        cut_tracks(root / "sparse" / "0" / "points3D.bin")
+    collection = load_collection(root)
+    assert (len(collection.photos), len(collection.points)) == (4, 20)
+    assert notes_with(collection, "Nothing says which photo sees which point") and not notes_with(collection, "without any SfM point")
+    assert not any(finding.name == "photos with few points" for finding in examine(root, Heard()))
+
+
+def in_text(root):
+    """The folder of the scene's model, which is in text from now on, and the lines of its images.txt."""
+    model = root / "sparse" / "0"
+    SmallScene().reconstruction().write_text(str(model))
+    for path in model.glob("*.bin"):
+        path.unlink()
+    return model, (model / "images.txt").read_text().splitlines()
+
+
+def test_photos_that_were_taken_out_of_a_text_model_by_hand(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
+    first = next(number for number, line in enumerate(lines) if line.endswith("photo_0.png"))
+    (model / "images.txt").write_text("\n".join(lines[:first] + lines[first + 2 :]) + "\n")
+    collection = load_collection(root)
+    assert {photo.name: len(photo.points) for photo in collection.photos} == {f"photo_{index}.png": 20 for index in (1, 2, 3)}
+    assert notes_with(collection, "1 photo in") and notes_with(collection, "its photos do")
+
+
+def test_names_with_spaces_in_text(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
+    (model / "images.txt").write_text("\n".join(line.replace("photo_", "a photo ") for line in lines) + "\n")
+    for index in range(4):
+        (root / "images" / f"photo_{index}.png").rename(root / "images" / f"a photo {index}.png")
+    assert [photo.name for photo in load_collection(root).photos] == [f"a photo {index}.png" for index in range(4)]
+
+
+def test_images_of_one_line_in_text_are_refused_and_those_of_an_empty_second_line_read(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
+    images = [line for line in lines if line.endswith(".png")]
+    (model / "images.txt").write_text("\n\n".join(images) + "\n\n")
+    assert len(load_collection(root).photos) == 4
+    (model / "images.txt").write_text("\n".join(images) + "\n")
+    with pytest.raises(BadInput, match="images.txt gives photo_0.png one line in place of two. Add the line"):
+        load_collection(root)

@@ -1,0 +1,106 @@
+"""Distorted photos: what is undistorted lies where the pinhole camera says, and what was not seen is said to be so."""
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from core.data import load_collection
+from core.data.photos import distortion
+from core.data.photos.pixels import load_photo
+from core.scene.camera import Camera
+from tests.data.small_scene import HEIGHT, LENSES, WIDTH, SmallScene, add_exif, centroid, exif_block
+
+# A dot is stretched by up to 10 % over its width of 2 px, cubic interpolation and 8 bits add 0.02 px.
+ALIGNED_PX = 0.1
+
+
+def check_dots(collection, index, least):
+    """All points well inside the photo have their dot where the collection's camera projects them; at both sizes."""
+    photo = collection.photos[index]
+    for divisor in (1, 3):  # 3: shrunk before it is undistorted, and once more after
+        camera = photo.camera.resized(photo.camera.width // divisor, photo.camera.height // divisor)
+        picture = load_photo(photo, camera.width, camera.height)
+        assert picture.pixels.shape == (camera.height, camera.width, 3)
+        pixels, _ = camera.project(collection.points)
+        reach = 7 / divisor * max(photo.camera.width, photo.camera.height) / WIDTH
+        inside = ((pixels > reach) & (pixels < (camera.width - reach, camera.height - reach))).all(axis=1)
+        assert inside.sum() >= least
+        for dot in pixels[inside]:
+            assert np.abs(centroid(picture.pixels, dot, reach) - dot).max() < ALIGNED_PX
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_undistorted_dots_lie_where_the_pinhole_projects_them(tmp_path, model):
+    scene = SmallScene(model=model)
+    collection = load_collection(scene.write(tmp_path / "scene"))
+    check_dots(collection, 1, least=12)
+    photo = collection.photos[1]
+    pinhole, _ = photo.camera.project(collection.points)
+    moved_px = np.abs(scene.seen(1) - pinhole).max()
+    assert (photo.lens is None) == (moved_px < distortion.NEGLIGIBLE_PX) == model.endswith("PINHOLE")
+
+
+@pytest.mark.parametrize("model", ["PINHOLE", "OPENCV"])
+def test_photos_of_twice_the_models_size(tmp_path, model):
+    collection = load_collection(SmallScene(model=model, scale=2.0).write(tmp_path / "scene"))
+    assert collection.photos[0].camera.width == 2 * WIDTH
+    check_dots(collection, 2, least=12)
+
+
+@pytest.mark.parametrize("model", ["PINHOLE", "OPENCV"])
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_exif_rotation_turns_the_camera_along(tmp_path, model, orientation):
+    """COLMAP ignores EXIF rotation, so its model is that of the pixels as stored; they are shown turned."""
+    root = SmallScene(model=model).write(tmp_path / "scene")
+    add_exif(root / "images" / "photo_1.png", exif_block(orientation))
+    collection = load_collection(root)
+    camera = collection.photos[1].camera
+    assert (camera.width < camera.height) == (orientation != 3)
+    assert any("turned by EXIF orientation" in note and "photo_1.png" in note for note in collection.notes)
+    check_dots(collection, 1, least=12)
+
+
+def test_models_made_from_upright_pixels_are_recognised_by_their_size(tmp_path):
+    """Where another program made the model from displayed pixels, only their size fits."""
+    root = SmallScene(model="SIMPLE_RADIAL").write(tmp_path / "scene")
+    path = root / "images" / "photo_1.png"
+    stored = cv2.rotate(cv2.imread(str(path)), cv2.ROTATE_90_COUNTERCLOCKWISE)
+    assert cv2.imwrite(str(path), stored)
+    add_exif(path, exif_block(6))
+    check_dots(load_collection(root), 1, least=12)
+
+
+def picture_through(model, params, fill=200):
+    lens = pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=params)
+    camera = Camera(np.eye(3), np.zeros(3), *distortion.pinhole(lens, WIDTH, HEIGHT), WIDTH, HEIGHT)
+    pixels = np.full((HEIGHT, WIDTH, 3), fill, np.uint8)
+    return distortion.undistort(pixels, distortion.lens_of(lens), camera)
+
+
+def test_barrel_lenses_fill_the_picture():
+    _, valid = picture_through("SIMPLE_RADIAL", [150.0, 80, 60, -0.1])
+    assert valid.all()
+
+
+def test_cushion_lenses_leave_the_corners_invalid():
+    picture, valid = picture_through("SIMPLE_RADIAL", [150.0, 80, 60, 0.2])
+    assert not valid[0, 0] and not valid[-1, -1] and valid[60, 80] and 0.8 < valid.mean() < 1
+    assert (picture[valid] == 200).all()
+
+
+def test_lens_formulas_that_fold_over_are_cut_at_the_fold():
+    """r (1 - r^2 / 2) turns back at r = 0.816 and mirrors the picture beyond r = 1.41: none of that is a picture."""
+    focal = 60.0
+    _, valid = picture_through("SIMPLE_RADIAL", [focal, 80, 60, -0.5])
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    radius = np.hypot(x - 80, y - 60) / focal
+    assert not valid[radius > np.sqrt(2 / 3) + 0.02].any()  # 0.02 is about a pixel
+    assert valid[radius < np.sqrt(2 / 3) - 0.05].all()  # right at the fold Newton's method may not converge
+
+
+def test_large_pictures_are_done_in_blocks(monkeypatch):
+    whole = picture_through("OPENCV", LENSES["OPENCV"])
+    monkeypatch.setattr(distortion, "BLOCK_PIXELS", 7 * WIDTH)
+    parts = picture_through("OPENCV", LENSES["OPENCV"])
+    assert (whole[0] == parts[0]).all() and (whole[1] == parts[1]).all()

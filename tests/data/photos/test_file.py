@@ -1,0 +1,99 @@
+"""Headers: size, rotation and wholeness of photo files, found without decoding them."""
+
+import cv2
+import numpy as np
+import pytest
+
+from core.data.photos.file import orientation_of, probe, read_header, without_orientation
+from core.errors import BadInput
+from tests.data.small_scene import add_exif, exif_block
+
+
+def write(path, height=24, width=40, *options):
+    pixels = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
+    assert cv2.imwrite(str(path), pixels, list(options))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".tif", ".bmp"])
+def test_size_is_the_decoders(tmp_path, suffix):
+    header = probe(write(tmp_path / f"photo{suffix}"))
+    assert (header.width, header.height, header.orientation) == (40, 24, 1)
+
+
+def test_progressive_jpeg_and_trailing_bytes_are_whole(tmp_path):
+    path = write(tmp_path / "photo.jpg", 24, 40, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+    path.write_bytes(path.read_bytes() + b"a film that the phone appended")
+    assert probe(path).displayed == (40, 24)
+
+
+@pytest.mark.parametrize("stray", [b"x", b"stray bytes", b"x\xff\xff", b"\xff\x00\x00\x10", b"\x00\xff"])
+def test_stray_bytes_before_a_marker_are_skipped_as_decoders_do(tmp_path, stray):
+    path = write(tmp_path / "photo.jpg")
+    data = path.read_bytes()
+    tables = data.index(b"\xff\xdb")
+    path.write_bytes(data[:tables] + stray + data[tables:])
+    assert probe(path).displayed == (40, 24) == cv2.imread(str(path)).shape[1::-1]
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp"])
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_displayed_size_is_the_decoders(tmp_path, suffix, order, orientation):
+    path = write(tmp_path / f"photo{suffix}")
+    add_exif(path, exif_block(orientation, order))
+    shown = cv2.imread(str(path))
+    assert probe(path).orientation == orientation
+    assert probe(path).displayed == (shown.shape[1], shown.shape[0])
+
+
+def test_orientation_is_taken_out_and_the_rest_stays():
+    block = exif_block(6, ">")
+    upright = without_orientation(block)
+    assert orientation_of(upright) == 1
+    assert [index for index in range(len(block)) if block[index] != upright[index]] == [19]
+
+
+@pytest.mark.parametrize(
+    "block", [b"", b"II", b"II*\0\xff\xff\xff\xff", b"nonsense", exif_block(6)[:16], exif_block(77)]
+)
+def test_broken_exif_means_not_turned(block):
+    assert orientation_of(block) == 1
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".tif"])
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.02, 0.3, 0.6, 0.95])
+def test_truncated_files_are_refused_by_name(tmp_path, suffix, share):
+    path = write(tmp_path / f"photo{suffix}")
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(BadInput, match=f"photo{suffix}"):
+        probe(path)
+
+
+def test_every_cut_of_a_small_jpeg_is_noticed(tmp_path):
+    path = write(tmp_path / "photo.jpg", 4, 4)
+    data = path.read_bytes()
+    for length in range(len(data)):
+        with pytest.raises(BadInput):
+            read_header(path, data[:length])
+
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"text", b"\xff\xd8\xff\xe0", b"\xff\xd8abcd", PNG + b"\0" * 12, PNG + b"\0\0\0\0IHDR" + b"\0" * 4],
+    ids=["text", "segment cut short", "no segment", "empty chunk", "size missing"],
+)
+def test_what_is_no_photo_is_refused(tmp_path, content):
+    path = tmp_path / "photo.jpg"
+    path.write_bytes(content)
+    with pytest.raises(BadInput, match="photo.jpg"):
+        probe(path)
+
+
+def test_missing_file_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="No such file"):
+        probe(tmp_path / "none.jpg")

@@ -1,0 +1,68 @@
+"""Features of photos and their matches."""
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from core.data.sfm import features
+from core.data.sfm.features import DATABASE, PHOTOS, extract, match
+from core.report import QUIET
+from tests.data.room_corner import cameras, take_photo, textures
+
+NAMES = ["000001.jpg", "000002.jpg"]
+
+
+@pytest.fixture
+def work(tmp_path):
+    """Two photos of the room's corner."""
+    (tmp_path / PHOTOS).mkdir()
+    pictures = textures()
+    for name, (rotation, centre) in zip(NAMES, cameras(2), strict=True):
+        assert cv2.imwrite(str(tmp_path / PHOTOS / name), take_photo(rotation, centre, pictures))
+    return tmp_path
+
+
+def found(work):
+    """How many matches of the two photos look alike, and how many of all an epipolar geometry explains."""
+    database = pycolmap.Database.open(str(work / DATABASE))
+    first, second = (database.read_image_with_name(name).image_id for name in NAMES)
+    return len(database.read_matches(first, second)), len(database.read_two_view_geometry(first, second).inlier_matches)
+
+
+def test_epipolar_lines_lead_to_more_matches(work):
+    extract(work, NAMES, QUIET)
+    match(work, [tuple(NAMES)], QUIET)
+    alike, explained = found(work)
+    assert explained > 1.05 * alike > 50  # of those that look alike alone fewer are explained, never more
+
+
+def test_no_photo_has_more_features_than_asked_for(work):
+    extract(work, NAMES, QUIET, most=40)
+    database = pycolmap.Database.open(str(work / DATABASE))
+    # Of 1,000. COLMAP takes all of the last size of features that it begins.
+    assert all(0 < database.num_keypoints_for_image(image.image_id) < 100 for image in database.read_all_images())
+
+
+def test_photos_are_numbered_in_their_order_however_long_they_take(tmp_path):
+    (tmp_path / PHOTOS).mkdir()
+    names = [f"{number:06d}.jpg" for number in range(1, 7)]
+    for number, name in enumerate(names):
+        noise = np.random.default_rng(number).integers(0, 256, (1200, 1600, 3) if number % 2 == 0 else (48, 64, 3), np.uint8)
+        assert cv2.imwrite(str(tmp_path / PHOTOS / name), noise)
+    extract(tmp_path, names, QUIET, most=100)
+    database = pycolmap.Database.open(str(tmp_path / DATABASE))
+    assert [database.read_image_with_name(name).image_id for name in names] == [1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("cost_s, sizes", [(0.01, [8, 16, 32, 64, 80]), (1.0, [8, 8, 8]), (0.2, [8, 15, 15, 15])])
+def test_parts_take_as_long_as_one_waits_for_progress(monkeypatch, cost_s, sizes):
+    now = 0.0
+    monkeypatch.setattr(features.time, "monotonic", lambda: now)
+    items = [str(number) for number in range(sum(sizes))]
+    met = []
+    for done, part in features._parts(items, least=8):
+        now += cost_s * len(part)
+        met.append(part)
+        assert done == sum(map(len, met))
+    assert [len(part) for part in met] == sizes and [item for part in met for item in part] == items

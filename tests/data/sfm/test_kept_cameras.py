@@ -1,0 +1,89 @@
+"""Cameras of plain photos are found once, and not where a model of them lies beside."""
+
+import pytest
+
+from core.data.sfm import kept_cameras, originals
+from core.data.sfm.kept_cameras import scene_around, scene_of_photos
+from core.errors import BadInput
+from core.system.atomic import replacing_folder, write_json
+from tests.data.small_scene import SmallScene
+from tests.heard import Heard
+from tests.small import small_collection
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """The scenes that structure from motion was asked for; here they hold only what they were made of."""
+    names = []
+
+    def reconstruct(photos, output, report):
+        names.append(output.name)
+        output.mkdir(parents=True)
+        write_json(output / originals.FILES, originals.files_of(photos))
+        return output
+
+    monkeypatch.setattr(kept_cameras, "reconstruct", reconstruct)
+    return names
+
+
+@pytest.fixture
+def photos(tmp_path):
+    folder = tmp_path / "scene" / "images"
+    folder.mkdir(parents=True)
+    small_collection(folder)
+    return folder
+
+
+def test_cameras_of_plain_photos_are_found_once(photos, calls, tmp_path):
+    wanted = tmp_path / "runs" / "photos-scene"
+    assert scene_of_photos(photos, wanted, Heard()) == wanted
+    assert scene_of_photos(photos, wanted, Heard()) == wanted
+    assert calls == ["photos-scene"]
+    (photos / "photo_0.png").unlink()  # other photos: the scene that is there is not theirs
+    assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
+    assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
+    assert calls == ["photos-scene", "photos-scene-2"]
+
+
+def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_path):
+    heard, scene = Heard(), photos.parent
+    scene_of_photos(photos, tmp_path / "a", heard)
+    assert heard.lines == []
+    (scene / "sparse").mkdir()
+    for part in ("cameras", "images", "points3D"):
+        (scene / "sparse" / f"{part}.bin").touch()
+    scene_of_photos(photos, tmp_path / "b", heard)
+    assert heard.lines == [f"! {scene} is a colmap scene: give that folder to use its cameras. Now they are found anew."]
+
+
+def test_photos_of_a_phototourism_scene_are_pointed_to_the_folder_that_holds_its_split(tmp_path):
+    root = SmallScene().write(tmp_path / "plaza", "dense/images", "dense/sparse")
+    (root / "plaza.tsv").write_text("filename\tid\tsplit\n")
+    assert scene_around(root / "dense" / "images") == (root, "phototourism")
+    other = SmallScene().write(root / "other")  # a scene of its own, that lies in another
+    assert scene_around(other / "images") == (other, "colmap")
+
+
+def test_parts_of_a_model_beside_photos_do_not_stop_them(photos, calls, tmp_path):
+    heard = Heard()
+    (photos.parent / "sparse").mkdir()
+    (photos.parent / "sparse" / "cameras.bin").touch()
+    scene_of_photos(photos, tmp_path / "scene", heard)
+    assert heard.lines == []
+
+
+def test_of_two_trainings_begun_at_once_the_slower_takes_what_the_faster_found(photos, tmp_path, monkeypatch):
+    def reconstruct(folder, output, report):
+        with replacing_folder(output) as work:
+            (work / "scene").mkdir()
+            write_json(work / "scene" / originals.FILES, others or originals.files_of(folder))
+            output.mkdir()
+            write_json(output / originals.FILES, others or originals.files_of(folder))  # by the other one
+
+    monkeypatch.setattr(kept_cameras, "reconstruct", reconstruct)
+    others, heard = {}, Heard()
+    assert scene_of_photos(photos, tmp_path / "a", heard) == tmp_path / "a"
+    assert heard.lines[-1].startswith("Cameras as found before in ")
+    others = {"/other/1.jpg": [1, 2]}
+    with pytest.raises(BadInput, match="made by another program meanwhile"):
+        scene_of_photos(photos, tmp_path / "b", heard)

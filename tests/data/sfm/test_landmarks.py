@@ -1,0 +1,62 @@
+"""What photos from outside are located by: which features show which SfM points, and the file that keeps them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from core.data.sfm.landmarks import LENGTH, NEAR_PX, NO_POINT, Landmarks, landmarks_of
+from core.report import Report
+from core.scene.frame import SceneFrame
+
+
+def test_every_feature_of_the_training_photos_is_kept_and_what_it_shows(corner, known):
+    assert len(known.counts) == len(corner.split("train")) == 5 and (known.counts > 100).all()
+    assert known.descriptors.shape == (known.counts.sum(), LENGTH) and known.descriptors.std() > 10
+    starts = np.cumsum(known.counts) - known.counts
+    for photo, start, count in zip(corner.split("train"), starts, known.counts, strict=True):
+        shown = known.shows[start : start + count]
+        assert 0.2 < (shown != NO_POINT).mean() <= 1
+        assert set(shown) - {NO_POINT} <= set(photo.points.tolist())
+
+
+def test_features_farther_than_two_pixels_from_every_point_show_none(corner, known):
+    assert NEAR_PX == 2
+    photo = corner.split("train")[0]
+    few = replace(photo, points=photo.points[:2])
+    lone = landmarks_of(replace(corner, photos=(few,)), Report())
+    assert lone.counts.tolist() == [known.counts[0]]
+    assert 1 <= (lone.shows != NO_POINT).sum() <= 20 and set(lone.shows) <= {NO_POINT, *few.points.tolist()}
+
+
+def test_the_file_holds_them_bit_for_bit(known, tmp_path):
+    known.save(tmp_path / "kept.npz")
+    kept = Landmarks.load(tmp_path / "kept.npz")
+    assert all(np.array_equal(one, other) for one, other in zip(vars(known).values(), vars(kept).values(), strict=True))
+    assert [path.name for path in tmp_path.iterdir()] == ["kept.npz"]
+
+
+def test_a_file_that_is_missing_damaged_or_does_not_fit_is_none(known, tmp_path):
+    path = tmp_path / "kept.npz"
+    assert Landmarks.load(path) is None
+    known.save(path)
+    whole = path.read_bytes()
+    for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20):
+        path.write_bytes(damaged)
+        assert Landmarks.load(path) is None
+    beyond = np.where(known.shows == NO_POINT, NO_POINT, len(known.points))
+    for changes in (
+        {"counts": known.counts[:-1]},
+        {"shows": beyond},
+        {"points": known.points.astype(np.float32)},
+        {"descriptors": known.descriptors[:, 1:]},
+        {"counts": known.counts - known.counts.sum()},
+    ):
+        replace(known, **changes).save(path)
+        assert Landmarks.load(path) is None
+
+
+def test_they_can_be_told_in_another_frame_of_the_same_world(known):
+    own, other = SceneFrame(np.array([1.0, 2.0, 3.0]), 2.0), SceneFrame(np.array([-1.0, 0.0, 5.0]), 0.5)
+    moved = known.in_frame(own, other)
+    np.testing.assert_allclose(other.to_world(moved.points), own.to_world(known.points), atol=1e-9)
+    assert np.array_equal(moved.shows, known.shows)

@@ -1,0 +1,63 @@
+"""Which photos are matched: all with all of few, and of many those that share what is large."""
+
+import cv2
+import numpy as np
+import pytest
+
+from core.data.sfm import likely_pairs as module
+from core.data.sfm.features import extract
+from core.data.sfm.likely_pairs import count_alike, likely_pairs
+from core.report import Report
+from tests.data.room_corner import cameras, take_photo, textures
+from tests.heard import Heard
+
+NAMES = [f"{number}.jpg" for number in range(9)]
+
+
+def features(count, seed):
+    values = np.random.default_rng(seed).normal(size=(count, 128)).astype(np.float32)
+    return values / np.linalg.norm(values, axis=1, keepdims=True)
+
+
+def test_few_photos_are_matched_all_with_all(tmp_path):
+    pairs = likely_pairs(tmp_path, NAMES, Report())  # no database is asked
+    assert len(pairs) == len(set(pairs)) == 36 and all(first > second for first, second in pairs)
+
+
+def test_of_many_photos_those_are_matched_that_share_features(tmp_path, monkeypatch):
+    """On a line, each photo shares a half of its features with either neighbour; one shows nothing."""
+    strip = features(500, 0)
+    shown = [strip[50 * number : 50 * number + 100] for number in range(8)] + [strip[:0]]
+    monkeypatch.setattr(module, "_largest_features", lambda work, names: shown)
+    monkeypatch.setattr(module, "PARTNERS", 2)
+    heard = Heard()
+    pairs = likely_pairs(tmp_path, NAMES, heard)
+    neighbours = {(NAMES[number + 1], NAMES[number]) for number in range(7)}
+    assert neighbours <= set(pairs) and len(pairs) <= 2 * len(NAMES)
+    assert heard.lines == [f"9 photos make 36 pairs; the {len(pairs)} whose largest features look most alike are matched."]
+    assert heard.steps[-1] == (36, 36)
+
+
+def test_features_count_that_find_each_other():
+    some, others = features(40, 1), features(60, 2)
+    assert count_alike(some, some[::-1]) == 40 and count_alike(some, others) < 4
+    both = np.concatenate([others, some[:25]])
+    assert 25 <= count_alike(some, both) < 29
+    near = some + 0.1 * others[:40]  # at an angle: next to 0, products that processors round differently would tell the two apart
+    near /= np.linalg.norm(near, axis=1, keepdims=True)
+    assert count_alike(near, some) == 40 and count_alike(near, np.concatenate([some, some])) == 0  # which of the two is meant?
+    assert [count_alike(some, few) for few in (some[:0], some[:1])] == [0, 0]
+
+
+def test_the_largest_features_of_a_photo_are_taken(tmp_path, monkeypatch):
+    (tmp_path / "photos").mkdir()
+    pictures, names = textures(), ["000001.jpg", "000002.jpg"]
+    for name, (rotation, centre) in zip(names, cameras(2), strict=True):
+        assert cv2.imwrite(str(tmp_path / "photos" / name), take_photo(rotation, centre, pictures))
+    extract(tmp_path, names, Report())
+    every = module._largest_features(tmp_path, names)
+    monkeypatch.setattr(module, "FEATURES", 50)
+    largest = module._largest_features(tmp_path, names)
+    assert all(len(part) == 50 and np.array_equal(part, whole[:50]) for part, whole in zip(largest, every, strict=True))
+    assert np.linalg.norm(largest[0], axis=1) == pytest.approx(1, abs=1e-5)
+    assert count_alike(*largest) >= 5

@@ -1,0 +1,99 @@
+"""Cameras of few photos: mapped again where their focal lengths run away."""
+
+import shutil
+
+import numpy as np
+import pycolmap
+import pytest
+
+from core.data.sfm import mapping
+from core.data.sfm.originals import placed_of, shortfall
+from core.data.sfm.reconstruct import reconstruct
+from tests.data.small_scene import SmallScene
+from tests.heard import Heard
+from tests.real_data import real
+
+# Of the Statue of Liberty. With focal lengths refined along the way COLMAP's mapping places 3 of them, and wrongly.
+APART = (
+    "25557973021_168924d6c3_o", "4062457156_97bd2c4e3f_o", "4062457816_ebf0a49963_o", "43227407690_b4eb5db8b1_o", "45194583384_53c1aef0f9_o",
+    "5090396836_67bca7429c_o", "5090398104_47d3e1112a_o", "8151983731_066084233f_o", "dan-smedley-Y_u2dC2TSgI-unsplash",
+    "video1_0020", "video1_0044", "video4_0024", "video4_0026",
+)  # fmt: skip
+
+
+def model(count: int, focal_px: float, points: int = 15):
+    """So many photos of a small scene, 160 px wide, a focal length that explains them, and so many of the scene's 20 points."""
+    made = pycolmap.Reconstruction()
+    for index in range(count):
+        scene = SmallScene(params=[focal_px, focal_px, 80, 60])
+        camera = scene.lens()
+        camera.camera_id = index + 1
+        made.add_camera_with_trivial_rig(camera)
+        image = pycolmap.Image(name=f"{index}.jpg", keypoints=scene.seen(index), camera_id=index + 1, image_id=index + 1)
+        made.add_image_with_trivial_frame(image, scene.pose(index))
+    for row, point in enumerate(scene.points[:points]):
+        track = pycolmap.Track()
+        for index in range(count):
+            track.add_element(index + 1, row)
+        made.add_point3D(point, track, np.zeros(3, np.uint8))
+    return made
+
+
+@pytest.fixture
+def mapped(monkeypatch):
+    """Called with the models that mapping finds, first those with focal lengths refined, then last: what is taken of 8 photos, and what is said."""
+
+    def choose(first, second):
+        asked = []
+
+        def models(work, names, report, refined):
+            asked.append(refined)
+            return first if refined else second
+
+        monkeypatch.setattr(mapping, "_models", models)
+        heard = Heard()
+        return mapping.map_photos(None, [f"{index}.jpg" for index in range(8)], heard), heard.lines, asked
+
+    return choose
+
+
+@pytest.mark.parametrize("count, focal_px", [(3, 150.0), (6, 9e3), (6, 3.0), (0, 0.0)])
+def test_most_photos_lost_are_mapped_again_with_focal_lengths_refined_last(mapped, count, focal_px):
+    again = model(5, 150.0, points=16)
+    taken, lines, _ = mapped([model(count, focal_px)] if count else [], [again])
+    assert taken is again
+    (line,) = lines
+    plausible = 3 if count == 3 else 0
+    assert line.startswith("Mapped again with focal lengths refined last: 5 of 8 photos got a place") and f"not {plausible} as with" in line
+
+
+def test_focal_lengths_are_refined_in_the_end(mapped):
+    again = model(5, 150.0, points=16)
+    for camera in again.cameras.values():
+        camera.focal_length_x = camera.focal_length_y = 140.0
+    taken, _, _ = mapped([model(2, 150.0)], [again])
+    assert taken.compute_mean_reprojection_error() < 0.1 and taken.cameras[1].focal_length_x != 140.0
+
+
+@pytest.mark.parametrize("second", [[], [model(3, 150.0, points=20)], [model(6, 150.0, points=15)], [model(6, 9e3, points=20)]])
+def test_what_is_not_better_is_not_taken(mapped, second):
+    first = model(3, 150.0)
+    taken, lines, asked = mapped([first], second)
+    assert taken is first and lines == [] and asked == [True, False]
+
+
+def test_half_the_photos_are_enough(mapped):
+    first = model(4, 150.0)
+    assert mapped([first], [model(8, 150.0)]) == (first, [], [True])
+
+
+def test_real_photos_that_are_lost_at_first(tmp_path):
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for name in APART:
+        shutil.copy(real("statue_of_liberty") / "dense" / "images" / f"{name}.jpg", photos)
+    heard = Heard()
+    scene = reconstruct(photos, tmp_path / "scene", heard)
+    assert any(line.startswith("Mapped again with focal lengths refined last") for line in heard.lines)
+    total, placed, plausible = placed_of(scene)
+    assert total == 13 and placed == plausible >= 10 and not shortfall(scene)

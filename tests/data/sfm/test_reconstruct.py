@@ -1,0 +1,234 @@
+"""Structure from motion: from photos of a room corner, made here, back to the cameras that took them."""
+
+import errno
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from core.data import load_collection
+from core.data.photos.folder import list_photos
+from core.data.photos.pixels import load_photo
+from core.data.sfm import originals
+from core.data.sfm.originals import name_in
+from core.data.sfm.reconstruct import _copy_upright, reconstruct
+from core.errors import BadInput, WegsError
+from core.report import Report
+from core.system.atomic import replacing_folder
+from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
+from tests.data.small_scene import add_exif, exif_block
+
+
+class Listener(Report):
+    def __init__(self):
+        self.lines, self.stages = [], []
+
+    def say(self, line):
+        self.lines.append(line)
+
+    warn = say
+
+    def progress(self, what, done, total, note=""):
+        self.stages.append((what, done, total))
+
+
+def aligned(found, truth):
+    """`found` (N, 3) moved, turned and scaled onto `truth` (Umeyama 1991)."""
+    a, b = found - found.mean(axis=0), truth - truth.mean(axis=0)
+    u, s, v = np.linalg.svd(b.T @ a)
+    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ v))])
+    return (a @ (u @ sign @ v).T) * np.trace(np.diag(s) @ sign) / (a**2).sum() + truth.mean(axis=0)
+
+
+def noise_photo(path, seed):
+    noise = np.random.default_rng(seed).integers(0, 256, (60, 80, 3), np.uint8)
+    assert cv2.imwrite(str(path), cv2.resize(noise, (WIDTH, HEIGHT)))
+
+
+def test_cameras_are_found_again(tmp_path):
+    """With a turned photo, a PNG, a JPEG that is called a WebP, a name with a space; a truncated photo and a stranger are left out."""
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    pictures, names, centres = textures(), ["000002.jpg", "000003.jpg", "000004.webp", "a b.jpg", "b.png", "c.jpg"], []
+    for name, (rotation, centre) in zip(names, cameras(len(names)), strict=True):
+        kind = ".jpg" if name == "000004.webp" else Path(name).suffix
+        (photos / name).write_bytes(cv2.imencode(kind, take_photo(rotation, centre, pictures))[1].tobytes())
+        centres.append(centre)
+    turned = cv2.rotate(cv2.imread(str(photos / "c.jpg")), cv2.ROTATE_90_COUNTERCLOCKWISE)
+    assert cv2.imwrite(str(photos / "c.jpg"), turned, [cv2.IMWRITE_JPEG_QUALITY, 100])
+    add_exif(photos / "c.jpg", exif_block(6))
+    (photos / "test.txt").write_text("b.png\n")
+    (photos / "cut.jpg").write_bytes((photos / "a b.jpg").read_bytes()[:3000])
+    noise_photo(photos / "stranger.png", 0)
+
+    listener = Listener()
+    scene = reconstruct(photos, tmp_path / "new" / "scene", listener)
+    assert any("cut.jpg" in line and "truncated" in line for line in listener.lines)
+    assert any("without a place among the others" in line and line.endswith("stranger.png") for line in listener.lines)
+    assert "1 photo turned upright, as EXIF says." in listener.lines
+    assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
+    assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
+    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "lenses.json", "names.json", "photos.json", "sparse", "test.txt"]
+
+    collection = load_collection(scene)
+    assert [photo.name for photo in collection.split("test")] == ["b.png.jpg"]
+    assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
+    assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg"]
+    lenses = originals.lenses_of(scene)
+    assert lenses.keys() == {photo.name for photo in collection.photos}
+    assert all((lens.model, lens.width, lens.height) == ("SIMPLE_RADIAL", WIDTH, HEIGHT) for lens in lenses.values())
+    assert all(photo.lens is None and photo.camera.width > photo.camera.height for photo in collection.photos)
+    found = aligned(np.array([photo.camera.centre for photo in collection.photos]), np.array(centres))
+    # 0.01 was seen; focal lengths and distortion are estimated as well, and threads make it vary. The arc is 1.8 long.
+    assert np.abs(found - centres).max() < 0.05
+    given = [cv2.resize(cv2.imread(str(photos / name)), (32, 24), interpolation=cv2.INTER_AREA) for name in names[:5]]
+    for index, photo in enumerate(collection.photos[:5]):  # each still its own picture
+        apart = [np.abs(load_photo(photo, 32, 24).pixels[..., ::-1] - one.astype(float)).mean() for one in given]
+        assert np.argmin(apart) == index
+
+
+def test_the_same_photos_give_the_same_scene(tmp_path):
+    (tmp_path / "photos").mkdir()
+    pictures = textures()
+    for number, (rotation, centre) in enumerate(cameras(5)):
+        assert cv2.imwrite(str(tmp_path / "photos" / f"{number}.jpg"), take_photo(rotation, centre, pictures))
+    first, second = (reconstruct(tmp_path / "photos", tmp_path / name, Report()) / "sparse" / "0" for name in ("first", "second"))
+    assert all((first / path.name).read_bytes() == path.read_bytes() for path in second.iterdir())
+
+
+def test_photos_that_do_not_overlap(tmp_path):
+    for seed in range(3):
+        noise_photo(tmp_path / f"{seed}.jpg", seed)
+    with pytest.raises(BadInput, match="No cameras could be found: the 3 photos"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg", "2.jpg"]
+
+
+def test_one_photo_is_too_few(tmp_path):
+    noise_photo(tmp_path / "0.jpg", 0)
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+
+
+def test_no_folder_no_photos(tmp_path):
+    with pytest.raises(BadInput, match="There is no folder"):
+        reconstruct(tmp_path / "none", tmp_path / "scene", Report())
+    with pytest.raises(BadInput, match="holds no photos"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+
+
+def test_an_output_that_exists_is_left_alone(tmp_path):
+    noise_photo(tmp_path / "0.jpg", 0)
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "scene" / "mine.txt").write_text("precious")
+    with pytest.raises(BadInput, match="scene exists"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+    assert (tmp_path / "scene" / "mine.txt").read_text() == "precious"
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="file/scene could not be made"):
+        reconstruct(tmp_path, tmp_path / "file" / "scene", Report())
+
+
+def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
+    theirs = tmp_path / "scene" / "theirs.txt"
+    with pytest.raises(BadInput, match="scene was made by another program meanwhile"), replacing_folder(theirs.parent) as work:
+        (work / "scene").mkdir()
+        theirs.parent.mkdir()
+        theirs.write_text("precious")
+    assert list(tmp_path.iterdir()) == [theirs.parent] and theirs.read_text() == "precious"
+
+
+def test_an_empty_folder_is_filled_from_within(tmp_path):
+    """It may be a disk of its own: it can be neither removed nor moved onto."""
+    with replacing_folder(tmp_path) as work:
+        assert work.parent == tmp_path
+        for part in ("images", "sparse"):
+            (work / "scene" / part).mkdir(parents=True)
+        (work / "scene" / "photos.json").touch()
+    assert {path.name for path in tmp_path.iterdir()} == {"images", "sparse", "photos.json"}
+
+
+def test_the_model_comes_last_into_a_folder_that_is_there(tmp_path, monkeypatch):
+    """Until then the folder is no scene, however the disk lists its parts."""
+    listed, put, replaced = Path.iterdir, os.replace, []
+    monkeypatch.setattr(Path, "iterdir", lambda folder: iter(sorted(listed(folder), reverse=True)))
+    monkeypatch.setattr(os, "replace", lambda part, place: (replaced.append(Path(place).name), put(part, place)))
+    with replacing_folder(tmp_path) as work:
+        for name in ("sparse", "images", originals.FILES, originals.NAMES, originals.LENSES):
+            (work / "scene" / name).mkdir(parents=True)
+    assert len(replaced) == 5 and replaced[-1] == "sparse"
+
+
+def test_photos_in_formats_of_phones_are_named(tmp_path):
+    noise_photo(tmp_path / "0.jpg", 0)
+    (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
+    heard = Listener()
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(tmp_path, tmp_path / "scene", heard)
+    assert any("cannot be read, left out; convert them to JPEG: IMG_1.HEIC" in line for line in heard.lines)
+
+
+@pytest.mark.parametrize("stage", ["Features", "Matches"])
+def test_an_interrupted_run_leaves_nothing(tmp_path, stage):
+    class Impatient(Report):
+        def progress(self, what, done, total, note=""):
+            if what == stage:
+                raise KeyboardInterrupt
+
+    for seed in range(3):
+        noise_photo(tmp_path / f"{seed}.jpg", seed)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(tmp_path, tmp_path / "scene", Impatient())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg", "2.jpg"]
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for seed in range(2):
+        noise_photo(tmp_path / f"{seed}.jpg", seed)
+    monkeypatch.setattr("shutil.copyfile", full)
+    with pytest.raises(WegsError, match="The disk is full"):
+        reconstruct(tmp_path, tmp_path / "scene", Report())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg"]
+
+
+def test_damage_that_shows_only_when_decoding_leaves_a_photo_out(tmp_path):
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    noise_photo(photos / "a.jpg", 1)
+    whole = (photos / "a.jpg").read_bytes()
+    (photos / "b.jpg").write_bytes(whole[: len(whole) // 2] + b"\xff\xd9")
+    heard = Listener()
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(photos, tmp_path / "scene", heard)
+    assert any("b.jpg ends before" in line for line in heard.lines)
+    assert list(tmp_path.iterdir()) == [photos]
+
+
+def test_a_photo_too_large_for_a_jpeg_is_left_out(tmp_path):
+    noise_photo(tmp_path / "a.jpg", 1)
+    assert cv2.imwrite(str(tmp_path / "b.png"), np.zeros((1, 65_501, 3), np.uint8))
+    heard = Listener()
+    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+        reconstruct(tmp_path, tmp_path / "scene", heard)
+    assert any("b.png is too large for a JPEG" in line for line in heard.lines)
+
+
+def test_the_folder_one_is_in_cannot_become_the_scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadInput, match="folder you are in"):
+        reconstruct(tmp_path, Path("."), Report())
+
+
+def test_copies_of_a_photo_are_left_out(tmp_path):
+    """Of equal ones that with the shortest name stays, which programs that copy do not make."""
+    for name, seed in (("a (1).jpg", 1), ("a.jpg", 1), ("b.jpg", 2)):
+        noise_photo(tmp_path / name, seed)
+    heard = Listener()
+    copies = _copy_upright(list_photos(tmp_path), tmp_path / "upright", heard)
+    assert list(copies.values()) == ["a.jpg", "b.jpg"]
+    assert any("Left out: a (1).jpg is a copy of a.jpg." in line for line in heard.lines)

@@ -100,10 +100,13 @@ def settings_from(
 
 
 def _no_options_among(names: Iterable[str]) -> None:
-    """Raise BadSetting for names that are options of the command line, not settings."""
+    """Raise BadSetting for names of the current command's options that are no settings."""
+    context = click.get_current_context(silent=True)
+    given = [param for param in context.command.params if isinstance(param, click.Option)] if context else []
+    options = {option.opts[-1].removeprefix("--"): option for option in given if option.name not in FIELDS}
     for name in names:
-        if name in ("masks", "output", "preset", "resume", "force"):
-            raise BadSetting(f"{name} is no setting but an option of the command line.", f"Type: --{name}{' ...' * (name not in ('resume', 'force'))}")
+        if name in options:
+            raise BadSetting(f"{name} is no setting but an option of the command line.", f"Type: --{name}{' ...' * (not options[name].is_flag)}")
 
 
 def settings_table() -> str:

@@ -138,6 +138,7 @@ def test_a_program_without_a_terminal_works_all_the_same():
         (["quit"], "No such command 'quit'. Try: wegs --help"),
         (["train", "photos", "--memory", "4"], "No such option '--memory'. It goes before the command: wegs --memory GIB train"),
         (["train", "photos", "--set", "masks=people"], "masks is no setting but an option of the command line. Type: --masks ..."),
+        (["train", "photos", "--set", "resume=1"], "resume is no setting but an option of the command line. Type: --resume"),
         (["train", "a.mp4"], "a.mp4 is a file, not a folder. Take pictures out of it: mkdir photos; ffmpeg -i a.mp4 -vf fps=2 photos/%04d.png"),
         (["train", "transforms.json"], "transforms.json is a file, not a folder. Give the folder it is in: ."),
         (["doctor", "transforms.json"], "transforms.json is a file, not a folder. Give the folder it is in: ."),

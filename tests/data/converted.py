@@ -21,10 +21,21 @@ LENS_TERMS = {
 }
 
 
-def images_of(root: Path) -> tuple[list[pycolmap.Image], Path]:
+# From a model's world to another one: scaled, turned about a slanted axis, and moved.
+ELSEWHERE = pycolmap.Sim3d(2.5, pycolmap.Rotation3d(np.array([0.7, -1.1, 0.4])), np.array([30.0, -4.0, 7.0]))
+
+
+def model_of(root: Path, world: pycolmap.Sim3d | None = None) -> pycolmap.Reconstruction:
+    """The model below `root`, moved into another world."""
+    model = read_model(find_model(root))
+    if world:
+        model.transform(world)
+    return model
+
+
+def images_of(root: Path, world: pycolmap.Sim3d | None = None) -> tuple[list[pycolmap.Image], Path]:
     """The posed images of the model below `root`, by name, and the folder that holds their photos."""
-    model = find_model(root)
-    images = sorted(read_model(model).images.values(), key=lambda image: image.name)
+    images = sorted(model_of(root, world).images.values(), key=lambda image: image.name)
     folder = next(base / "images" for base in (root, root / "dense") if (base / "images").is_dir())
     return images, folder
 
@@ -53,17 +64,31 @@ def frame_of(image: pycolmap.Image, file_path: str) -> dict:
     }
 
 
-def write_nerfstudio(colmap: Path, root: Path, points: str | None = "sparse_pc.ply", **facts) -> Path:
-    """transforms.json and images/ in `root`, which is returned; points: the .ply to write as well. facts: for the top of the file."""
-    images, folder = images_of(colmap)
+def write_nerfstudio(
+    colmap: Path, root: Path, points: str | None = "sparse_pc.ply", world: pycolmap.Sim3d | None = None, **facts
+) -> Path:
+    """transforms.json and images/ in `root`, which is returned; points: the .ply to write as well. facts: for the top of the file.
+
+    world: from the model's world to that of the poses and the .ply.
+    """
+    images, folder = images_of(colmap, world)
     shutil.copytree(folder, root / "images")
     if points:
-        write_ply(root / points, read_model(find_model(colmap)))
+        write_ply(root / points, model_of(colmap, world))
         facts["ply_file_path"] = points
     write_json(
         root / "transforms.json", {**facts, "frames": [frame_of(image, f"images/{image.name}") for image in images]}
     )
     return root
+
+
+def write_processed(colmap: Path, root: Path, **facts) -> Path:
+    """What nerfstudio's ns-process-data leaves in `root`, which is returned: poses and .ply ELSEWHERE, the model in its own world."""
+    shutil.copytree(find_model(colmap), root / "colmap" / "sparse" / "0")
+    applied = np.c_[ELSEWHERE.rotation.matrix(), ELSEWHERE.translation / ELSEWHERE.scale].tolist()
+    write_nerfstudio(colmap, root, world=ELSEWHERE, applied_transform=applied, applied_scale=float(ELSEWHERE.scale), **facts)
+    ids = {f"images/{image.name}": image.image_id for image in images_of(colmap)[0]}
+    return changed(root, lambda written: [frame.update(colmap_im_id=ids[frame["file_path"]]) for frame in written["frames"]])
 
 
 def write_blender(colmap: Path, root: Path, held_out: int = 4) -> Path:

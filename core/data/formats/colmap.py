@@ -9,7 +9,6 @@ import numpy as np
 import pycolmap
 
 from core.data.formats.model_file import holds_model, lacking_files, photos_in_model, read_model
-from core.data.formats.transforms import FILE
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
 from core.data.phototourism import find_tables
@@ -19,7 +18,8 @@ from core.errors import BadInput
 from core.words import name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
-NERFSTUDIO_FOLDER = "colmap/sparse/0"  # beside a transforms.json of the same, which says more
+NERFSTUDIO_FOLDER = "colmap/sparse/0"
+NERFSTUDIO_FILE = "transforms.json"  # made of the model in that folder; it says more, but not which photo sees which point
 ORIGINALS = ("input", "photos")  # where photos may lie before they are undistorted, which gives a model of other pixels
 
 
@@ -27,7 +27,7 @@ def find_model(root: Path) -> Path | None:
     """The folder of the COLMAP model: below `root`, or `root` itself if it also holds the photos; else None. BadInput if the model lacks files."""
     folders = [root / name for name in MODEL_FOLDERS]
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
-    folders += [root / NERFSTUDIO_FOLDER] * (not (root / FILE).exists())
+    folders += [root / NERFSTUDIO_FOLDER] * (not (root / NERFSTUDIO_FILE).exists())
     for folder in folders:
         if holds_model(folder):
             others = _models_beside(folder)
@@ -60,6 +60,12 @@ def _models_beside(model: Path) -> list[Path]:
     return [folder for folder in _numbered(model.parent) if folder != model and holds_model(folder)] if model.name.isdecimal() else []
 
 
+def nerfstudio_models(root: Path) -> list[Path]:
+    """The folders of the models, or parts of them, that nerfstudio left below `root`, that of most photos first."""
+    found = _numbered((root / NERFSTUDIO_FOLDER).parent)
+    return sorted((folder for folder in found if holds_model(folder) or lacking_files(folder)), key=photos_in_model, reverse=True)
+
+
 def read_colmap(root: Path) -> Posed:
     """What the COLMAP model below `root` says of its photos, which lie in images/, images_N/ or beside it.
 
@@ -69,7 +75,7 @@ def read_colmap(root: Path) -> Posed:
     if model is None:
         raise BadInput(f"{root} has no COLMAP model any more.", "Put it back.")
     reconstruction = read_model(model)
-    names, garbled = _names_in(reconstruction)
+    names, garbled = names_in(reconstruction)
     not_named = name_them("of the model whose name is not in UTF-8, not used", garbled)
     found = [image for number in sorted(names, key=names.get) if (image := reconstruction.images[number]).has_pose]
     if not found:
@@ -82,7 +88,7 @@ def read_colmap(root: Path) -> Posed:
         notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
     names_used = Counter(image.name for image in found)
     notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
-    views, found_notes = with_files_found([_view(image, images) for image in found], [images])
+    views, found_notes = with_files_found([view_of(image, images) for image in found], [images])
     notes += found_notes
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
     known = {os.path.abspath(path) for path in (*(view.path for view in views), *(images / name for name in garbled))}
@@ -92,7 +98,7 @@ def read_colmap(root: Path) -> Posed:
     return Posed(kind_of(root), model, views, points, f"of the model missing in {images}", fix, notes)
 
 
-def _names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
+def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
     """The names of a model's photos, by id; and, as Python names files, those that are not UTF-8, which pycolmap does not return."""
     names, garbled = {}, []
     for number, image in reconstruction.images.items():
@@ -103,7 +109,8 @@ def _names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], 
     return names, sorted(garbled)
 
 
-def _view(image: pycolmap.Image, images: Path) -> View:
+def view_of(image: pycolmap.Image, images: Path) -> View:
+    """The image as a view of a photo in the folder `images`."""
     pose = image.cam_from_world().matrix()
     camera = copy(image.camera)  # the model's own is freed with the model
     rotation = pose[:, :3]
@@ -136,7 +143,7 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
             return Points(positions[good], colours, None), notes
         notes.append(f"The points of {model} do not say which of its photos see them: its photos do.")
     # An image may see a point twice.
-    by_name = {name: np.unique(seen[number]).astype(np.int64) for number, name in _names_in(reconstruction)[0].items()}
+    by_name = {name: np.unique(seen[number]).astype(np.int64) for number, name in names_in(reconstruction)[0].items()}
     return Points(positions[good], colours, by_name), notes
 
 

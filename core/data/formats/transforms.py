@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from core.data.formats.colmap import NERFSTUDIO_FILE
+from core.data.formats.nerfstudio_model import points_of_model
 from core.data.formats.point_file import read_points_file
 from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photos.folder import SUFFIXES
@@ -23,7 +25,7 @@ from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
 
-FILE = "transforms.json"
+FILE = NERFSTUDIO_FILE
 BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
 # All read alike, with whatever lens terms are given.
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
@@ -46,7 +48,7 @@ def read_transforms(root: Path) -> Posed:
     if others := [name for name in BLENDER_FILES.values() if (root / name).is_file()]:
         reading.notes.append(f"{root} holds {list_names(others)} as well; {FILE} is used.")
     views = reading.split_as_listed(source, facts, reading.views(source, facts))
-    return reading.posed("nerfstudio", source, views, reading.points(facts, views))
+    return reading.posed("nerfstudio", source, facts, views)
 
 
 def read_blender(root: Path) -> Posed:
@@ -70,7 +72,7 @@ def read_blender(root: Path) -> Posed:
     if held_out:
         training = [replace(view, split="train") for view in training if view.path not in both]
     views = training + [replace(view, split="test") for view in held_out]
-    return reading.posed("blender", source, views, reading.points(facts, views))
+    return reading.posed("blender", source, facts, views)
 
 
 @dataclass
@@ -81,6 +83,7 @@ class _Reading:
     notes: list[str] = field(default_factory=list)
     faults: Reasons = field(default_factory=Reasons)
     sources: list[str] = field(default_factory=list)
+    image_ids: dict[Path, int] = field(default_factory=dict)  # of photos, in the COLMAP model
 
     def views(self, source: Path, facts: dict) -> list[View]:
         """The usable frames, each photo once."""
@@ -100,6 +103,8 @@ class _Reading:
                 mask = frame.get("mask_path")
                 mask = self.find(mask) if isinstance(mask, str) else None
                 views[path] = View(str(path), path, lens.camera, rotation, centre, mask=mask)
+                if isinstance(number := frame.get("colmap_im_id"), int):
+                    self.image_ids[path] = number
             except Fault as fault:
                 self.faults.add(f"{fault}, not used", label)
         if views:
@@ -140,8 +145,13 @@ class _Reading:
         return [replace(view, split=split[view.path]) for view in views if view.path in split]
 
     def points(self, facts: dict, views: list[View]) -> Points | None:
-        """The points of ply_file_path, or None. They are in the frame of the poses: applied_transform has been applied to both. (Older
-        versions of nerfstudio did not apply it to points, so the cameras are asked whether they see them.)"""
+        """The points of nerfstudio's COLMAP model or else of ply_file_path, or None. The latter are in the frame of the poses:
+        applied_transform has been applied to both. (Older versions of nerfstudio did not apply it to points, so the cameras are asked
+        whether they see them.)"""
+        points, notes = points_of_model(self.root, views, self.image_ids)
+        self.notes += notes
+        if points is not None:
+            return points
         name = facts.get("ply_file_path")
         if not isinstance(name, str):
             return None
@@ -161,12 +171,14 @@ class _Reading:
             self.notes.append(f"{what}: if they are in another frame than the poses, take out ply_file_path.")
         return Points(positions[good], colours[good], None)
 
-    def posed(self, kind: str, source: Path, views: list[View], points: Points | None) -> Posed:
-        """All that was read. Photos are named by paths below their common folder, or by whole paths if there is none (drives of Windows)."""
+    def posed(self, kind: str, source: Path, facts: dict, views: list[View]) -> Posed:
+        """All that was read, with the points. Photos are named by paths below their common folder, or by whole paths if there is none
+        (drives of Windows)."""
         folder = self.root
         with suppress(ValueError):
             folder = Path(os.path.commonpath([view.path.parent for view in views]))
             views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
+        points = self.points(facts, views)
         views, found = with_files_found(views, [self.root / name for name in ("images", ".", *SHRUNKEN)])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."

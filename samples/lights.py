@@ -30,10 +30,10 @@ from core.evaluation import metrics
 from core.export.pictures import to_8_bit
 from core.looks.find_look import find_appearance
 from core.looks.refined_look import refined
-from core.looks.trained import Run, bake, blend, load_run
+from core.looks.trained import TrainedRun, bake, blend, load_run
 from core.report import QUIET, Report
 from core.system.atomic import write_bytes
-from core.training import run
+from core.training import run_folders
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -52,7 +52,7 @@ QUALITY = 88  # of JPEG
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The sheet.  [default: samples/styles.jpg]")
 def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None) -> None:
     """Draw the looks of RUN (default: the newest)."""
-    trained = load_run(run.find_run(run_folder))
+    trained = load_run(run_folders.find_run(run_folder))
     if output is not None and output.suffix.lower() not in (".jpg", ".jpeg"):
         raise BadInput(f"{output} is not named like a JPEG.", "End it in .jpg.")
     if len(views) > 1 and not renders:
@@ -79,7 +79,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
                 terminal.say(line)
 
 
-def sheet(trained: Run, styles: tuple[str, ...], photo: Photo, report: Report = QUIET) -> list[list[np.ndarray]]:
+def sheet(trained: TrainedRun, styles: tuple[str, ...], photo: Photo, report: Report = QUIET) -> list[list[np.ndarray]]:
     """Rows of pictures: one for each style, then a strip of looks from the first to the last."""
     neutral, *looks = (find_appearance(trained, word, report=report) for word in ("neutral", *styles))
     rows = []
@@ -96,7 +96,7 @@ def sheet(trained: Run, styles: tuple[str, ...], photo: Photo, report: Report = 
     return [*rows, [tile(frame, height) for frame in strip]]
 
 
-def rendered(trained: Run, appearance, photo: Photo) -> np.ndarray:
+def rendered(trained: TrainedRun, appearance, photo: Photo) -> np.ndarray:
     """A look from the camera of a photo, 8 bit."""
     rasterizer = trained.rasterizer
     return to_8_bit(rasterizer.render(bake(trained, appearance), trained.camera(photo), trained.backdrop).image)
@@ -119,14 +119,14 @@ def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None
     report.say(f"{path}: {pixels.shape[1]}x{pixels.shape[0]} px")
 
 
-def truths(trained: Run, style: str) -> dict[str, Path]:
+def truths(trained: TrainedRun, style: str) -> dict[str, Path]:
     """The true pictures of a synthetic scene in the light of a style photo, by the name of the photo whose view they show."""
     known = {Path(photo.name).stem: photo.name for photo in trained.collection.photos}
     folder = trained.collection.root / "truth" / "styles" / Path(style).stem
     return {known[path.stem]: path for path in sorted(folder.glob("*.png")) if path.stem in known}
 
 
-def nearness(trained: Run, style: str, report: Report = QUIET) -> str | None:
+def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | None:
     """How close the look of a style photo comes to the true pictures in its light, in words; None if these are unknown."""
     known = truths(trained, style)
     if not known:

@@ -25,10 +25,10 @@ from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refining
 from core.looks.held_out_views import held_out_view
 from core.looks.refined_look import landmarks_of_run
-from core.looks.trained import Run, load_run
+from core.looks.trained import TrainedRun, load_run
 from core.report import QUIET
 from core.scene.camera import Camera
-from core.training import run
+from core.training import run_folders
 from wegs_cli.main import OneLineErrors
 
 WIDTH_PX = 400  # of the picture in which a camera's error is measured
@@ -38,7 +38,7 @@ WIDTH_PX = 400  # of the picture in which a camera's error is measured
 @click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
 def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""
-    trained = load_run(run.find_run(run_folder))
+    trained = load_run(run_folders.find_run(run_folder))
     collection = load_collection(trained.collection.root)
     landmarks = landmarks_of_run(trained, QUIET)
     rows = []
@@ -67,7 +67,7 @@ def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
 
 
 @torch.no_grad()
-def scores(trained: Run, photo: Photo, found: Camera) -> list[float]:
+def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
     """PSNR (dB) of the right half in the look of the left one: as encoded, refined with the camera found, and with the known one."""
     view = held_out_view(trained, trained.collection.view(photo.name))
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]

@@ -29,8 +29,8 @@ from core.errors import BadInput
 from core.evaluation.metrics import psnr, quantised
 from core.looks.held_out_views import held_out_view
 from core.looks.outside import read_from_outside
-from core.looks.trained import Appearance, Run, bake, load_run
-from core.training import run
+from core.looks.trained import Appearance, TrainedRun, bake, load_run
+from core.training import run_folders
 from core.training.trainer import Trainer
 from core.words import counted
 from wegs_cli.main import OneLineErrors
@@ -74,17 +74,17 @@ def without(collection: Collection, by: str) -> Collection:
     return replace(collection, photos=tuple(left))
 
 
-def train(collection: Collection, settings: Settings, folder: Path, terminal: Terminal) -> Run:
+def train(collection: Collection, settings: Settings, folder: Path, terminal: Terminal) -> TrainedRun:
     """A finished run in `folder`."""
     trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, trainer.settings, trainer.decisions)
+    run_folders.create(folder, collection, trainer.settings, trainer.decisions)
     for report in trainer.train():
         terminal.progress("Training", report.step, trainer.settings.steps)
     return load_run(folder)
 
 
 @torch.no_grad()
-def compared(trained: Run, photo: Photo) -> tuple[float, float, float]:
+def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
     """How far out a photo's embedding lies (1: the end of reach), and the PSNR of its look moved into reach, and of its look with gains."""
     view = held_out_view(trained, photo)
     counted = [part for part in (view.valid, view.truth.static) if part is not None]

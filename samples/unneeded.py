@@ -23,7 +23,7 @@ import click
 from core import pipeline
 from core.config import preset
 from core.looks.trained import load_run
-from core.training import checkpoint, run
+from core.training import checkpoint, run_folders
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -71,7 +71,7 @@ def measure(scene: Path, settings, folder: Path, terminal: Terminal) -> dict:
     pipeline.train(scene, settings, folder, terminal, force=True)
     seconds = time.process_time() - start
     trained = load_run(folder)
-    files = [checkpoint.newest(folder), run.point_cloud_path(folder, trained.step)]
+    files = [checkpoint.newest(folder), run_folders.point_cloud_path(folder, trained.step)]
     scores = pipeline.evaluate(folder, "half", refine=True).means()["photo"]
     return {
         "settings": trained.settings,

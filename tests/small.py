@@ -9,10 +9,10 @@ from pytest import MonkeyPatch
 
 from core.config import LEAST, Settings
 from core.data.collection import Collection, Photo
-from core.looks.trained import Run, load_run
+from core.looks.trained import TrainedRun, load_run
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
-from core.training import run
+from core.training import run_folders
 from core.training.trainer import Trainer
 
 WIDTH, HEIGHT = 48, 36
@@ -51,10 +51,10 @@ def small_collection(folder: Path, photos: int = 6) -> Collection:
     return Collection("small", folder, "test", tuple(made), points, colours, SceneFrame(np.zeros(3), 1.0))
 
 
-def finished(collection: Collection, settings: Settings, folder: Path) -> Run:
+def finished(collection: Collection, settings: Settings, folder: Path) -> TrainedRun:
     """A run trained to its last step in `folder`."""
     trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, trainer.settings)
+    run_folders.create(folder, collection, trainer.settings)
     for _ in trainer.train():
         pass
     return load_run(folder)

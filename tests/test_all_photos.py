@@ -7,7 +7,7 @@ import pytest
 from core import pipeline
 from core.errors import BadInput
 from core.looks.trained import load_run
-from core.training import run
+from core.training import run_config
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.small import give_to_pipeline, small_collection, small_settings
@@ -20,7 +20,7 @@ def test_masks_of_what_is_else_held_out_hide_as_well(tmp_path, monkeypatch):
     for photo in collection.photos:
         shutil.copy(photo.path, tmp_path / "masks" / photo.name)
     masks = [
-        [photo.mask is not None for photo in run.read_config(folder)[2].split("train")]
+        [photo.mask is not None for photo in run_config.read_config(folder)[2].split("train")]
         for folder in (
             pipeline.train(tmp_path, small_settings(steps=1, all_photos=asked), tmp_path / f"run{asked}", masks=tmp_path / "masks")
             for asked in (False, True)
@@ -44,7 +44,7 @@ def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):
     assert "6 photos (6 train, 0 test)" in said and "! All photos are trained on" in said
     pipeline.resume(folder)
     trained = load_run(folder)
-    assert len(trained.model.photo_names) == 6 and not run.read_config(folder)[2].split("test")
+    assert len(trained.model.photo_names) == 6 and not run_config.read_config(folder)[2].split("test")
     with pytest.raises(BadInput, match="has no held-out photos. .*without --all-photos"):
         pipeline.evaluate(folder)
 

@@ -17,7 +17,7 @@ from core.bench.machine import made_on
 from core.bench.stopwatch import timed
 from core.data.collection import spread_over
 from core.looks.pruning import pruner_of
-from core.looks.trained import Run, bake, neutral_look
+from core.looks.trained import TrainedRun, bake, neutral_look
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.splats import Splats
@@ -40,7 +40,7 @@ NOTES = (
 
 
 @torch.no_grad()
-def baking_figure(trained: Run, views: int, report: Report, budget: float) -> Figure:
+def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float) -> Figure:
     """What `wegs bake` does, and bands kept and shares pruned, of a run. views: training views that errors are measured in, spread evenly.
 
     budget: see `stopwatch.timed`.

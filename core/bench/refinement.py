@@ -15,10 +15,10 @@ from core.bench.machine import made_on
 from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import metrics
-from core.evaluation.protocols import View, fit_of, refining
+from core.evaluation.protocols import HeldOutView, fit_of, refining
 from core.evaluation.subject import Subject
 from core.looks.held_out_views import over_views
-from core.looks.trained import Run
+from core.looks.trained import TrainedRun
 from core.report import Report
 from core.words import counted
 
@@ -28,7 +28,7 @@ NOTES = (
 )
 
 
-def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
+def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
     """The course of the refinement on up to `photos` held-out photos of each run. trained: by the names to draw them under.
 
     Raises BadInput where nothing can be measured: no held-out photo that can be read, or looks that follow no embedding.
@@ -59,7 +59,7 @@ def refinement_figure(trained: dict[str, Run], protocols: tuple[str, ...], photo
     return Figure("refinement", title, tuple(quantities), tuple(panels), tuple(points), made, NOTES)
 
 
-def _course(subject: Subject, protocol: str, view: View) -> list[dict[str, float]]:
+def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
     fit, render = fit_of(subject, view, protocol), subject.seen_by(view.camera)
     next(refining(subject, fit), None)  # unmeasured: the first of all loads the kernels

@@ -16,11 +16,11 @@ from core.data.collection import Collection, spread_over
 from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
-from core.looks.trained import Run, bake, load_run, neutral_look
+from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training import run
+from core.training import run_folders
 from core.training.trainer import Trainer
 
 OF_RUN = "rendering-run"  # the rendering of a run's own cameras
@@ -75,7 +75,7 @@ def bench(
         raise BadInput("Rendering is measured on the built-in scene.", "Leave SCENE out, or give a run with --run.")
     files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)
     size = FULL if full else SMALL
-    trained = None if run_folder is None else load_run(run.find_run(run_folder))  # fails now, not after minutes
+    trained = None if run_folder is None else load_run(run_folders.find_run(run_folder))  # fails now, not after minutes
     collection = None
     if scene is not None:
         collection = prepared(scene, output.parent / f"{scene.resolve().name or 'scene'}-scene", report)
@@ -108,15 +108,15 @@ def bench(
     return figures
 
 
-def curves(run_folders: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:
+def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:
     """Draw the training of runs, and the refinement on their held-out photos, into the folder of the first.
 
     Figures that an earlier call left there are replaced, or removed where they are not drawn now: they may be of other runs.
-    run_folders: none for the newest run; one given twice is drawn once. refine: without it only the training is drawn.
+    runs: their folders; none for the newest run, and one given twice is drawn once. refine: without it only the training is drawn.
     """
-    found = [run.find_run(path) for path in run_folders or (None,)]
+    found = [run_folders.find_run(path) for path in runs or (None,)]
     folders = list({folder.resolve(): folder for folder in found}.values())
-    run.check_writable(folders[0] / CURVES)
+    run_folders.check_writable(folders[0] / CURVES)
     courses = _courses_of(folders)
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]
@@ -143,7 +143,7 @@ def _keep(figure: Figure, folder: Path, report: Report) -> None:
     report.say(f"{folder}: {', '.join(path.name for path in paths)}\n")
 
 
-def _measurable(names: tuple[str, ...], trained: Run | None, collection: Collection | None, report: Report) -> tuple[str, ...]:
+def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: Collection | None, report: Report) -> tuple[str, ...]:
     """Those of the figures `names` for which there is enough in the run or the photos to measure; the others are named.
 
     collection: None for that of the run, or the built-in one.
@@ -180,7 +180,7 @@ def _courses_of(folders: list[Path]) -> list[Course]:
     return [Course(name, (folder,)) for name, folder in zip(names, folders, strict=True)]
 
 
-def _follows_a_look(trained: Run, report: Report) -> bool:
+def _follows_a_look(trained: TrainedRun, report: Report) -> bool:
     """Whether the run has an embedding to refine; says so if not."""
     if trained.model.sh_transfer is None:
         report.say(f"{trained.folder}: trained without appearance, so there is no embedding to refine.")
@@ -193,7 +193,7 @@ def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
     return rendering_figure(splats, cameras, "rendering", title, 0, report, size.budget, full)
 
 
-def _rendering_of(trained: Run, size: Size, full: bool, report: Report) -> Figure:
+def _rendering_of(trained: TrainedRun, size: Size, full: bool, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
@@ -253,6 +253,6 @@ def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
 
 def _train(collection: Collection, settings: Settings, folder: Path, report: Report) -> None:
     trainer = Trainer(collection, settings, folder)
-    run.create(folder, collection, trainer.settings, trainer.decisions)
+    run_folders.create(folder, collection, trainer.settings, trainer.decisions)
     for step in trainer.train():
         report.progress(f"Training {folder.name}", step.step, settings.steps, f"loss {step.loss:.3f}")

@@ -9,7 +9,8 @@ from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.errors import BadInput, command
 from core.training import checkpoint
-from core.training.run import HISTORY, read_config
+from core.training.run_config import read_config
+from core.training.run_folders import HISTORY
 
 QUANTITIES = (
     Quantity("seconds", "s of training", "log"),

@@ -8,25 +8,25 @@ from pathlib import Path
 from unicodedata import normalize
 
 from core.data.photos.folder import SUFFIXES, list_photos
-from core.data.placing import View
+from core.data.placing import PosedPhoto
 from core.words import Note, name_them
 
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project, nerfstudio and data sets keep
 
 
-def with_files_found(views: Sequence[View], folders: Iterable[Path]) -> tuple[list[View], list[Note]]:
-    """The views, where a missing file is replaced by one of nearly the same name; and a note that names these.
+def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> tuple[list[PosedPhoto], list[Note]]:
+    """The photos, where a missing file is replaced by one of nearly the same name; and a note that names these.
 
-    folders: where to look besides the folder that the view names.
+    folders: where to look besides the folder that the photo names.
     """
-    missing = [view for view in views if not os.path.isfile(view.path)]  # pathlib's raises for names that are too long
+    missing = [photo for photo in photos if not os.path.isfile(photo.path)]  # pathlib's raises for names that are too long
     if not missing:
-        return list(views), []
-    there = {view.path for view in views} - {view.path for view in missing}
-    found = nearly_named([view.path for view in missing], folders, there)
-    names = [f"{view.name} ({found[view.path].name})" for view in missing if view.path in found]
+        return list(photos), []
+    there = {photo.path for photo in photos} - {photo.path for photo in missing}
+    found = nearly_named([photo.path for photo in missing], folders, there)
+    names = [f"{photo.name} ({found[photo.path].name})" for photo in missing if photo.path in found]
     notes = name_them("found under another name or in another folder", names, harmless=True)
-    return [replace(view, path=found.get(view.path, view.path)) for view in views], notes
+    return [replace(photo, path=found.get(photo.path, photo.path)) for photo in photos], notes
 
 
 def nearly_named(paths: Iterable[Path], folders: Iterable[Path], others: Iterable[Path] = ()) -> dict[Path, Path]:

@@ -21,7 +21,7 @@ USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # in lengths of the longer side: from 
 
 
 @dataclass(frozen=True)
-class View:
+class PosedPhoto:
     """A photo as a collection's files describe it, before the photo itself is opened.
 
     lens: the camera for a photo of this width and height (px, as stored), which matter only to formats that state no size.
@@ -48,7 +48,7 @@ class Placed:
 
 @dataclass
 class Placing:
-    """Places views one by one, and collects what to tell the user about them.
+    """Places photos one by one, and collects what to tell the user about them.
 
     missing_words: what to say of missing photos, after "3 photos".
     """
@@ -60,48 +60,48 @@ class Placing:
     unusual: list[str] = field(default_factory=list)
     missing: int = 0
 
-    def place(self, view: View) -> Placed | None:
-        """The camera fitted to the view's photo, or None; the reason goes into the notes."""
-        if not os.path.isfile(view.path):  # pathlib's raises for names that are too long
+    def place(self, photo: PosedPhoto) -> Placed | None:
+        """The camera fitted to the photo's file, or None; the reason goes into the notes."""
+        if not os.path.isfile(photo.path):  # pathlib's raises for names that are too long
             self.missing += 1
-            self.said.add(self.missing_words, view.name)
+            self.said.add(self.missing_words, photo.name)
             return None
         try:
-            header = probe(view.path)
+            header = probe(photo.path)
         except BadInput as problem:
-            self.said.add("unreadable, not used", named_with_fault(view.name, view.path, problem))
+            self.said.add("unreadable, not used", named_with_fault(photo.name, photo.path, problem))
             return None
-        lens = view.lens(header.width, header.height)
+        lens = photo.lens(header.width, header.height)
         if lens.is_spherical():
-            self.said.add(f"taken by a panorama camera ({lens.model_name}), not used", view.name)
+            self.said.add(f"taken by a panorama camera ({lens.model_name}), not used", photo.name)
             return None
-        if not distortion.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (view.rotation, view.centre)):
-            self.said.add("with a camera or pose that is broken, not used", view.name)
+        if not distortion.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (photo.rotation, photo.centre)):
+            self.said.add("with a camera or pose that is broken, not used", photo.name)
             return None
-        return self._fit(view, lens, header)
+        return self._fit(photo, lens, header)
 
-    def _fit(self, view: View, lens: pycolmap.Camera, header: Header) -> Placed | None:
+    def _fit(self, photo: PosedPhoto, lens: pycolmap.Camera, header: Header) -> Placed | None:
         """The camera scaled to the photo. Programs that find cameras ignore EXIF rotation, so a camera that fits the pixels as stored is
         taken for theirs, and is turned together with them."""
         stored = _same_shape(lens, header.width, header.height)
         if not stored and not _same_shape(lens, *header.displayed):
             sizes = f"{header.width}x{header.height}, camera {lens.width}x{lens.height}"
-            self.said.add("of another shape than the camera says, not used", f"{view.name} ({sizes})")
+            self.said.add("of another shape than the camera says, not used", f"{photo.name} ({sizes})")
             return None
         orientation = header.orientation if stored else 1
         if orientation not in distortion.TURNS:
-            self.said.add("mirrored by EXIF orientation, not used", view.name)
+            self.said.add("mirrored by EXIF orientation, not used", photo.name)
             return None
         width, height = (header.width, header.height) if stored else header.displayed
-        camera = Camera(view.rotation, view.centre, *distortion.pinhole(lens, width, height), width, height)
+        camera = Camera(photo.rotation, photo.centre, *distortion.pinhole(lens, width, height), width, height)
         distorted = not distortion.is_pinhole(lens)
         self.undistorted += distorted
         if orientation != 1:
-            self.said.add("turned by EXIF orientation, camera and all", view.name, harmless=True)
+            self.said.add("turned by EXIF orientation, camera and all", photo.name, harmless=True)
             camera = distortion.turned(camera, orientation)
         self.placed += 1
         if not is_usual(lens):
-            self.unusual.append(f"{view.name} ({camera.fx:.3g} px at a width of {camera.width})")
+            self.unusual.append(f"{photo.name} ({camera.fx:.3g} px at a width of {camera.width})")
         return Placed(camera, distortion.lens_of(lens, orientation) if distorted else None)
 
     def notes(self) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from core.data.collection import FAR, Collection, Photo, astray
 from core.data.given_masks import with_masks_by_name
 from core.data.photos.folder import copies_among
-from core.data.placing import LARGEST_COORDINATE, Placing, View
+from core.data.placing import LARGEST_COORDINATE, Placing, PosedPhoto
 from core.data.split import split_photos
 from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
@@ -46,7 +46,7 @@ class Posed:
 
     kind: str
     source: Path
-    views: list[View]
+    photos: list[PosedPhoto]
     points: Points | None
     missing_words: str
     fix: str
@@ -60,8 +60,8 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     the cameras. Raises BadInput if no photo is left, or none to train on.
     """
     placing = Placing(posed.missing_words)
-    views = {view.name: view for view in sorted(posed.views, key=lambda view: view.name)}
-    placed = {name: found for name, view in views.items() if (found := placing.place(view))}
+    named = {photo.name: photo for photo in sorted(posed.photos, key=lambda photo: photo.name)}
+    placed = {name: found for name, photo in named.items() if (found := placing.place(photo))}
     if not placed:
         anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
         raise _unusable(f"No photo of {posed.source} can be used", posed, placing, anew)
@@ -81,7 +81,7 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     photos = tuple(
         Photo(
             name,
-            views[name].path,
+            named[name].path,
             found.camera.in_scene(frame),
             splits[name],
             seen.get(name, nothing),
@@ -99,7 +99,7 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     collection = Collection(
         name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)
     )
-    masks = {view.name: view.mask for view in views.values() if view.mask is not None}
+    masks = {name: photo.mask for name, photo in named.items() if photo.mask is not None}
     collection = with_masks_by_name(collection, masks, posed.source) if masks else collection
     return collection.undivided() if all_photos else collection
 
@@ -118,10 +118,10 @@ def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
 
 
 def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str], Path]:
-    """The split of each placed photo, notes, and the file that says so: that of the views, or if they have none, as `split_photos`."""
-    said = {view.name: view.split for view in posed.views if view.split}
+    """The split of each placed photo, notes, and the file that says so: that of the posed photos, or if they have none, as `split_photos`."""
+    said = {photo.name: photo.split for photo in posed.photos if photo.split}
     if not said:
-        return split_photos(root, posed.source, names, {view.name for view in posed.views})
+        return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})
     splits = {name: said[name] for name in names if name in said}
     notes = []
     if "train" in splits.values() and "test" not in splits.values():
@@ -143,7 +143,7 @@ def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """A camera-to-world matrix (4, 4) or (3, 4) as View.rotation and View.centre, in the camera axes that it has.
+    """A camera-to-world matrix (4, 4) or (3, 4) as PosedPhoto.rotation and PosedPhoto.centre, in the camera axes that it has.
 
     Axes may share a length other than 1: a scaled camera sees the same. Rounded axes are made orthonormal (the nearest rotation, by SVD).
     Raises Fault if it is no rotation otherwise. what: the matrix, in words for the Fault.

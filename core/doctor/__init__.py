@@ -9,7 +9,7 @@ from core.doctor.run import examine_run
 from core.doctor.scene import examine_scene
 from core.errors import BadInput
 from core.report import Report
-from core.training import run
+from core.training import run_folders
 
 __all__ = ["Finding", "examine"]
 
@@ -19,12 +19,12 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
 
     Raises BadInput if it cannot be read at all.
     """
-    path = run.find_run(None) if path is None else path
+    path = run_folders.find_run(None) if path is None else path
     if not path.exists():
         raise BadInput(f"There is no {path}.", "Give a .ply, a run, a scene or a folder of photos.")
-    if run.is_run(path):
+    if run_folders.is_run(path):
         findings = examine_run(path, report)
-    elif newest := max(path.glob(run.CLOUDS), key=_progress, default=None):
+    elif newest := max(path.glob(run_folders.CLOUDS), key=_progress, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
     else:
         meant_as_scene = path.is_dir() or path.suffix.lower() in (".json", *VIDEO_SUFFIXES)

@@ -15,11 +15,11 @@ from core.doctor.gaussians import look_at_gaussians
 from core.doctor.scene import odd_focal_lengths, placed_photos
 from core.errors import BadInput, command
 from core.export.ply import BYTES_A_GAUSSIAN
-from core.looks.trained import Run, bake, load_run, neutral_look
+from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
 from core.training import checkpoint
 from core.training.losses import COLLAPSED
-from core.training.run import HISTORY
+from core.training.run_folders import HISTORY
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread
 NEAR_BOUND = 0.95  # of the residual's bound: beyond, the transfer has hardly any gradient
@@ -54,7 +54,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     return [*findings, *_looks(trained, facts["trainer"], report)]
 
 
-def _progress(trained: Run, facts: dict) -> list[Finding]:
+def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
     """How far the run got, how many steps were skipped, and whether quality fell."""
     steps, wanted = trained.step, trained.settings.steps
     advice = f"Type: {command('wegs', 'train', '--resume', '-o', trained.folder)}" if steps < wanted else ""
@@ -97,7 +97,7 @@ def _settings(settings: Settings) -> Finding:
     return Finding("settings", ", ".join(changed) or "all defaults", "what differs from the defaults of this version: chosen, or decided by the photos")
 
 
-def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
+def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
     """How much the training photos' looks add to the base, and their masks hide."""
     photos = spread_over(trained.collection.split("train"), MOST_PHOTOS)
     names = trained.model.photo_names
@@ -109,12 +109,12 @@ def _looks(trained: Run, facts: dict, report: Report) -> list[Finding]:
     for number, photo in enumerate(photos):
         report.progress("Looks", number + 1, len(photos), photo.name)
         try:
-            picture = trained.picture(photo)
+            sized = trained.sized_photo(photo)
         except BadInput as problem:  # of the photo or of its mask
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
         with torch.no_grad():
-            look = trained.model.look(picture.encoder_input, names.index(photo.name) if photo.name in names else None)
+            look = trained.model.look(sized.encoder_input, names.index(photo.name) if photo.name in names else None)
             residual = trained.model.transfer(splats.sh, splats.means, look.embedding, latents)[1]
         if look.mask is not None:
             masks[photo.name] = float(look.mask.mean())

@@ -160,12 +160,12 @@ def _photos(collection: Collection, report: Report) -> list[Finding]:
         width = min(SMALL_PX, photo.camera.width)
         height = max(1, round(photo.camera.height * width / photo.camera.width))
         try:
-            picture = load_photo(photo, width, height, cut_out=cut_out)
+            loaded = load_photo(photo, width, height, cut_out=cut_out)
         except BadInput as problem:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
-        if picture.pixels.std() < FLAT and picture.empty is None:
-            flat.append(f"{photo.name}: {picture.pixels.mean():.0f} of 255")
+        if loaded.pixels.std() < FLAT and loaded.empty is None:
+            flat.append(f"{photo.name}: {loaded.pixels.mean():.0f} of 255")
     return _photo_findings(unusable, flat, len(photos))
 
 

@@ -25,7 +25,7 @@ Distance = Callable[[Tensor, Tensor], float | None]  # LPIPS
 
 
 @dataclass(frozen=True)
-class View:
+class HeldOutView:
     """A test photo. picture: [0, 1], at the size of `camera`. valid: where the photo shows something; None if everywhere."""
 
     name: str
@@ -39,7 +39,7 @@ class View:
 class Fit:
     """The part of a view that gives the look, and the part that is scored.
 
-    photo: quantised, whole. region: the columns of it that give the look, as `camera` sees them. valid: as in View, of the region.
+    photo: quantised, whole. region: the columns of it that give the look, as `camera` sees them. valid: as in HeldOutView, of the region.
     scored: the columns that are scored. start: the encoder's embedding of the region.
     """
 
@@ -51,7 +51,7 @@ class Fit:
     start: Float[Tensor, " e"]
 
 
-def fit_of(subject: Subject, view: View, protocol: str) -> Fit:
+def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
     """The Fit of a view by `protocol`; raises as `regions` does."""
     fitted, scored = regions(view, protocol)
     photo = metrics.quantised(view.picture)
@@ -104,7 +104,7 @@ class ViewPictures:
 
 
 def measure(
-    subject: Subject, view: View, protocol: str, refine: bool = True, lpips: Distance | None = None
+    subject: Subject, view: HeldOutView, protocol: str, refine: bool = True, lpips: Distance | None = None
 ) -> tuple[ViewResult, ViewPictures]:
     """Measure one photo by `protocol`, a key of PROTOCOLS.
 
@@ -139,7 +139,7 @@ def measure(
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 
-def regions(view: View, protocol: str) -> tuple[slice, slice]:
+def regions(view: HeldOutView, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
     Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to be halved or has no valid pixel in one of them.

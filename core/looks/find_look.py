@@ -17,7 +17,7 @@ from core.errors import BadInput
 from core.looks import saved_look
 from core.looks.outside import light_in_words, read_from_outside
 from core.looks.refined_look import refined_held_out, refined_outside
-from core.looks.trained import NEUTRAL, Appearance, Run, neutral_look
+from core.looks.trained import NEUTRAL, Appearance, TrainedRun, neutral_look
 from core.report import QUIET, Report
 
 SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not be told from noise
@@ -25,7 +25,7 @@ SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not b
 
 @torch.no_grad()
 def find_appearance(
-    trained: Run, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
+    trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
 ) -> Appearance:
     """The look that `word` stands for.
 
@@ -56,7 +56,7 @@ def find_appearance(
     raise _unknown(trained, word)
 
 
-def _saved_as(trained: Run, word: str) -> Path | None:
+def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     """The file of a saved look, named by its path or its name; that a path does not exist is reported when it is read."""
     path = Path(word)
     named = path if path.name != word else trained.folder / saved_look.FOLDER / f"{word.removesuffix('.json')}.json"
@@ -65,7 +65,7 @@ def _saved_as(trained: Run, word: str) -> Path | None:
     return named if named.is_file() and not path.is_file() else None
 
 
-def _of_collection(trained: Run, word: str) -> Photo | None:
+def _of_collection(trained: TrainedRun, word: str) -> Photo | None:
     """The photo of the collection that is this file, was made of it, or is called so."""
     path, collection = Path(word), trained.collection
     if not path.is_file():
@@ -75,7 +75,7 @@ def _of_collection(trained: Run, word: str) -> Photo | None:
     return same or next((photo for photo in collection.photos if photo.name == made_of), None)
 
 
-def find_view(trained: Run, word: str | None) -> Photo:
+def find_view(trained: TrainedRun, word: str | None) -> Photo:
     """The photo of the collection that `word` stands for, as in `find_appearance`; for None the first held-out one, or the first of all.
 
     Raises BadInput if there is none.
@@ -86,7 +86,7 @@ def find_view(trained: Run, word: str | None) -> Photo:
     return photo or trained.collection.view(word)
 
 
-def _left_out(trained: Run, word: str) -> Path | None:
+def _left_out(trained: TrainedRun, word: str) -> Path | None:
     """The file called `word`, with or without suffix, that structure from motion was given but could not place."""
     root = trained.collection.root
     names = read_mark(root / originals.NAMES)
@@ -95,7 +95,7 @@ def _left_out(trained: Run, word: str) -> Path | None:
     return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
 
 
-def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, report: Report) -> Appearance:
+def _of_photo(trained: TrainedRun, photo: Photo, mask: Path | None, refine: bool, report: Report) -> Appearance:
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
     if row is None:
@@ -108,12 +108,12 @@ def _of_photo(trained: Run, photo: Photo, mask: Path | None, refine: bool, repor
     look = partial(Appearance, Path(photo.name).stem, f"{kind} photo {photo.name}")
     if row is not None and mask is None and trained.encoded is not None:
         return look(trained.encoded[row])
-    picture = trained.picture(photo)
-    found = look(trained.model.look(picture.encoder_input, row).embedding)
-    return refined_held_out(trained, found, picture, report) if refine and row is None else found
+    sized = trained.sized_photo(photo)
+    found = look(trained.model.look(sized.encoder_input, row).embedding)
+    return refined_held_out(trained, found, sized, report) if refine and row is None else found
 
 
-def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
+def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Appearance:
     _refuse_unknown_to_table(trained, str(path))
     if mask is not None:
         check_fits(mask, probe(mask).displayed, probe(path).displayed)
@@ -129,7 +129,7 @@ def _of_outside(trained: Run, path: Path, mask: Path | None) -> Appearance:
     return Appearance(path.stem, source, embedding, tone)
 
 
-def _refuse_unknown_to_table(trained: Run, name: str) -> None:
+def _refuse_unknown_to_table(trained: TrainedRun, name: str) -> None:
     if trained.settings.embedding == "glo" and trained.settings.appearance != "off":
         raise BadInput(
             f"{name} is not a training photo, and a run with embedding=glo knows no other looks.",
@@ -137,7 +137,7 @@ def _refuse_unknown_to_table(trained: Run, name: str) -> None:
         )
 
 
-def _unknown(trained: Run, word: str) -> BadInput:
+def _unknown(trained: TrainedRun, word: str) -> BadInput:
     if not word.strip():
         return BadInput("The look has no name.", f"Give a photo, or {NEUTRAL}.")
     if Path(word).is_dir():

@@ -6,27 +6,27 @@ from typing import TypeVar
 from core.data.collection import Photo
 from core.data.photos.file import named_with_fault
 from core.errors import BadInput
-from core.evaluation.protocols import View
+from core.evaluation.protocols import HeldOutView
 from core.evaluation.truth import load_truth
-from core.looks.trained import Run
+from core.looks.trained import TrainedRun
 from core.report import Report
-from core.training.pictures import shown_on
+from core.training.sized_photos import shown_on
 from core.words import name_them
 
 Measured = TypeVar("Measured")
 
 
-def held_out_view(trained: Run, photo: Photo) -> View:
+def held_out_view(trained: TrainedRun, photo: Photo) -> HeldOutView:
     """A held-out photo at training size, with its truth if that is known; BadInput if the photo is missing or damaged."""
-    picture = trained.picture(photo)
-    camera = picture.camera
-    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
+    sized = trained.sized_photo(photo)
+    camera = sized.camera
+    pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
     truth = load_truth(trained.collection.root, photo.name, camera.width, camera.height)
-    return View(photo.name, pixels, camera, valid, truth.to(trained.device))
+    return HeldOutView(photo.name, pixels, camera, valid, truth.to(trained.device))
 
 
 def over_views(
-    trained: Run, photos: Sequence[Photo], measured: Callable[[View], Measured], what: str, report: Report, left_out: str = "not measured"
+    trained: TrainedRun, photos: Sequence[Photo], measured: Callable[[HeldOutView], Measured], what: str, report: Report, left_out: str = "not measured"
 ) -> Iterator[tuple[Photo, Measured]]:
     """(photo, measured(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
     end; if all do, the last BadInput is raised. what: the work, for its progress bar. left_out: what to say of skipped photos, after "3 photos"."""

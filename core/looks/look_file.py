@@ -5,12 +5,12 @@ from pathlib import Path
 import core.export
 from core.export.ply import maker_of
 from core.looks.pruning import Pruned, Pruner
-from core.looks.trained import Appearance, Run, bake
+from core.looks.trained import Appearance, TrainedRun, bake
 from core.report import Report
 from core.words import counted
 
 
-def write_look(trained: Run, appearance: Appearance, path: Path, report: Report, pruner: Pruner | None, sky: bool = True) -> int:
+def write_look(trained: TrainedRun, appearance: Appearance, path: Path, report: Report, pruner: Pruner | None, sky: bool = True) -> int:
     """Bake and write one look, with or without its sky; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
     look = bake(trained, appearance)
     pruned = Pruned(look, 0, 0, 0.0) if pruner is None else pruner(look)

@@ -9,7 +9,7 @@ from torch import Tensor
 from core.appearance.encoder import shrink
 from core.appearance.tone import band_means, taken_off, tone_between, toned
 from core.data.collection import spread_over
-from core.looks.trained import Run, bake, neutral_look
+from core.looks.trained import TrainedRun, bake, neutral_look
 
 VIEWS = 16  # training cameras, which show where in a photo the sky usually is
 SHRUNK = 4  # times; their pictures are that much smaller than in training
@@ -19,7 +19,7 @@ TINTS = "redder", "greener", "bluer"
 
 
 @torch.no_grad()
-def read_from_outside(trained: Run, picture: Float[Tensor, "3 h w"]) -> tuple[Float[Tensor, " e"], Float[Tensor, "2 3"] | None]:
+def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> tuple[Float[Tensor, " e"], Float[Tensor, "2 3"] | None]:
     """(embedding, tone) of a photo ([0, 1], any size); the tone is None if the embedding is within reach of the training photos'.
 
     Otherwise the whole tone is what turns the mean of the training views, in the neutral look, into the photo. The smallest share of it
@@ -53,7 +53,7 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
     return ", ".join(words)
 
 
-def _shares(trained: Run) -> Float[Tensor, "2 bands 3"]:
+def _shares(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
     """What place and sky each contribute to the mean colours of the bands of the training views, in the neutral look."""
     look = bake(trained, neutral_look(trained))
     alone = [toned(look, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]

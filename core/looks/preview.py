@@ -7,21 +7,21 @@ from core.data.collection import spread_over
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, to_8_bit, write_png
 from core.looks.find_look import find_appearance
-from core.looks.trained import Run, bake, neutral_look
-from core.training.pictures import Picture
-from core.training.run import PREVIEW
+from core.looks.trained import TrainedRun, bake, neutral_look
+from core.training.run_folders import PREVIEW
+from core.training.sized_photos import SizedPhoto
 
 PHOTOS = 4
 
 
-def write_preview(trained: Run, pictures: Sequence[Picture]) -> Path:
+def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
     """Write PREVIEW into the run folder: up to PHOTOS training photos, each beside the scene from its camera, in its look and in the neutral one."""
     has_looks = trained.settings.appearance != "off"
     columns = ("photo", "the scene in its look", "in the neutral look") if has_looks else ("photo", "the scene")
     neutral, rows = bake(trained, neutral_look(trained)), []
-    for picture in spread_over(pictures, PHOTOS):
-        own = [bake(trained, find_appearance(trained, picture.photo.name))] if has_looks else []
-        drawn = (trained.rasterizer.render(look, picture.camera, trained.backdrop).image for look in (*own, neutral))
-        rows.append((picture.photo.name, [tile(pixels) for pixels in (picture.pixels, *map(to_8_bit, drawn))]))
+    for sized in spread_over(photos, PHOTOS):
+        own = [bake(trained, find_appearance(trained, sized.photo.name))] if has_looks else []
+        drawn = (trained.rasterizer.render(look, sized.camera, trained.backdrop).image for look in (*own, neutral))
+        rows.append((sized.photo.name, [tile(pixels) for pixels in (sized.pixels, *map(to_8_bit, drawn))]))
     write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))
     return path

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from core.looks.trained import Run
+from core.looks.trained import TrainedRun
 from core.rasterizer import BLACK, Colour, Rasterizer
 from core.rasterizer.views import largest_contributions
 from core.report import Report
@@ -110,7 +110,7 @@ class Pruner:
         return self.rasterizer.render(look, camera, self.background).image.clamp(0, 1)
 
 
-def pruner_of(trained: Run, report: Report) -> Pruner:
+def pruner_of(trained: TrainedRun, report: Report) -> Pruner:
     """The Pruner of a run for its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
     given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.backdrop

@@ -16,20 +16,20 @@ from core.data.sfm import landmarks
 from core.data.sfm.landmarks import Landmarks, landmarks_of
 from core.data.sfm.locate import locate
 from core.errors import BadInput, WegsError
-from core.looks.trained import Appearance, Run
+from core.looks.trained import Appearance, TrainedRun
 from core.report import QUIET, Report
 from core.scene.camera import Camera
-from core.training.pictures import Picture, shown_on
+from core.training.sized_photos import SizedPhoto, shown_on
 
 
-def refined_held_out(trained: Run, look: Appearance, picture: Picture, report: Report) -> Appearance:
+def refined_held_out(trained: TrainedRun, look: Appearance, sized: SizedPhoto, report: Report) -> Appearance:
     """The look of a held-out photo, refined. (A training photo's would gain nothing: the encoder has learnt it by heart.)"""
-    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
-    better = refined(trained, look, picture.camera, pixels, valid, report)
+    pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
+    better = refined(trained, look, sized.camera, pixels, valid, report)
     return look if better is None else replace(better, source=f"{look.source}, refined")
 
 
-def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | None, report: Report) -> Appearance:
+def refined_outside(trained: TrainedRun, look: Appearance, path: Path, mask: Path | None, report: Report) -> Appearance:
     """The look of a photo file from outside the collection, refined; unchanged if the photo cannot be located, with the reason in `source`.
 
     The photo is compared at its own size, or the mean size of a training photo if that is smaller. mask: white where it is to be used.
@@ -51,16 +51,16 @@ def refined_outside(trained: Run, look: Appearance, path: Path, mask: Path | Non
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
         photo = Photo(path.name, path, found.camera, "test", mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
-        picture = load_photo(photo, camera.width, camera.height, trained.is_cut_out)
+        loaded = load_photo(photo, camera.width, camera.height, trained.is_cut_out)
     except BadInput:  # nothing is left of a mask in a smaller picture
         return as_read("too little of it is left at the size at which it is drawn")
-    pixels, valid = shown_on(trained.device, picture.pixels, picture.valid)
+    pixels, valid = shown_on(trained.device, loaded.pixels, loaded.valid)
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
     return look if better is None else replace(better, source=f"{look.source}, {how}")
 
 
-def landmarks_of_run(trained: Run, report: Report) -> Landmarks:
+def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     """The landmarks that photos from outside are located by, in the run's scene frame: found once, then kept in the run folder.
 
     Raises BadInput if there are none yet and the scene cannot be read.
@@ -77,7 +77,7 @@ def landmarks_of_run(trained: Run, report: Report) -> Landmarks:
 
 
 def refined(
-    trained: Run,
+    trained: TrainedRun,
     look: Appearance,
     camera: Camera,
     pixels: Float[Tensor, "h w 3"],

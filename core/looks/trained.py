@@ -22,20 +22,20 @@ from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system import device
-from core.training import backdrop, checkpoint, run
+from core.training import backdrop, checkpoint, run_config
 from core.training.gaussians import Gaussians
-from core.training.pictures import Picture, Sizes, load_picture
+from core.training.sized_photos import SizedPhoto, Sizes, load_sized_photo
 
 NEUTRAL = "neutral"  # the name of the look that every run has; no other can have it
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainedRun:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
     seconds: spent on training. encoded: the embeddings of the training photos, in the order of `model.photo_names`, if an encoder
-    gives them and training is finished; the reach of looks is then made of these. A Run is a Subject of core.evaluation.
+    gives them and training is finished; the reach of looks is then made of these. It is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -50,7 +50,7 @@ class Run:
     model: AppearanceModel
     encoded: Float[Tensor, "k e"] | None = None
 
-    def picture(self, photo: Photo) -> Picture:
+    def sized_photo(self, photo: Photo) -> SizedPhoto:
         """A photo of the collection at its training size, with its camera and the encoder's input.
 
         Raises BadInput if the photo is missing or damaged.
@@ -58,7 +58,7 @@ class Run:
         root = self.collection.root
         if not photo.path.is_file() and not root.is_dir():
             raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
-        return load_picture(photo, self.sizes, self.device, self.is_cut_out)
+        return load_sized_photo(photo, self.sizes, self.device, self.is_cut_out)
 
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo of the collection at its training size; the photo itself is not needed."""
@@ -154,12 +154,12 @@ class Appearance:
     tone: Float[Tensor, "2 3"] | None = None
 
 
-def load_run(folder: Path, on_gpu: bool = True) -> Run:
+def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     """The newest checkpoint of a run folder, and all that is needed to use it; BadInput if there is none.
 
     on_gpu: if the run was trained on a GPU and there is one here, use it there; else on the CPU.
     """
-    identity, settings, collection = run.read_config(folder)
+    identity, settings, collection = run_config.read_config(folder)
     path = checkpoint.newest(folder)
     if path is None:
         raise BadInput(f"{folder} has no checkpoint yet.", "Wait for its first one, or name another run.")
@@ -175,10 +175,10 @@ def load_run(folder: Path, on_gpu: bool = True) -> Run:
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
-    return Run(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, encoded.get("masked"))
+    return TrainedRun(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, encoded.get("masked"))
 
 
-def bake(trained: Run, appearance: Appearance, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:
+def bake(trained: TrainedRun, appearance: Appearance, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:
     """The Gaussians of the run in one look, scene frame: one pass of the SH transfer; appearance is over after it.
 
     rows: of those wanted, all by default; ascending, the whole dome among them.
@@ -190,7 +190,7 @@ def bake(trained: Run, appearance: Appearance, rows: Int[Tensor, " r"] | slice =
     return look if appearance.tone is None else toned(look, appearance.tone, trained.sky)
 
 
-def neutral_look(trained: Run) -> Appearance:
+def neutral_look(trained: TrainedRun) -> Appearance:
     """The look that every run has."""
     return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
 

@@ -15,7 +15,7 @@ from core.looks.held_out_views import over_views
 from core.looks.trained import load_run
 from core.report import QUIET, Report
 from core.system.awake import cores_awake
-from core.training import run
+from core.training import run_folders
 from core.words import counted
 
 
@@ -27,8 +27,8 @@ def evaluate(
 
     keep_pictures: also every render and photo, as they were compared, into its pictures/.
     """
-    trained = load_run(run.find_run(folder))
-    run.check_writable(trained.folder)
+    trained = load_run(run_folders.find_run(folder))
+    run_folders.check_writable(trained.folder)
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")

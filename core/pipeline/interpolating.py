@@ -13,7 +13,7 @@ from core.looks.trained import bake, blend, load_run
 from core.pipeline.baking import ONE_LOOK
 from core.report import QUIET, Report
 from core.system.atomic import check_apart, check_fillable, filling
-from core.training import run
+from core.training import run_folders
 
 
 def interpolate(
@@ -35,7 +35,7 @@ def interpolate(
     """
     if steps < 2:
         raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
-    trained = load_run(run.find_run(folder))
+    trained = load_run(run_folders.find_run(folder))
     photo = find_view(trained, view)
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])

@@ -16,12 +16,12 @@ from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
 from core.system import device
 from core.system.atomic import check_apart
-from core.training import checkpoint, run
+from core.training import checkpoint, run_config, run_folders
 from core.training.claim import held, new_run
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
 from core.training.masks import write_masks
-from core.training.pictures import check_resolution
+from core.training.sized_photos import check_resolution
 from core.training.tell import next_step, tell_collection, tell_plan, tell_step
 from core.training.trainer import Trainer
 from core.words import counted, list_names
@@ -48,30 +48,30 @@ def train(
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:
-        if run.is_run(folder):
+        if run_folders.is_run(folder):
             check_apart(folder, [scene] if masks is None else [scene, masks])
         collection = prepared(scene, folder.parent / f"{name}-scene", report, settings.all_photos)
         if masks is not None:
             collection = with_masks_in(collection, masks)
         tell_collection(collection, report)
         trainer = Trainer(collection, settings, folder)
-        run.create(folder, collection, trainer.settings, trainer.decisions)
+        run_folders.create(folder, collection, trainer.settings, trainer.decisions)
         return _train(trainer, report)
 
 
 def resume(folder: Path | None, report: Report = QUIET) -> Path:
     """Go on with a stopped run (default: the newest), as if it had never stopped."""
-    folder = run.find_run(folder)
+    folder = run_folders.find_run(folder)
     with held(folder):
         return _go_on(folder, report)
 
 
 def _go_on(folder: Path, report: Report) -> Path:
-    _, settings, before = run.read_config(folder)
+    _, settings, before = run_config.read_config(folder)
     path = checkpoint.newest(folder)
     saved = None if path is None else checkpoint.load(path)
     done = saved.facts["step"] if saved else 0
-    if done >= settings.steps and any(folder.glob(run.CLOUDS)):  # else it was stopped just before its last file
+    if done >= settings.steps and any(folder.glob(run_folders.CLOUDS)):  # else it was stopped just before its last file
         raise BadInput(
             f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.",
             "For more, train a new run with --steps. To use this one, type: "
@@ -83,13 +83,13 @@ def _go_on(folder: Path, report: Report) -> Path:
         raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
     collection = with_same_masks(load_collection(before.root, settings.all_photos), before)
     trainer = Trainer(collection, settings, folder)
-    names = {picture.photo.name for picture in trainer.pictures}
+    names = {sized.photo.name for sized in trainer.photos}
     if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
         what = f"The photos in {before.root} are not those that {folder} began with: {list_names(changed)} differ or are gone"
         raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
     why = "" if saved else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
-    run.rewind_history(folder, done)
+    run_folders.rewind_history(folder, done)
     if saved:
         with checkpoint.fitting(path):
             trainer.resume(saved)
@@ -113,7 +113,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
     try:
         _write_results(trainer, report)
     except KeyboardInterrupt:
-        if any(folder.glob(run.CLOUDS)):
+        if any(folder.glob(run_folders.CLOUDS)):
             raise
         raise KeyboardInterrupt(f"All steps are kept; finish with: {advice}") from None
     return folder
@@ -123,9 +123,9 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     """Write what a finished training leaves to look at. The neutral look comes last: it marks the run as finished."""
     folder = trainer.folder
     trained = load_run(folder)
-    neutral = run.point_cloud_path(folder, trained.step)
-    masks = write_masks(folder, trainer.model, trainer.pictures)
-    preview = write_preview(trained, trainer.pictures)
+    neutral = run_folders.point_cloud_path(folder, trained.step)
+    masks = write_masks(folder, trainer.model, trainer.photos)
+    preview = write_preview(trained, trainer.photos)
     write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [
         ("run", str(folder)),

@@ -2,10 +2,10 @@
 
 the loop         trainer, step, schedule, guards, held_out
 what is decided  needs, evidence, sightings
-photos           pictures, backdrop, jitter
+photos           sized_photos, backdrop, jitter
 losses           objective, photometric (_cpu, _cuda), mask_loss, losses, gauge
 Gaussians        initialisation, gaussians, densify, adam (_cuda)
 networks         networks
-on disk          run, viewer_files, checkpoint, claim, masks
+on disk          run_folders, run_config, viewer_files, checkpoint, claim, masks
 for the user     tell, interrupt, full_memory
 """

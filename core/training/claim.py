@@ -7,14 +7,14 @@ from pathlib import Path
 from core.errors import BadInput, not_made
 from core.system.atomic import made
 from core.system.lock import taken
-from core.training import run
+from core.training import run_folders
 
 
 @contextmanager
 def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterator[Path]:
-    """The folder that run.choose_folder chooses, made and held; it is removed again if nothing was put into it.
+    """The folder that run_folders.choose_folder chooses, made and held; it is removed again if nothing was put into it.
 
-    Raises BadInput like run.choose_folder, and for a folder that cannot be made or is held by another training.
+    Raises BadInput like run_folders.choose_folder, and for a folder that cannot be made or is held by another training.
     """
     with ExitStack() as stack:
         folder = _make(stack, output, scene_name, force)
@@ -34,7 +34,7 @@ def held(folder: Path) -> Iterator[None]:
 def _make(stack: ExitStack, output: Path | None, scene_name: str, force: bool) -> Path:
     """The folder of a new run, `made` for as long as the stack lasts."""
     while True:
-        folder = run.choose_folder(output, scene_name, force)
+        folder = run_folders.choose_folder(output, scene_name, force)
         try:
             stack.enter_context(made(folder, may_exist=output is not None))
             return folder

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.training.pictures import Picture
 from core.training.sightings import FEWEST_PHOTOS, NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
+from core.training.sized_photos import SizedPhoto
 
 FEWEST_SIGHTINGS = 600
 FEWEST_IN_PHOTO = 40  # matches, against the 6 unknowns of its tone
@@ -39,9 +39,9 @@ class Evidence:
     strange_share: float | None = None
 
 
-def gather_evidence(points: np.ndarray, pictures: Sequence[Picture]) -> Evidence:
+def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidence:
     """The figures of a collection: SfM points (P, 3; scene frame) and its decoded training photos."""
-    places = _judgeable(find_sightings(points, pictures))
+    places = _judgeable(find_sightings(points, photos))
     matched = places[places.matched]
     if len(matched) < FEWEST_SIGHTINGS or len(np.unique(matched.photo)) < FEWEST_PHOTOS:
         return Evidence()

@@ -10,25 +10,25 @@ from core.rasterizer import Colour, Rasterizer
 from core.system.threads import threads_for_blocks
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric
-from core.training.pictures import Pictures, shown_on
+from core.training.sized_photos import SizedPhotos, shown_on
 
 
 @torch.no_grad()
 @threads_for_blocks()
 def quality(
-    pictures: Pictures, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, behind: Colour
+    photos: SizedPhotos, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, behind: Colour
 ) -> tuple[float, float] | tuple[None, None]:
     """Mean PSNR (dB) and SSIM (the loss's) over valid pixels, each photo in the look of all of it; (None, None) without photos.
 
     behind: what renders are drawn over.
     """
     decibels, similarities = [], []
-    for index in range(len(pictures)):
-        picture = pictures[index]
-        look = model.look(picture.encoder_input)
+    for index in range(len(photos)):
+        sized = photos[index]
+        look = model.look(sized.encoder_input)
         splats = model.bake(gaussians.splats, look.embedding, gaussians.latents)
-        image = rasterizer.render(splats, picture.camera, behind).image.clamp(0, 1)
-        photo, valid = shown_on(image.device, picture.pixels, picture.valid)
+        image = rasterizer.render(splats, sized.camera, behind).image.clamp(0, 1)
+        photo, valid = shown_on(image.device, sized.pixels, sized.valid)
         errors = (image - photo) ** 2
         decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))
         similarities.append(1 - float(photometric(image, Target(photo, valid), None, 1.0)))

@@ -11,7 +11,7 @@ import numpy as np
 from core.config import Settings, budget
 from core.training.backdrop import is_cut_out
 from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
-from core.training.pictures import Picture
+from core.training.sized_photos import SizedPhoto
 
 # 8-bit steps. Against no looks, the exposure mode (zero-shot, half protocol, held-out training photos) lost 1.9 dB at 3.6
 # (fountain) and 0.1 at 5.1 (calm plaza with gains of 4 %), and won 0.1 at 9.2 (gains of 9 %).
@@ -40,20 +40,20 @@ class Decision:
 
 
 def decide(
-    settings: Settings, points: np.ndarray, pictures: Sequence[Picture]
+    settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto]
 ) -> tuple[Settings, tuple[Decision, ...]]:
     """Settings in which nothing is left to be decided, and the decisions taken; none where all was given.
 
-    points: SfM points (P, 3), scene frame. pictures: the training photos, decoded at training size.
+    points: SfM points (P, 3), scene frame. photos: the training photos, decoded at training size.
     """
-    empty = is_cut_out(settings) or any(picture.empty is not None for picture in pictures)
+    empty = is_cut_out(settings) or any(sized.empty is not None for sized in photos)
     settings = settings.changed(transparency="empty" if empty else "unseen")
-    pixels = sum(picture.camera.width * picture.camera.height for picture in pictures)
-    settings = settings.decided(**budget(len(pictures), pixels), sky="none" if empty else "dome")
+    pixels = sum(sized.camera.width * sized.camera.height for sized in photos)
+    settings = settings.decided(**budget(len(photos), pixels), sky="none" if empty else "dome")
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
         return settings.decided(), ()
-    evidence = gather_evidence(points, pictures)
+    evidence = gather_evidence(points, photos)
     taken = {name: judge(evidence) for name, judge in JUDGES.items()}
     if empty:
         taken |= {name: _of_renders(name) for name in ("appearance", "transients") if taken[name].figure is None}

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.data.collection import spread_over
-from core.training.pictures import Picture
+from core.training.sized_photos import SizedPhoto
 
 MOST_PHOTOS, MOST_POINTS = 200, 5000  # spread evenly over the collection; beyond, figures hardly change and seconds do
 FEWEST_PHOTOS = 3  # that must have matched a point: of two photos that disagree none is right
@@ -44,23 +44,23 @@ class Sightings:
         return Sightings(**{name: values[rows] for name, values in vars(self).items()})
 
 
-def find_sightings(points: np.ndarray, pictures: Sequence[Picture]) -> Sightings:
-    """Where the pictures show the points (P, 3; scene frame) that FEWEST_PHOTOS of them matched.
+def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sightings:
+    """Where the photos show the points (P, 3; scene frame) that FEWEST_PHOTOS of them matched.
 
     Expected are points that a photo did not match though one from nearly the same place did: a passer-by may stand before
     them. Those with other points close by in front are left out: what hides them may be part of the place.
     """
-    pictures = spread_over(pictures, MOST_PHOTOS)
-    chosen, matched = _matches(len(points), pictures)
+    photos = spread_over(photos, MOST_PHOTOS)
+    chosen, matched = _matches(len(points), photos)
     positions = points[chosen]
-    centres = np.array([picture.camera.centre for picture in pictures]).reshape(-1, 3)
+    centres = np.array([sized.camera.centre for sized in photos]).reshape(-1, 3)
     rays = positions[:, None] - centres
     distances = np.linalg.norm(rays, axis=2)
     rays /= np.maximum(distances, 1e-12)[..., None]
     degrees = _nearest(rays, distances, matched)
     parts = [
-        _in_picture(number, picture, positions, rays[:, number], matched[:, number], degrees[:, number])
-        for number, picture in enumerate(pictures)
+        _in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number])
+        for number, sized in enumerate(photos)
     ]
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     return Sightings(*columns)
@@ -86,17 +86,17 @@ def rows_of_each(numbers: np.ndarray) -> list[np.ndarray]:
     return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
 
 
-def _matches(count: int, pictures: Sequence[Picture]) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (P,) of those of `count` points that enough pictures matched, and which of these matched each, (P, K)."""
-    photos = np.zeros(count, dtype=np.int64)
-    for picture in pictures:
-        photos[picture.photo.points] += 1
-    chosen = np.array(spread_over(np.flatnonzero(photos >= FEWEST_PHOTOS), MOST_POINTS), dtype=np.int64)
+def _matches(count: int, photos: Sequence[SizedPhoto]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (P,) of those of `count` points that enough photos matched, and which of these matched each, (P, K)."""
+    counts = np.zeros(count, dtype=np.int64)
+    for sized in photos:
+        counts[sized.photo.points] += 1
+    chosen = np.array(spread_over(np.flatnonzero(counts >= FEWEST_PHOTOS), MOST_POINTS), dtype=np.int64)
     row_of = np.full(count, -1)
     row_of[chosen] = np.arange(len(chosen))
-    matched = np.zeros((len(chosen), len(pictures)), dtype=bool)
-    for column, picture in enumerate(pictures):
-        rows = row_of[picture.photo.points]
+    matched = np.zeros((len(chosen), len(photos)), dtype=bool)
+    for column, sized in enumerate(photos):
+        rows = row_of[sized.photo.points]
         matched[rows[rows >= 0], column] = True
     return chosen, matched
 
@@ -114,11 +114,11 @@ def _nearest(rays: np.ndarray, distances: np.ndarray, matched: np.ndarray) -> np
     return np.degrees(np.arccos(np.clip(largest, -1, 1)))
 
 
-def _in_picture(number: int, picture: Picture, positions, rays, matched, degrees) -> tuple[np.ndarray, ...]:
-    """The columns of Sightings that one picture has."""
-    height, width = picture.pixels.shape[:2]
+def _in_photo(number: int, sized: SizedPhoto, positions, rays, matched, degrees) -> tuple[np.ndarray, ...]:
+    """The columns of Sightings that one photo has."""
+    height, width = sized.pixels.shape[:2]
     diagonal = float(np.hypot(height, width))
-    pixels, depths = picture.camera.project(positions)
+    pixels, depths = sized.camera.project(positions)
     edge = EDGE * diagonal
     inside = (depths > 0) & ((pixels >= edge) & (pixels <= np.array([width, height]) - edge)).all(axis=1)
     rows = np.flatnonzero(inside & (matched | (degrees <= NEAR_DEGREES)))
@@ -127,10 +127,10 @@ def _in_picture(number: int, picture: Picture, positions, rays, matched, degrees
         beside = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=reach)[1]
         hidden = np.append(depths[inside], np.inf)[beside] < FRONT_SHARE * depths[rows, None]
         rows = rows[matched[rows] | ~hidden.any(axis=1)]
-    blurred = cv2.GaussianBlur(picture.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)
+    blurred = cv2.GaussianBlur(sized.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)
     x, y = (pixels[rows] - 0.5).astype(np.float32).T[:, None]
     colours = cv2.remap(blurred, x, y, cv2.INTER_LINEAR).reshape(-1, 3) if len(rows) else np.zeros((0, 3), np.float32)
-    if (opaque := picture.opaque) is not None:
+    if (opaque := sized.opaque) is not None:
         column, line = pixels[rows].astype(np.int64).T
         shown = opaque[line, column]
         rows, colours = rows[shown], colours[shown]

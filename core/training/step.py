@@ -19,7 +19,7 @@ from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
 from core.training.objective import Objective
 from core.training.photometric import Target
-from core.training.pictures import Pictures
+from core.training.sized_photos import SizedPhotos
 
 
 @dataclass
@@ -27,7 +27,7 @@ class Step:
     """What the steps of a run work with. generator: of their random draws."""
 
     settings: Settings
-    pictures: Pictures
+    photos: SizedPhotos
     model: AppearanceModel
     optimizer: torch.optim.Adam | None
     objective: Objective
@@ -43,12 +43,12 @@ class Step:
         settings, model, objective = self.settings, self.model, self.objective
         progress = done / settings.steps
         model.zero_grad()
-        camera, photo = self.pictures.target(index, schedule.shrink_factor(settings, progress))
+        camera, photo = self.photos.target(index, schedule.shrink_factor(settings, progress))
         gain, behind = draw_gain(settings, self.generator), backdrop.of_step(backdrop.is_cut_out(settings), self.generator)
 
         # The photo's look, by the encoder. Meanwhile, which Gaussians its camera shows, and the gauge.
         def look_at_photo() -> tuple[Look, Target]:
-            shown, target = jittered(self.pictures[index].encoder_input, photo, gain)
+            shown, target = jittered(self.photos[index].encoder_input, photo, gain)
             return model.look(shown, index), target.over(behind)
 
         look_later = beside(look_at_photo)

@@ -7,7 +7,7 @@ from core.data.collection import Collection
 from core.errors import command
 from core.report import Report
 from core.system import device
-from core.training import run
+from core.training import run_folders
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless
 
@@ -25,9 +25,9 @@ def tell_collection(collection: Collection, report: Report) -> None:
 
 def tell_plan(trainer: Trainer, report: Report) -> None:
     """What the training will do, and why."""
-    for note in trainer.pictures.notes + trainer.held_out.notes:
+    for note in trainer.photos.notes + trainer.held_out.notes:
         report.warn(note)
-    sizes = sorted({(picture.camera.width, picture.camera.height) for picture in trainer.pictures})
+    sizes = sorted({(sized.camera.width, sized.camera.height) for sized in trainer.photos})
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
@@ -62,7 +62,7 @@ def next_step(folder: Path, settings: Settings, neutral: Path) -> str:
     """What to type, or to do, once a run is trained. neutral: its neutral look."""
     if settings.appearance == "off":
         return f"open {neutral} in a 3DGS viewer   (all looks of this run are one)"
-    which = [] if run.is_default(folder) else ["--run", folder]
+    which = [] if run_folders.is_default(folder) else ["--run", folder]
     advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
     photos = "the name of a training photo" if settings.embedding == "glo" else "any photo"
     return f"{advice}   ({photos}; then open look.ply in a 3DGS viewer)"

@@ -26,8 +26,8 @@ from core.training.gaussians import Gaussians
 from core.training.guards import StepFacts
 from core.training.initialisation import initial_gaussians
 from core.training.objective import Objective
-from core.training.pictures import Pictures, Sizes
-from core.training.run import HISTORY
+from core.training.run_folders import HISTORY
+from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import Step
 
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
@@ -77,19 +77,19 @@ class Trainer:
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
-        self.pictures = Pictures(collection.split("train"), sizes, self.device, looks_for_empty(collection, settings))
-        if not len(self.pictures):
-            what = f"{collection.root}: no photo is left to train on. {self.pictures.notes[0]}."
+        self.photos = SizedPhotos(collection.split("train"), sizes, self.device, looks_for_empty(collection, settings))
+        if not len(self.photos):
+            what = f"{collection.root}: no photo is left to train on. {self.photos.notes[0]}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
-        settings, self.decisions = needs.decide(settings, collection.points, self.pictures)
+        settings, self.decisions = needs.decide(settings, collection.points, self.photos)
         self.settings, self.is_cut_out = settings, is_cut_out(settings)
-        self.held_out = Pictures(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.is_cut_out)
-        self.model = AppearanceModel(settings, [picture.photo.name for picture in self.pictures]).to(self.device)
+        self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.is_cut_out)
+        self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos]).to(self.device)
         if self.model.encoder is not None:
-            self.model.encoder.start_apart(picture.encoder_input for picture in self.pictures)
+            self.model.encoder.start_apart(sized.encoder_input for sized in self.photos)
         self.optimizer = networks.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.device)
-        self.one_step = Step(settings, self.pictures, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
+        self.one_step = Step(settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
@@ -97,7 +97,7 @@ class Trainer:
         self.seconds = 0.0
         self.order: list[int] = []
         self.mask_mean = 1.0
-        self.last_losses: list[float | None] = [None] * len(self.pictures)
+        self.last_losses: list[float | None] = [None] * len(self.photos)
         self.skipped = 0
         self.skipped_in_a_row = 0
         self.collapse_told = False
@@ -164,7 +164,7 @@ class Trainer:
         """On a GPU, ask what the next photo shows before the facts of this step are read: the host then waits once for both."""
         if self.device.type != "cpu" and self.done < self.settings.steps:
             factor = schedule.shrink_factor(self.settings, self.done / self.settings.steps)
-            camera, _ = self.pictures.target(self._next_photo(), factor)
+            camera, _ = self.photos.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
     def _remember(self, look: Look, photo: int, mask_mean: float, progress: float) -> list[str]:
@@ -182,7 +182,7 @@ class Trainer:
         ]
 
     def _skip(self, index: int, fault: str, outcome: str) -> str:
-        name = self.pictures[index].photo.name
+        name = self.photos[index].photo.name
         self.skipped += 1
         self.skipped_in_a_row += 1
         if self.skipped_in_a_row >= SKIPS_ALLOWED:
@@ -197,7 +197,7 @@ class Trainer:
     def _next_photo(self) -> int:
         """The photo that the next step takes off `order`; on a GPU it is asked for twice, see `_look_ahead`."""
         if not self.order:
-            self.order = torch.randperm(len(self.pictures), generator=self.generator).tolist()
+            self.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
         return self.order[-1]
 
     # --- density, quality, checkpoints
@@ -222,7 +222,7 @@ class Trainer:
     def prune_by_contribution(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
         self.foreseen = None
-        cameras = [picture.camera for picture in self.pictures]
+        cameras = [sized.camera for sized in self.photos]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
 
@@ -238,10 +238,10 @@ class Trainer:
             tensors |= {f"optimizer.{name}": t for name, t in checkpoint.optimizer_tensors(self.optimizer).items()}
         tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
         if self.done == self.settings.steps and len(self.model.met_embeddings):
-            encoded = self.model.encoded(picture.encoder_input for picture in self.pictures)
+            encoded = self.model.encoded(sized.encoder_input for sized in self.photos)
             tensors |= {f"encoded.{name}": tensor for name, tensor in zip(("masked", "unmasked"), encoded)}
         facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in REMEMBERED}}
-        facts["photos"] = [picture.photo.name for picture in self.pictures]
+        facts["photos"] = [sized.photo.name for sized in self.photos]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:

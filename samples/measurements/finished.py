@@ -10,7 +10,7 @@ from core.config import Settings
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import write_json
-from core.training import run
+from core.training import run_folders
 
 
 def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[str], report: Report) -> dict:
@@ -25,17 +25,17 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
     if {name: kept.get(name) for name in key} != key:
         kept = key | {"results": {}}
         path.unlink(missing_ok=True)
-        if run.is_run(folder):
+        if run_folders.is_run(folder):
             shutil.rmtree(folder)  # of other or unknown settings
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, kept)
     missing = [protocol for protocol in protocols if protocol not in kept["results"]]
     if missing:
-        if not run.is_run(folder):
+        if not run_folders.is_run(folder):
             pipeline.train(scene, settings, folder, report)
-        elif not any(folder.glob(run.CLOUDS)):
+        elif not any(folder.glob(run_folders.CLOUDS)):
             pipeline.resume(folder, report)
-        (cloud,) = folder.glob(run.CLOUDS)
+        (cloud,) = folder.glob(run_folders.CLOUDS)
         kept["bytes"] = cloud.stat().st_size
     for protocol in missing:
         kept["results"][protocol] = pipeline.evaluate(folder, protocol, report).to_json()

@@ -106,14 +106,14 @@ def measure_steps(place: Place, scale: float) -> Iterable[Line]:
     """Whole steps on few and on the usual number of Gaussians; gsplat's with its appearance MLP on the same."""
     for gaussians in STEP_SIZES:
         trainer = trainer_at(place, gaussians * scale, Settings(appearance="full", transients="on", sh_degree=DEGREE, **LEAST))
-        camera, target = trainer.pictures.target(0, 1)
+        camera, target = trainer.photos.target(0, 1)
         what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
         found = profiled(trainer.step, place)
         busy = sum(found.kernels.values())
         yield f"{what}: kernels and waits", "at most 1 wait", f"{found.launches} kernels, {found.waits} waits, {milliseconds(busy)} of the GPU"
         other, works = peer.gsplat(), {"ours": trainer.step}
         if other is not None:
-            theirs = peer.PeerTrainer(other, trainer.gaussians.splats, len(trainer.pictures))
+            theirs = peer.PeerTrainer(other, trainer.gaussians.splats, len(trainer.photos))
             works["theirs"] = partial(theirs.step, 0, camera, target)
         medians = in_turns(place, works, STEPS)
         compared = against(medians["ours"], medians["theirs"]) if other else f"{milliseconds(medians['ours'])}; {MISSING}"

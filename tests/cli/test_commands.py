@@ -84,11 +84,11 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
             "evaluate",
             {"folder": Path("r"), "protocol": "full", "refine": False, "keep_pictures": True},
         ),
-        ("eval --curve", "curves", {"run_folders": (), "protocols": ("half", "full"), "refine": True}),
+        ("eval --curve", "curves", {"runs": (), "protocols": ("half", "full"), "refine": True}),
         (
             "eval --curve --run a --run b --protocol full --no-refine",
             "curves",
-            {"run_folders": (Path("a"), Path("b")), "protocols": ("full",), "refine": False},
+            {"runs": (Path("a"), Path("b")), "protocols": ("full",), "refine": False},
         ),
         ("bench", "bench", BENCH),
         (

@@ -19,7 +19,7 @@ from core.data.photos import distortion
 from core.data.photos.pixels import load_photo, read_light, read_pixels
 from core.errors import BadInput
 from core.scene.lens import Lens
-from core.training import run
+from core.training import run_config, run_folders
 from tests.data.photos.test_distortion import HEIGHT, WIDTH, SmallScene, load_collection
 from tests.data.photos.test_pixels import noise, photo_at, save
 from tests.data.small_scene import add_exif, exif_block
@@ -186,12 +186,12 @@ def test_a_mask_lies_on_the_photo_as_displayed(tmp_path, orientation):
     whole = read_pixels(path)
     height, width = whole.shape[:2]
     mask = save_mask(tmp_path / "m.png", height, width, np.s_[: height // 3, : width // 2])
-    picture = load_photo(replace(photo_at(path, width, height), mask=mask), width, height)
+    loaded = load_photo(replace(photo_at(path, width, height), mask=mask), width, height)
     use = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE) == 255
-    np.testing.assert_array_equal(picture.valid, use)
-    np.testing.assert_array_equal(picture.pixels[use], whole[use])
-    np.testing.assert_array_equal(read_light(path, mask), picture.pixels)  # filled alike
-    assert (picture.pixels[~use] != whole[~use]).any(axis=1).mean() > 0.9  # noise: a chance hit is rare
+    np.testing.assert_array_equal(loaded.valid, use)
+    np.testing.assert_array_equal(loaded.pixels[use], whole[use])
+    np.testing.assert_array_equal(read_light(path, mask), loaded.pixels)  # filled alike
+    assert (loaded.pixels[~use] != whole[~use]).any(axis=1).mean() > 0.9  # noise: a chance hit is rare
 
 
 def test_what_is_transparent_and_what_a_mask_hides_are_both_invalid(tmp_path):
@@ -223,11 +223,11 @@ def test_a_mask_is_undistorted_with_its_photo(tmp_path):
     hidden = cv2.imread(str(marked), cv2.IMREAD_GRAYSCALE) == 0
     stored[hidden], stored[~hidden] = 0, 255
     painted = save(tmp_path / "painted.png", stored)  # the photo itself shows its mask
-    picture = load_photo(replace(photo, path=painted), WIDTH, HEIGHT)
+    loaded = load_photo(replace(photo, path=painted), WIDTH, HEIGHT)
     masked = load_photo(replace(photo, path=painted, mask=marked), WIDTH, HEIGHT)
-    assert not (picture.pixels[masked.valid] < 250).any()  # nothing dark is left to be used
-    rim = picture.valid is not None and ~picture.valid
-    dark = (picture.pixels < 128).all(axis=2) | rim
+    assert not (loaded.pixels[masked.valid] < 250).any()  # nothing dark is left to be used
+    rim = loaded.valid is not None and ~loaded.valid
+    dark = (loaded.pixels < 128).all(axis=2) | rim
     # But for the pixels that mix both: an edge of 1 px around 30 x 30 px, within the 2 px of the kernel.
     assert (~masked.valid).sum() - dark.sum() < 4 * 30 * 2
 
@@ -276,8 +276,8 @@ def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tm
     mask, lens = save_mask(tmp_path / "masks" / "photo_0.png", 72, 96), Lens("SIMPLE_RADIAL", 96, 72, [1, 2, 3, 4])
     first = with_mask(collection.photos[0], mask, (96, 72), lens)
     collection = replace(collection, photos=(first, *collection.photos[1:]))
-    run.create(tmp_path / "run", collection, small_settings())
-    before = run.read_config(tmp_path / "run")[2]
+    run_folders.create(tmp_path / "run", collection, small_settings())
+    before = run_config.read_config(tmp_path / "run")[2]
     assert before.photos[0].mask_lens == lens and before.photos[1].mask_lens is None
     bare = replace(collection, photos=(replace(first, mask=None, mask_lens=None), *collection.photos[1:]))
     again = with_same_masks(bare, before).photos[0]

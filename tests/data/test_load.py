@@ -205,8 +205,8 @@ def test_real_collections(name, kind, train, test, points):
         inside = (pixels > -margin) & (pixels < np.array([photo.camera.width, photo.camera.height]) + margin)
         assert inside.all() and (depth > 0).all()
     photo = collection.photos[0]
-    picture = load_photo(photo, photo.camera.width // 3, photo.camera.height // 3)
-    assert picture.pixels.std() > 20  # a photo, not a flat fill
+    loaded = load_photo(photo, photo.camera.width // 3, photo.camera.height // 3)
+    assert loaded.pixels.std() > 20  # a photo, not a flat fill
 
 
 def test_pictures_about_photos_have_places_of_their_own():

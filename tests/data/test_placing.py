@@ -5,7 +5,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from core.data.placing import Placing, View
+from core.data.placing import Placing, PosedPhoto
 from core.words import is_harmless
 
 
@@ -16,6 +16,6 @@ def test_unusual_focal_lengths_are_harmless_unless_most_are(tmp_path, odd, words
     for number in range(4):
         focal_px = 80 * 17.0 if number < odd else 80 * 16.0  # 610 and 580 mm on a frame 36 mm wide
         lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=80, height=60, params=[focal_px, 40, 30])
-        assert placing.place(View(f"{number}", tmp_path / "a.png", lambda width, height, lens=lens: lens, np.eye(3), np.zeros(3)))
+        assert placing.place(PosedPhoto(f"{number}", tmp_path / "a.png", lambda width, height, lens=lens: lens, np.eye(3), np.zeros(3)))
     (note,) = placing.notes()
     assert note.startswith(words) and is_harmless(note) == (odd == 2)

@@ -12,7 +12,7 @@ import torch
 import core
 from core.appearance.refinement import STEPS
 from core.errors import BadInput, BadSetting
-from core.evaluation.protocols import View, compare, measure
+from core.evaluation.protocols import HeldOutView, compare, measure
 from core.evaluation.results import Results
 from core.evaluation.truth import Truth, load_truth
 from tests.small import ring_camera
@@ -55,7 +55,7 @@ def halves(left, right):
 
 
 def view(**changes):
-    return dataclasses.replace(View("a.png", halves(0.4, 0.6), CAMERA), **changes)
+    return dataclasses.replace(HeldOutView("a.png", halves(0.4, 0.6), CAMERA), **changes)
 
 
 def test_half_embeds_the_left_and_measures_the_right():
@@ -141,7 +141,7 @@ def test_lpips_is_asked_for_the_region_and_sees_no_error_where_the_photo_is_not_
 def test_bad_requests_are_refused():
     with pytest.raises(BadSetting, match="quarter"):
         measure(Flat(), view(), "quarter")
-    narrow = View("narrow.png", torch.zeros(4, 1, 3), dataclasses.replace(CAMERA, width=1, height=4))
+    narrow = HeldOutView("narrow.png", torch.zeros(4, 1, 3), dataclasses.replace(CAMERA, width=1, height=4))
     with pytest.raises(BadInput, match=r"narrow\.png"):
         measure(Flat(), narrow, "half")
     left = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)

@@ -11,12 +11,12 @@ from core.data.sfm import originals
 from core.errors import BadInput
 from core.looks.find_look import find_appearance, find_view
 from core.looks.outside import light_in_words
-from core.looks.trained import Run
+from core.looks.trained import TrainedRun
 from tests.small import finished, small_collection, small_settings
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> Run:
+def trained(tmp_path_factory) -> TrainedRun:
     return finished(small_collection(tmp_path_factory.mktemp("scene")), small_settings(steps=2), tmp_path_factory.mktemp("runs") / "small")
 
 

@@ -12,7 +12,7 @@ from core.export.ply import read_ply
 from core.looks.find_look import find_appearance
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
-from core.looks.trained import Run
+from core.looks.trained import TrainedRun
 from core.training.tell import next_step
 from core.words import counted
 from tests.heard import Heard
@@ -22,7 +22,7 @@ ROW_BYTES = 248  # of a Gaussian in a vanilla .ply
 
 
 @pytest.fixture
-def trained(tmp_path) -> Run:
+def trained(tmp_path) -> TrainedRun:
     """A finished run whose photos are gone."""
     scene, folder = tmp_path / "scene", tmp_path / "run"
     scene.mkdir()

@@ -19,7 +19,7 @@ from core.export.pictures import to_8_bit, write_png
 from core.looks import saved_look
 from core.looks.find_look import find_appearance
 from core.looks.outside import _shares
-from core.looks.trained import Run, bake, blend
+from core.looks.trained import TrainedRun, bake, blend
 from tests.small import finished, whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
 
@@ -37,7 +37,7 @@ def coloured(index, picture):
     return picture * np.exp(0.35 * random.normal(size=3)), plain(index, picture)[1]
 
 
-def train(folder, **changes) -> Run:
+def train(folder, **changes) -> TrainedRun:
     (folder / "photos").mkdir()
     collection = known_collection(folder / "photos", coloured)
     small = {"steps": 150, "max_gaussians": 1500, "sky_gaussians": 200, "encoder_side_px": 64, "checkpoints": 1}
@@ -45,11 +45,11 @@ def train(folder, **changes) -> Run:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> Run:
+def trained(tmp_path_factory) -> TrainedRun:
     return train(tmp_path_factory.mktemp("looks"))
 
 
-def rendered(trained: Run, appearance) -> torch.Tensor:
+def rendered(trained: TrainedRun, appearance) -> torch.Tensor:
     """The look from a held-out camera, in 8-bit steps."""
     camera = trained.camera(trained.collection.view(None))
     image = core.rasterizer.create("auto").render(bake(trained, appearance), camera).image
@@ -145,7 +145,7 @@ def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
 def test_no_training_photo_lies_beyond_reach_as_a_file_from_outside_either(trained):
     """The encoder has the weights of the last step there, and sees no mask and no jitter: unlike when training met the photos."""
     names = trained.model.photo_names
-    pictures = [trained.picture(trained.collection.view(name)).encoder_input for name in names]
+    pictures = [trained.sized_photo(trained.collection.view(name)).encoder_input for name in names]
     seen = [trained.model.embedding_from_outside(picture) for picture in pictures]
     assert max(map(trained.reach.distance, seen)) <= 1 + 1e-5
     assert torch.equal(trained.encoded, torch.stack([trained.model.look(picture, row).embedding for row, picture in enumerate(pictures)]))

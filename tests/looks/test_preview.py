@@ -11,7 +11,7 @@ from core.export.pictures import to_8_bit
 from core.looks.find_look import find_appearance
 from core.looks.preview import PHOTOS, write_preview
 from core.looks.trained import bake
-from core.training.pictures import Pictures
+from core.training.sized_photos import SizedPhotos
 from tests.small import finished, small_collection, whole_settings
 
 
@@ -20,23 +20,23 @@ def trained(tmp_path_factory):
     return finished(small_collection(tmp_path_factory.mktemp("scene")), whole_settings(steps=20), tmp_path_factory.mktemp("runs") / "run")
 
 
-def pictures_of(trained):
-    return Pictures(trained.collection.split("train"), trained.sizes)
+def training_photos(trained):
+    return SizedPhotos(trained.collection.split("train"), trained.sizes)
 
 
 def test_each_row_is_a_photo_the_scene_in_its_look_and_in_the_neutral_one(trained):
-    pictures = pictures_of(trained)
-    assert len(pictures) == PHOTOS
-    path = write_preview(trained, pictures)
+    photos = training_photos(trained)
+    assert len(photos) == PHOTOS
+    path = write_preview(trained, photos)
     assert path == trained.folder / "preview.png"
     sheet = cv2.imread(str(path))[..., ::-1]
-    height, width = pictures[0].pixels.shape[:2]
+    height, width = photos[0].pixels.shape[:2]
     assert sheet.shape == (LABEL_PX + PHOTOS * (height + GAP_PX + LABEL_PX), 3 * (width + GAP_PX), 3)
-    for number, picture in enumerate(pictures):
+    for number, sized in enumerate(photos):
         top = LABEL_PX + number * (height + GAP_PX + LABEL_PX)
-        looks = (find_appearance(trained, word) for word in (picture.photo.name, "neutral"))
-        images = [to_8_bit(trained.rasterizer.render(bake(trained, look), picture.camera, trained.backdrop).image) for look in looks]
-        for column, expected in enumerate((picture.pixels, *images)):
+        looks = (find_appearance(trained, word) for word in (sized.photo.name, "neutral"))
+        images = [to_8_bit(trained.rasterizer.render(bake(trained, look), sized.camera, trained.backdrop).image) for look in looks]
+        for column, expected in enumerate((sized.pixels, *images)):
             left = column * (width + GAP_PX)
             assert np.array_equal(sheet[top : top + height, left : left + width], expected)
         assert (images[0] != images[1]).any()
@@ -44,7 +44,7 @@ def test_each_row_is_a_photo_the_scene_in_its_look_and_in_the_neutral_one(traine
 
 def test_a_run_of_one_look_shows_it_once_and_few_photos_make_few_rows(trained):
     plain = replace(trained, settings=trained.settings.changed(appearance="off"))
-    pictures = pictures_of(trained)
-    sheet = cv2.imread(str(write_preview(plain, [pictures[0], pictures[1]])))
-    height, width = pictures[0].pixels.shape[:2]
+    photos = training_photos(trained)
+    sheet = cv2.imread(str(write_preview(plain, [photos[0], photos[1]])))
+    height, width = photos[0].pixels.shape[:2]
     assert sheet.shape[:2] == (LABEL_PX + 2 * (height + GAP_PX + LABEL_PX), 2 * (width + GAP_PX))

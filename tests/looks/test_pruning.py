@@ -142,10 +142,10 @@ def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_p
     trainer = Trainer(collection, small_settings(sh_degree=2), tmp_path)
     for _ in trainer.train():
         pass
-    splats, cameras = trainer.gaussians.splats, [picture.camera for picture in trainer.pictures]
+    splats, cameras = trainer.gaussians.splats, [sized.camera for sized in trainer.photos]
     pruner = Pruner(splats, cameras, trainer.rasterizer)
     for index in range(2):
-        look = trainer.model.bake(splats, trainer.model.look(trainer.pictures[index].encoder_input, index).embedding)
+        look = trainer.model.bake(splats, trainer.model.look(trainer.photos[index].encoder_input, index).embedding)
         pruned = pruner(look)
         assert 0 < pruned.gaussians < len(look)
         assert torch.equal(pruned.splats.means, splats.means[pruner.kept])

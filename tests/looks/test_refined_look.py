@@ -12,7 +12,7 @@ from core.data.sfm.landmarks import Landmarks
 from core.errors import BadInput
 from core.looks import refined_look
 from core.looks.find_look import find_appearance
-from core.looks.trained import Run, bake
+from core.looks.trained import TrainedRun, bake
 from core.report import Report
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
@@ -20,7 +20,7 @@ from tests.small import finished, whole_settings
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> Run:
+def trained(tmp_path_factory) -> TrainedRun:
     """The room corner, each photo in a light of its own; photo 0 is held out."""
     scene, runs = write_corner(tmp_path_factory.mktemp("corner")), tmp_path_factory.mktemp("runs")
     for number in range(6):
@@ -32,11 +32,11 @@ def trained(tmp_path_factory) -> Run:
     return finished(collection, whole_settings(**small), runs / "run")
 
 
-def off(trained: Run, look) -> float:
+def off(trained: TrainedRun, look) -> float:
     """The mean difference, which a refinement makes smaller, between the look, seen by the camera of photo 0, and that photo."""
-    picture = trained.picture(trained.collection.view("0.png"))
-    image = trained.rasterizer.render(bake(trained, look), picture.camera, trained.backdrop).image
-    return float((image - torch.from_numpy(picture.pixels).float() / 255).abs().mean())
+    sized = trained.sized_photo(trained.collection.view("0.png"))
+    image = trained.rasterizer.render(bake(trained, look), sized.camera, trained.backdrop).image
+    return float((image - torch.from_numpy(sized.pixels).float() / 255).abs().mean())
 
 
 def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it_was_learnt(trained):

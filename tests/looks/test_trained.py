@@ -11,13 +11,13 @@ import torch
 from core import pipeline
 from core.doctor.views import cameras_beside
 from core.looks.find_look import find_appearance
-from core.looks.trained import Appearance, Run, blend
+from core.looks.trained import Appearance, TrainedRun, blend
 from core.scene.frame import SceneFrame
 from tests.small import HEIGHT, WIDTH, finished, small_collection, small_settings
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> Run:
+def trained(tmp_path_factory) -> TrainedRun:
     """A run of seconds at half the photos' size."""
     folder = tmp_path_factory.mktemp("runs") / "small"
     collection = replace(small_collection(tmp_path_factory.mktemp("scene")), frame=SceneFrame(np.array([3.0, -2.0, 1.0]), 7.0))

@@ -20,7 +20,7 @@ def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
     live = load_run(trained[0])
     photo = live.collection.photos[0]
     rasterizer = core.rasterizer.create("auto")
-    camera = live.picture(photo).camera
+    camera = live.sized_photo(photo).camera
     for word in ("neutral", "photo_0.png", "photo_2.png"):
         path = pipeline.bake_to_file(trained[0], word, tmp_path / f"{word}.ply")
         look = find_appearance(live, word)

@@ -44,11 +44,11 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     before, after = load_run(trained[0]), load_run(folder)
     photo = before.collection.photos[0]
     gone = after.collection.photos[0]
-    assert after.picture(photo).photo is photo  # it is there, whatever became of the scene's folder
-    known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.picture(photo).camera))
+    assert after.sized_photo(photo).photo is photo  # it is there, whatever became of the scene's folder
+    known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.sized_photo(photo).camera))
     assert known == read  # one class of arrays: the very same numbers
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
     assert torch.equal(*(find_appearance(live, photo.name).embedding for live in (before, after)))  # is in the checkpoint
-    for need in (lambda: pipeline.evaluate(folder), lambda: after.picture(gone)):
+    for need in (lambda: pipeline.evaluate(folder), lambda: after.sized_photo(gone)):
         with pytest.raises(BadInput, match="gone is gone. Move the photos back"):
             need()

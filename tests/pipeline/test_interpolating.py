@@ -27,7 +27,7 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
         "video.mp4",
     ]
     live = load_run(folder)
-    camera = live.picture(live.collection.split("test")[0]).camera
+    camera = live.sized_photo(live.collection.split("test")[0]).camera
     for word, step in zip(ends, (0, 2), strict=True):
         pipeline.bake_to_file(folder, word, tmp_path / "end.ply", force=True)
         assert (tmp_path / "end.ply").read_bytes() == (output / f"step_{step:03d}.ply").read_bytes()

@@ -12,7 +12,7 @@ from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.looks.trained import load_run
 from core.pipeline import training
-from core.training import checkpoint, run
+from core.training import checkpoint, run_folders
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
@@ -64,7 +64,7 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
 def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     collection = training.load_collection(small_scene)
-    run.create(folder, collection, small_settings())
+    run_folders.create(folder, collection, small_settings())
     fewer = replace(collection, photos=collection.photos[1:])
     monkeypatch.setattr(training, "load_collection", lambda *_: fewer)
     monkeypatch.setattr(checkpoint, "newest", lambda folder: folder / "checkpoint")

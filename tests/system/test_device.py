@@ -9,7 +9,7 @@ from core.errors import BadInput, BadSetting, TrainingStopped
 from core.looks.trained import load_run
 from core.pipeline import resume
 from core.system import device
-from core.training import checkpoint, run
+from core.training import checkpoint, run_folders
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
@@ -60,7 +60,7 @@ def test_a_run_of_a_cpu_goes_on_there_when_a_gpu_comes(machine, tmp_path):
 
 @pytest.mark.parametrize("gpu", [False, True])
 def test_a_run_of_a_gpu_does_not_go_on_where_none_can_be_used(machine, tmp_path, gpu):
-    run.create(tmp_path / "run", small_collection(tmp_path), small_settings(device="cuda"))
+    run_folders.create(tmp_path / "run", small_collection(tmp_path), small_settings(device="cuda"))
     machine(gpu=gpu, triton=False)
     with pytest.raises(BadInput, match="begun on a GPU, and none can be used here. Go on with it on a machine that has one"):
         resume(tmp_path / "run")
@@ -87,7 +87,7 @@ def test_a_run_of_a_gpu_keeps_its_picture_sizes_on_a_cpu(machine, tmp_path):
     for place, width in (("cuda", 1600), ("cpu", 516)):
         folder = tmp_path / place
         folder.mkdir()
-        run.create(folder, trainer.collection, trainer.settings.changed(device=place))
+        run_folders.create(folder, trainer.collection, trainer.settings.changed(device=place))
         (folder / "checkpoint_000001.safetensors").write_bytes(checkpoint.newest(tmp_path).read_bytes())
         loaded = load_run(folder)
         photos = tuple(large(photo) for photo in loaded.collection.photos)

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from core.errors import BadSetting
 from core.system import memory
-from core.training import pictures
+from core.training import sized_photos
 from wegs_cli.main import wegs
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux limits a process")
@@ -53,9 +53,9 @@ def test_the_command_line_sets_it(soft_limit_put_back):
 
 
 def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
-    assert pictures.Pictures((), pictures.Sizes(1, 1.0, 64))._most_bytes == pictures.TARGET_BYTES
+    assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == sized_photos.TARGET_BYTES
     memory.hold_to(8)
-    assert pictures.Pictures((), pictures.Sizes(1, 1.0, 64))._most_bytes == pictures.TARGET_SHARE * memory.limit() < pictures.TARGET_BYTES
+    assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == sized_photos.TARGET_SHARE * memory.limit() < sized_photos.TARGET_BYTES
 
 
 @pytest.mark.parametrize("gib", [float("inf"), float("nan")])

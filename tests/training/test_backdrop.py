@@ -15,7 +15,7 @@ from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run
-from core.training import backdrop, checkpoint, run
+from core.training import backdrop, checkpoint, run_config
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import small_collection, small_settings
@@ -87,10 +87,10 @@ def test_every_step_has_a_colour_of_its_own():
 
 def test_small_targets_know_what_is_empty(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL), tmp_path)
-    picture = trainer.pictures[0]
-    premultiplied = rgba(picture.photo)[..., :3] * rgba(picture.photo)[..., 3:]
-    small = cv2.resize(premultiplied, (picture.camera.width // 4, picture.camera.height // 4), interpolation=cv2.INTER_AREA)
-    target = trainer.pictures.target(0, 4)[1].over((0.0, 0.0, 0.0))
+    sized = trainer.photos[0]
+    premultiplied = rgba(sized.photo)[..., :3] * rgba(sized.photo)[..., 3:]
+    small = cv2.resize(premultiplied, (sized.camera.width // 4, sized.camera.height // 4), interpolation=cv2.INTER_AREA)
+    target = trainer.photos.target(0, 4)[1].over((0.0, 0.0, 0.0))
     np.testing.assert_allclose(target.planes.permute(1, 2, 0).numpy(), small, rtol=0, atol=1.5 / 255)
     assert target.over((1.0, 1.0, 1.0)) is target  # what has a background keeps it
 
@@ -102,8 +102,8 @@ def test_photos_of_other_kinds_show_nothing_where_they_are_transparent_and_nothi
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL), tmp_path)
     assert trainer.settings.sky == "dome" and not trainer.is_cut_out
-    for picture in (*trainer.pictures, *trainer.held_out):
-        assert picture.empty is None and np.array_equal(picture.valid, rgba(picture.photo)[..., 3] == 1)
+    for sized in (*trainer.photos, *trainer.held_out):
+        assert sized.empty is None and np.array_equal(sized.valid, rgba(sized.photo)[..., 3] == 1)
     trainer.order = [0]
     before = trainer.generator.get_state()
     trainer.step()
@@ -129,7 +129,7 @@ def test_renders_that_say_too_little_are_of_one_look(scene, tmp_path):
 def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(scene, tmp_path):
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL, transparency="empty"), tmp_path)
-    assert trainer.is_cut_out and trainer.settings.sky == "none" and trainer.pictures[0].empty is not None
+    assert trainer.is_cut_out and trainer.settings.sky == "none" and trainer.photos[0].empty is not None
     with pytest.raises(BadSetting, match="a dome leaves nothing empty"):
         Settings(transparency="empty", sky="dome")
 
@@ -137,7 +137,7 @@ def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(sc
 def test_a_dome_that_is_asked_for_stands_where_nobody_saw_anything(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL, sky="dome", sky_gaussians=60), tmp_path)
     assert trainer.gaussians.sky == 60 and not trainer.is_cut_out
-    assert all(picture.empty is None and not picture.valid.all() for picture in trainer.pictures)
+    assert all(sized.empty is None and not sized.valid.all() for sized in trainer.photos)
 
 
 # --- what is told, measured and shown
@@ -153,7 +153,7 @@ def finished(scene, tmp_path_factory):
 def test_training_says_so_once_and_leaves_no_sky(finished):
     folder, heard = finished
     assert sum(line.startswith("Transparent pixels are learnt as empty space, without a sky") for line in heard.lines) == 1
-    assert load_run(folder).sky == 0 and run.read_config(folder)[1].sky == "none"
+    assert load_run(folder).sky == 0 and run_config.read_config(folder)[1].sky == "none"
     assert "white_background=True" in (folder / "cfg_args").read_text()
 
 

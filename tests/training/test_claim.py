@@ -24,7 +24,7 @@ def test_trainings_begun_together_get_folders_of_their_own(monkeypatch):
         (second / "config.json").write_text("{}")
         # Both saw that a name is free, and one was faster.
         names = iter([first, Path("runs/plaza-3")])
-        monkeypatch.setattr(claim.run, "choose_folder", lambda *_: next(names))
+        monkeypatch.setattr(claim.run_folders, "choose_folder", lambda *_: next(names))
         with new_run(None, "plaza") as third:
             assert third == Path("runs/plaza-3")
     assert [path.name for path in Path("runs").iterdir()] == ["plaza-2"]

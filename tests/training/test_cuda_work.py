@@ -7,7 +7,7 @@ import torch
 
 import core.rasterizer
 from core.system import device
-from core.training import checkpoint, pictures
+from core.training import checkpoint, sized_photos
 from core.training.gaussians import Gaussians
 from core.training.objective import TRANSIENT_EVERY
 from core.training.photometric import Target
@@ -36,7 +36,7 @@ def trainer(tmp_path, monkeypatch):
     rasterizer.device = DEVICE.type
     monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
     monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
-    monkeypatch.setitem(pictures.AUTO_PIXELS, DEVICE.type, pictures.AUTO_PIXELS["cpu"])
+    monkeypatch.setitem(sized_photos.AUTO_PIXELS, DEVICE.type, sized_photos.AUTO_PIXELS["cpu"])
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     # The kernels that tensors on a GPU go to.
@@ -48,15 +48,15 @@ def trainer(tmp_path, monkeypatch):
         settings = small_settings(mask_start=0.0, mask_apply=0.0, geometry_from=0.0, **SIZES)
         trainer = Trainer(small_collection(tmp_path), settings, tmp_path)
         trainer.done = 2 * TRANSIENT_EVERY - 3
-        for index in range(len(trainer.pictures)):
-            trainer.pictures.target(index, COARSEST)  # kept from here on, as are tables after the first step
+        for index in range(len(trainer.photos)):
+            trainer.photos.target(index, COARSEST)  # kept from here on, as are tables after the first step
         trainer.step()
         yield trainer
 
 
 def test_a_step_waits_once(trainer):
     """At its end: for what the next photo shows, and with it for the facts of the step. New rounds through the photos too."""
-    for _ in range(len(trainer.pictures) + 2):
+    for _ in range(len(trainer.photos) + 2):
         most = MOST_LAUNCHES + (0 if trainer.done % TRANSIENT_EVERY else MORE_FOR_TRANSIENTS)
         with watched() as work:
             trainer.step()

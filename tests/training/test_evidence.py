@@ -15,8 +15,8 @@ from core.training.evidence import (
     tones_of,
     view_dependence,
 )
-from core.training.pictures import Pictures, Sizes
 from core.training.sightings import NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
+from core.training.sized_photos import SizedPhotos, Sizes
 from tests.training.known_scene import HEIGHT, WIDTH, crowded, known_collection, plain
 
 PHOTOS, POINTS = 20, 300
@@ -144,30 +144,30 @@ def test_without_photos_from_nearby_nothing_is_said_of_passers_by(random):
 
 def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see_them(tmp_path):
     collection = known_collection(tmp_path, photos=8)
-    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
-    hidden = pictures[3].photo.points[:40]
-    fewer = replace(pictures[3], photo=replace(pictures[3].photo, points=pictures[3].photo.points[40:]))
-    found = find_sightings(collection.points, [*pictures[:3], fewer, *pictures[4:]])
+    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    hidden = photos[3].photo.points[:40]
+    fewer = replace(photos[3], photo=replace(photos[3].photo, points=photos[3].photo.points[40:]))
+    found = find_sightings(collection.points, [*photos[:3], fewer, *photos[4:]])
     here = found[found.photo == 3]
     # Of the 40 that photo 3 now misses, those that two more photos match are expected there; some have others in front.
     expected = here[~here.matched]
-    again = find_sightings(collection.points, pictures)
+    again = find_sightings(collection.points, photos)
     before = again[(again.photo == 3) & ~again.matched]
     assert 10 < len(expected) - len(before) <= len(hidden)
     assert (expected.degrees <= NEAR_DEGREES).all() and expected.degrees.min() > 1
     pixel = here.pixel * np.hypot(160, 120)
-    colours = pictures[3].pixels[pixel[:, 1].astype(int), pixel[:, 0].astype(int)] / 255
+    colours = photos[3].pixels[pixel[:, 1].astype(int), pixel[:, 0].astype(int)] / 255
     assert np.abs(colours - here.colour).mean() < 0.02  # noise of 2 / 255, and the blur
     np.testing.assert_allclose(np.linalg.norm(here.towards, axis=1), 1, atol=1e-12)
 
 
 def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
     collection = known_collection(tmp_path, plain, photos=8)
-    pictures = Pictures(collection.split("train"), Sizes(1, 1.0, 32)).pictures
-    everywhere = find_sightings(collection.points, pictures)
+    photos = SizedPhotos(collection.split("train"), Sizes(1, 1.0, 32)).photos
+    everywhere = find_sightings(collection.points, photos)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     empty, valid = (255 * (columns < WIDTH // 2)).astype(np.uint8), rows >= HEIGHT // 2
-    cut = find_sightings(collection.points, [replace(picture, empty=empty, valid=valid) for picture in pictures])
+    cut = find_sightings(collection.points, [replace(photo, empty=empty, valid=valid) for photo in photos])
     line, column = cut.pixel[:, 1], cut.pixel[:, 0]
     diagonal = np.hypot(WIDTH, HEIGHT)
     assert 0 < len(cut) < len(everywhere) / 2
@@ -177,43 +177,43 @@ def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
 def test_a_point_behind_others_is_not_expected(tmp_path):
     """What stays may hide it: only places that ought to be free say something of passers-by."""
     collection = known_collection(tmp_path, photos=8)
-    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
-    found = find_sightings(collection.points, pictures)
+    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    found = find_sightings(collection.points, photos)
     expected = found[~found.matched]
-    possible = len(pictures) * len(np.unique(found.point)) - found.matched.sum()
+    possible = len(photos) * len(np.unique(found.point)) - found.matched.sum()
     assert len(expected) < 0.35 * possible  # a ball of points: most of those not matched lie on its far side
 
 
 def test_too_few_points_give_no_figures(tmp_path):
     collection = known_collection(tmp_path, photos=6)
-    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
-    few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in pictures]
+    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in photos]
     assert gather_evidence(collection.points, few).colour_spread is None
-    none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in pictures]
+    none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in photos]
     assert gather_evidence(collection.points, none) == Evidence()
-    assert gather_evidence(collection.points, pictures[:1]).colour_spread is None
+    assert gather_evidence(collection.points, photos[:1]).colour_spread is None
 
 
 def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
     collection = known_collection(tmp_path, photos=6)
-    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
+    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
     own, shared = np.arange(60), np.arange(60, len(collection.points))
     seen = [shared] * 5 + [own]
-    pictures = [replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s))) for p, s in zip(pictures, seen, strict=True)]
-    found = gather_evidence(collection.points, pictures)
-    assert found == gather_evidence(collection.points, pictures[:5]) and found.colour_spread is not None
+    photos = [replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s))) for p, s in zip(photos, seen, strict=True)]
+    found = gather_evidence(collection.points, photos)
+    assert found == gather_evidence(collection.points, photos[:5]) and found.colour_spread is not None
 
 
 def test_figures_do_not_change_from_call_to_call(tmp_path):
     collection = known_collection(tmp_path, crowded, photos=12)
-    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
-    assert gather_evidence(collection.points, pictures) == gather_evidence(collection.points, pictures)
+    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    assert gather_evidence(collection.points, photos) == gather_evidence(collection.points, photos)
 
 
 def test_invalid_pixels_are_not_looked_at(tmp_path):
     collection = known_collection(tmp_path, plain, photos=6)
-    pictures = Pictures(collection.photos, Sizes(1, 1.0, 32)).pictures
+    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
     valid = np.ones((120, 160), bool)
     valid[:, :80] = False
-    half = [replace(picture, valid=valid) for picture in pictures]
+    half = [replace(photo, valid=valid) for photo in photos]
     assert find_sightings(collection.points, half).pixel[:, 0].min() * np.hypot(160, 120) >= 80

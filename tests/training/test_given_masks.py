@@ -13,8 +13,8 @@ from core.errors import BadInput
 from core.looks.find_look import find_appearance
 from core.looks.trained import load_run
 from core.pipeline import training
-from core.training import run
-from core.training.pictures import Pictures, Sizes
+from core.training import run_config
+from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
@@ -67,7 +67,7 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
         for mask in (tmp_path / "masks").iterdir() if inverted else ():
             cv2.imwrite(str(mask), 255 - cv2.imread(str(mask)))
         given = with_masks_in(collection, tmp_path / "masks").split("train")
-        notes = Pictures(given, Sizes(1, 1.0, 32)).notes
+        notes = SizedPhotos(given, Sizes(1, 1.0, 32)).notes
         assert notes == (["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."] * inverted)
 
 
@@ -79,7 +79,7 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
     settings = small_settings(steps=STEPS, checkpoints=2)
     whole = pipeline.train(scene, settings, tmp_path / "whole", heard, masks=scene / "masks")
     assert f"4 photos with a mask from {scene / 'masks'}." in heard.lines
-    assert [photo.mask and photo.mask.name for photo in run.read_config(whole)[2].photos] == [
+    assert [photo.mask and photo.mask.name for photo in run_config.read_config(whole)[2].photos] == [
         photo.name if photo.split == "train" else None for photo in collection.photos
     ]
 
@@ -109,8 +109,8 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
 def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     collection = crowded(tmp_path / "scene", (20, 120, 240))
     trainer = Trainer(with_masks_in(collection, tmp_path / "scene" / "masks"), small_settings(), tmp_path)
-    target = trainer.pictures.target(0, 1)[1]
-    mask = trainer.model.look(trainer.pictures[0].encoder_input, 0).mask
+    target = trainer.photos.target(0, 1)[1]
+    mask = trainer.model.look(trainer.photos[0].encoder_input, 0).mask
     image = torch.full((HEIGHT, WIDTH, 3), 0.4)
     losses = []
     for value, place in ((0.4, HIDDEN), (1.0, HIDDEN), (1.0, np.s_[:10, :10])):

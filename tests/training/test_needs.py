@@ -13,9 +13,9 @@ from core import config, pipeline
 from core.config import Settings, preset
 from core.data import load_collection
 from core.pipeline import training
-from core.training import checkpoint, needs, run
+from core.training import checkpoint, needs, run_config
 from core.training.evidence import Evidence
-from core.training.pictures import Pictures, Sizes
+from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
 from tests.data.converted import write_processed
 from tests.heard import Heard
@@ -26,10 +26,10 @@ SAMPLE = Path(__file__).parents[2] / "samples" / "plaza"
 SMALL = {"max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encoder_side_px": 32, "checkpoints": 1}
 
 
-def decisions(collection, settings: Settings | None = None, change=lambda picture: picture) -> dict:
-    """What is decided for the training photos, by setting; `change` may alter the pictures."""
-    pictures = Pictures(collection.split("train"), Sizes.of(Settings(encoder_side_px=32), collection.photos)).pictures
-    decided, taken = needs.decide(settings or Settings(), collection.points, list(map(change, pictures)))
+def decisions(collection, settings: Settings | None = None, change=lambda photo: photo) -> dict:
+    """What is decided for the training photos, by setting; `change` may alter them."""
+    photos = SizedPhotos(collection.split("train"), Sizes.of(Settings(encoder_side_px=32), collection.photos)).photos
+    decided, taken = needs.decide(settings or Settings(), collection.points, list(map(change, photos)))
     assert not decided.undecided
     assert all(getattr(decided, decision.setting) == decision.value for decision in taken)
     return {decision.setting: decision for decision in taken}
@@ -82,9 +82,9 @@ def test_a_real_calm_collection_needs_no_looks_and_no_masks():
 def test_a_real_calm_collection_in_other_exposures_needs_these_alone():
     random = np.random.default_rng(0)
 
-    def exposed_again(picture):
-        pixels = picture.pixels * np.exp(0.25 * random.normal())
-        return replace(picture, pixels=pixels.clip(0, 255).astype(np.uint8))
+    def exposed_again(sized):
+        pixels = sized.pixels * np.exp(0.25 * random.normal())
+        return replace(sized, pixels=pixels.clip(0, 255).astype(np.uint8))
 
     assert values(decisions(load_collection(real("fountain")), change=exposed_again)) == ("exposure", "off")
 
@@ -127,9 +127,9 @@ def test_what_is_given_is_not_decided(tmp_path, monkeypatch):
 
 def test_steps_and_gaussians_follow_photos_and_pixels_unless_given():
     def sizes(photos, width, **given):
-        pictures = [SimpleNamespace(camera=SimpleNamespace(width=width, height=100), empty=None)] * photos
+        sized = [SimpleNamespace(camera=SimpleNamespace(width=width, height=100), empty=None)] * photos
         settings = Settings(appearance="off", transients="off", sh_degree=0).changed(**given)
-        decided, _ = needs.decide(settings, None, pictures)
+        decided, _ = needs.decide(settings, None, sized)
         return decided.steps, decided.max_gaussians
 
     assert sizes(1, 100) == sizes(20, 768) == (3000, 40_000)
@@ -220,7 +220,7 @@ def test_decisions_are_printed_kept_and_never_taken_again(calm, tmp_path, monkey
     assert [decision["setting"] for decision in kept["decisions"]] == ["appearance", "transients", "sh_degree"]
     assert all(isinstance(decision["figure"], float) for decision in kept["decisions"])
     monkeypatch.setattr(needs, "gather_evidence", None)
-    _, settings, _ = run.read_config(folder)
+    _, settings, _ = run_config.read_config(folder)
     assert settings.appearance == "off" and not settings.undecided
     assert Trainer(calm, settings, folder).decisions == ()
     pipeline.bake_to_file(folder, "neutral", tmp_path / "neutral.ply")

@@ -16,8 +16,8 @@ def recorded(monkeypatch, owner, name: str) -> list[tuple]:
 
 def shown(trainer) -> tuple[torch.Tensor, Target, torch.Tensor]:
     """A grey picture, a photo, and its mask."""
-    target = trainer.pictures.target(0, 1)[1]
-    return torch.full((*target.planes.shape[1:], 3), 0.4), target, trainer.model.look(trainer.pictures[0].encoder_input, 0).mask
+    target = trainer.photos.target(0, 1)[1]
+    return torch.full((*target.planes.shape[1:], 3), 0.4), target, trainer.model.look(trainer.photos[0].encoder_input, 0).mask
 
 
 def test_a_mask_is_taught_from_its_time_on(trainer_of):

@@ -47,7 +47,7 @@ def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
 def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6, transient_regularisation=1e-3)
     trainer.gaussians.parameters["logit_opacities"].zero_()
-    camera, splats, mask = trainer.pictures[0].camera, trainer.gaussians.splats, torch.zeros(1, 9, 12)
+    camera, splats, mask = trainer.photos[0].camera, trainer.gaussians.splats, torch.zeros(1, 9, 12)
     visible = trainer.rasterizer.visible(splats, camera)
     splats = splats[visible.rows]
     front = trainer.rasterizer.contributions(splats, camera)
@@ -153,10 +153,10 @@ def test_every_photo_is_written_with_its_own_mask(trainer_of, tmp_path):
     trainer = trainer_of(mask="mlp")
     torch.nn.init.normal_(trainer.model.mask_network.last.weight, std=0.2)
     torch.nn.init.zeros_(trainer.model.mask_network.last.bias)
-    assert write_masks(tmp_path, trainer.model, trainer.pictures) == 4
-    for index, picture in enumerate(trainer.pictures):
-        written = cv2.imread(str(tmp_path / "masks" / picture.photo.name), cv2.IMREAD_GRAYSCALE)
-        mask = trainer.model.look(picture.encoder_input, index).mask[0].detach().numpy()
+    assert write_masks(tmp_path, trainer.model, trainer.photos) == 4
+    for index, sized in enumerate(trainer.photos):
+        written = cv2.imread(str(tmp_path / "masks" / sized.photo.name), cv2.IMREAD_GRAYSCALE)
+        mask = trainer.model.look(sized.encoder_input, index).mask[0].detach().numpy()
         expected = cv2.resize(mask, written.shape[::-1]) * 255
         assert np.abs(written - expected).max() <= 1.5
     assert len({path.read_bytes() for path in (tmp_path / "masks").iterdir()}) == 4
@@ -165,13 +165,13 @@ def test_every_photo_is_written_with_its_own_mask(trainer_of, tmp_path):
 def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
     """Three times as bright as white is white."""
     trainer = trainer_of(appearance="off", transients="off")
-    white = [replace(picture, pixels=np.full_like(picture.pixels, 255)) for picture in trainer.held_out]
-    trainer.held_out.pictures[:] = white
+    white = [replace(sized, pixels=np.full_like(sized.pixels, 255)) for sized in trainer.held_out]
+    trainer.held_out.photos[:] = white
     trainer.gaussians.parameters["sh"][:, 0] = float(dc_of_colour(torch.tensor(3.0)))
     psnr, ssim = trainer.held_out_quality()
     assert psnr > 60 and ssim > 0.999
     # What a photo does not show is not compared.
     seen = np.arange(white[0].pixels.shape[1]) >= 20
-    half = [replace(picture, pixels=picture.pixels * seen[:, None].astype(np.uint8), valid=np.tile(seen, (len(picture.pixels), 1))) for picture in white]
-    trainer.held_out.pictures[:] = half
+    half = [replace(sized, pixels=sized.pixels * seen[:, None].astype(np.uint8), valid=np.tile(seen, (len(sized.pixels), 1))) for sized in white]
+    trainer.held_out.photos[:] = half
     assert trainer.held_out_quality() == pytest.approx((psnr, ssim), abs=1e-3)

@@ -202,7 +202,7 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     (message,) = messages
     assert "masks hide" in message and "raise mask_regularisation" in message
     assert trainer.mask_mean < losses.COLLAPSED
-    mask = trainer.model.look(trainer.pictures[0].encoder_input, 0).mask
+    mask = trainer.model.look(trainer.photos[0].encoder_input, 0).mask
     weights = losses.pixel_weights(mask, HEIGHT, WIDTH, float(mask.detach().mean()))
     assert float(weights.mean()) == pytest.approx(
         losses.COLLAPSED, abs=0.02
@@ -222,9 +222,9 @@ def test_masks_of_photos_with_odd_names_stay_in_the_run(collection, tmp_path):
     theirs = tmp_path / "photos" / "absolute.png"
     names = [str(theirs.with_suffix(".jpg")), "../above.jpg", "left/0001.jpg"]
     for number, name in enumerate(names):
-        picture = trainer.pictures[number]
-        trainer.pictures.pictures[number] = replace(picture, photo=replace(picture.photo, name=name))
-    write_masks(tmp_path / "run", trainer.model, trainer.pictures)
+        sized = trainer.photos[number]
+        trainer.photos.photos[number] = replace(sized, photo=replace(sized.photo, name=name))
+    write_masks(tmp_path / "run", trainer.model, trainer.photos)
     assert not theirs.exists() and not (tmp_path / "run" / "above.png").exists()
     assert all((tmp_path / "run" / "masks" / name).is_file() for name in ("absolute.png", "above.png", "left/0001.png"))
 

@@ -84,8 +84,8 @@ def test_a_gpu_that_ran_out_of_memory_is_no_fault_of_the_checkpoint(tmp_path):
 def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, tmp_path):
     first, *others = collection.photos
     trainer = Trainer(replace(collection, photos=(damage(first), *others)), small_settings(), tmp_path)
-    assert [picture.photo.name for picture in trainer.pictures] == ["photo_1.png", "photo_3.png", "photo_4.png"]
-    (note,) = trainer.pictures.notes
+    assert [sized.photo.name for sized in trainer.photos] == ["photo_1.png", "photo_3.png", "photo_4.png"]
+    (note,) = trainer.photos.notes
     assert note.startswith("1 photo of the train split that cannot be used: photo_0.png (ends before") and str(tmp_path) not in note
     assert trainer.held_out.notes == [] and next(trainer.train()).step == 1
     hopeless = replace(collection, photos=tuple(map(damage, collection.photos)))

@@ -12,7 +12,7 @@ from core.data.formats.model_file import holds_model, lacking_files, photos_in_m
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
 from core.data.phototourism import find_tables
-from core.data.placing import View
+from core.data.placing import PosedPhoto
 from core.data.posed import Points, Posed, usable_points
 from core.errors import BadInput
 from core.words import name_them
@@ -88,14 +88,14 @@ def read_colmap(root: Path) -> Posed:
         notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
     names_used = Counter(image.name for image in found)
     notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
-    views, found_notes = with_files_found([view_of(image, images) for image in found], [images])
+    photos, found_notes = with_files_found([posed_photo(image, images) for image in found], [images])
     notes += found_notes
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
-    known = {os.path.abspath(path) for path in (*(view.path for view in views), *(images / name for name in garbled))}
+    known = {os.path.abspath(path) for path in (*(photo.path for photo in photos), *(images / name for name in garbled))}
     extra = [path.name for path in there if os.path.abspath(path) not in known]
     notes += name_them(f"in {images} without a pose, not used", extra)
     fix = f"Put the photos into {root / 'images'}, named as in the model."
-    return Posed(kind_of(root), model, views, points, f"of the model missing in {images}", fix, notes)
+    return Posed(kind_of(root), model, photos, points, f"of the model missing in {images}", fix, notes)
 
 
 def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
@@ -109,14 +109,14 @@ def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], l
     return names, sorted(garbled)
 
 
-def view_of(image: pycolmap.Image, images: Path) -> View:
-    """The image as a view of a photo in the folder `images`."""
+def posed_photo(image: pycolmap.Image, images: Path) -> PosedPhoto:
+    """What the model says of an image, whose photo lies in the folder `images`."""
     pose = image.cam_from_world().matrix()
     camera = copy(image.camera)  # the model's own is freed with the model
     rotation = pose[:, :3]
     with np.errstate(invalid="ignore", over="ignore"):  # an impossible pose is left out when the photo is placed
         centre = -rotation.T @ pose[:, 3]
-    return View(image.name, images / image.name, lambda width, height: camera, rotation, centre)
+    return PosedPhoto(image.name, images / image.name, lambda width, height: camera, rotation, centre)
 
 
 def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:

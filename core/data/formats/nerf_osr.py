@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 
 from core.data.photos.folder import list_photos
-from core.data.placing import View
+from core.data.placing import PosedPhoto
 from core.data.posed import Fault, Posed, from_camera_to_world
 from core.errors import BadInput
 from core.words import Note, Reasons
@@ -49,7 +49,7 @@ def read_nerf_osr(root: Path) -> Posed:
     ]
     used = [(split, place) for split in (TRAINING, held_out) if split for place in photos[split]]
     several = len({place for _, place in used}) < len(used)
-    views, faults = [], Reasons()
+    posed, faults = [], Reasons()
     masks = {split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")} for split in photos}
     for split, place in used:
         name = f"{split}/{place.as_posix()}" if several else place.as_posix()
@@ -60,8 +60,8 @@ def read_nerf_osr(root: Path) -> Posed:
         except Fault as fault:
             faults.add(f"{fault}, not used", name)
             continue
-        views.append(View(name, source / split / "rgb" / place, lens, rotation, centre, role, masks[split].get(place.with_suffix(""))))
-    return Posed("nerf-osr", source, views, None, f"missing in {source}", fix, notes + faults.notes())
+        posed.append(PosedPhoto(name, source / split / "rgb" / place, lens, rotation, centre, role, masks[split].get(place.with_suffix(""))))
+    return Posed("nerf-osr", source, posed, None, f"missing in {source}", fix, notes + faults.notes())
 
 
 def _pictures(folder: Path) -> list[Path]:
@@ -85,7 +85,7 @@ def _matrix(folder: Path, place: Path) -> np.ndarray:
 
 
 def _lens(matrix: np.ndarray) -> Callable[[int, int], pycolmap.Camera]:
-    """The pinhole of an intrinsics matrix, for View.lens."""
+    """The pinhole of an intrinsics matrix, for PosedPhoto.lens."""
     fx, skew, cx = matrix[0, :3]
     fy, cy = matrix[1, 1:3]
     if not abs(skew) <= LARGEST_SKEW * abs(fx):

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from core.data.formats.colmap import names_in, nerfstudio_models, read_points, view_of
+from core.data.formats.colmap import names_in, nerfstudio_models, posed_photo, read_points
 from core.data.formats.model_file import read_model
-from core.data.placing import LARGEST_COORDINATE, View
+from core.data.placing import LARGEST_COORDINATE, PosedPhoto
 from core.data.posed import Points
 from core.data.split import rows_of
 from core.errors import BadInput
@@ -17,46 +17,46 @@ ALIKE = 0.01  # how far poses may be apart: in radians, and in distances of the 
 LEAST_SPREAD = 1e-100  # of cameras; those that stand in one place then fit no others, and nothing is divided by zero
 
 
-def points_of_model(root: Path, views: Sequence[View], image_ids: Mapping[Path, int]) -> tuple[Points | None, list[str]]:
-    """The points of the COLMAP model below `root` in the frame of the views, with which view sees which; and notes.
+def points_of_model(root: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points | None, list[str]]:
+    """The points of the COLMAP model below `root` in the frame of the photos, with which photo sees which; and notes.
 
     image_ids: the model's ids of photos, by path; other photos are known by their names. Of several models the largest that fits counts.
-    None if there is no model, or, as a note then says, it is damaged, has no points, lacks most of the views or has them in other poses.
+    None if there is no model, or, as a note then says, it is damaged, has no points, lacks most of the photos or has them in other poses.
     """
     faults = []
     for model in nerfstudio_models(root):
         try:
-            points, notes = _points(model, views, image_ids)
+            points, notes = _points(model, photos, image_ids)
             return points, [*notes, Note(f"The points of the COLMAP model {model} are used.", harmless=True)]
         except BadInput as problem:
             faults.append(f"The points of the COLMAP model {model} are not used: {problem.what}")
     return None, faults[:1]
 
 
-def _points(model: Path, views: Sequence[View], image_ids: Mapping[Path, int]) -> tuple[Points, list[str]]:
+def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points, list[str]]:
     reconstruction = read_model(model)
     points, notes = read_points(reconstruction, model)
     if points is None:
         raise BadInput("it has no usable points.")
     names, _ = names_in(reconstruction)
-    posed = {name: view_of(image, model) for number, name in names.items() if (image := reconstruction.images[number]).has_pose}
-    listed, _ = rows_of((view.path.as_posix() for view in views), set(posed))
-    named = {view.name: names.get(image_ids.get(view.path)) or listed.get(view.path.as_posix()) for view in views}
-    pairs = [(posed[named[view.name]], view) for view in views if named[view.name] in posed]
-    positions = _moved(points.positions, pairs) if 2 * len(pairs) > len(views) else None
+    posed = {name: posed_photo(image, model) for number, name in names.items() if (image := reconstruction.images[number]).has_pose}
+    listed, _ = rows_of((photo.path.as_posix() for photo in photos), set(posed))
+    named = {photo.name: names.get(image_ids.get(photo.path)) or listed.get(photo.path.as_posix()) for photo in photos}
+    pairs = [(posed[named[photo.name]], photo) for photo in photos if named[photo.name] in posed]
+    positions = _moved(points.positions, pairs) if 2 * len(pairs) > len(photos) else None
     if positions is None:
         raise BadInput("its photos or poses are not those of the scene.")
     seen = points.seen and {ours: points.seen.get(theirs, np.empty(0, np.int64)) for ours, theirs in named.items()}
     return Points(positions, points.colours, seen), notes
 
 
-def _moved(points: np.ndarray, pairs: Sequence[tuple[View, View]]) -> np.ndarray | None:
+def _moved(points: np.ndarray, pairs: Sequence[tuple[PosedPhoto, PosedPhoto]]) -> np.ndarray | None:
     """The points (P, 3) after the turn, scaling and shift that lead from the first poses of the pairs to the second; None if none does.
 
     The turn follows from the axes of the cameras, which may therefore stand on a line.
     """
     rotations = np.array([there.rotation.T @ here.rotation for here, there in pairs])
-    centres, wanted = (np.array([view.centre for view in views]) for views in zip(*pairs, strict=True))
+    centres, wanted = (np.array([photo.centre for photo in photos]) for photos in zip(*pairs, strict=True))
     if not all((np.abs(numbers) < LARGEST_COORDINATE).all() for numbers in (rotations, centres)):
         return None
     left, _, right = np.linalg.svd(rotations.sum(axis=0))

@@ -19,7 +19,7 @@ from core.data.formats.nerfstudio_model import points_of_model
 from core.data.formats.point_file import read_points_file
 from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photos.folder import SUFFIXES
-from core.data.placing import View
+from core.data.placing import PosedPhoto
 from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable_points
 from core.data.split import rows_of
 from core.errors import BadInput
@@ -47,8 +47,8 @@ def read_transforms(root: Path) -> Posed:
     facts = _read_json(source)
     if others := [name for name in BLENDER_FILES.values() if (root / name).is_file()]:
         reading.notes.append(f"{root} holds {list_names(others)} as well; {FILE} is used.")
-    views = reading.split_as_listed(source, facts, reading.views(source, facts))
-    return reading.posed("nerfstudio", source, facts, views)
+    photos = reading.split_as_listed(source, facts, reading.photos(source, facts))
+    return reading.posed("nerfstudio", source, facts, photos)
 
 
 def read_blender(root: Path) -> Posed:
@@ -59,20 +59,20 @@ def read_blender(root: Path) -> Posed:
     reading = _Reading(root)
     source = root / BLENDER_FILES["train"]
     facts = _read_json(source)
-    training, held_out, holding_out = reading.views(source, facts), [], source
+    training, held_out, holding_out = reading.photos(source, facts), [], source
     there = [root / BLENDER_FILES[split] for split in ("test", "val") if (root / BLENDER_FILES[split]).is_file()]
     for path in there:
         if held_out:
             reading.notes.append(Note(f"{path.name} is not used: {holding_out.name} is what is held out.", harmless=True))
         else:
-            held_out, holding_out = reading.views(path, _read_json(path, may_be_empty=True)), path
-    both = {view.path for view in training} & {view.path for view in held_out}
+            held_out, holding_out = reading.photos(path, _read_json(path, may_be_empty=True)), path
+    both = {photo.path for photo in training} & {photo.path for photo in held_out}
     if both:
         reading.notes += name_them("listed for training and as held out, held out", sorted(path.name for path in both))
     if held_out:
-        training = [replace(view, split="train") for view in training if view.path not in both]
-    views = training + [replace(view, split="test") for view in held_out]
-    return reading.posed("blender", source, facts, views)
+        training = [replace(photo, split="train") for photo in training if photo.path not in both]
+    photos = training + [replace(photo, split="test") for photo in held_out]
+    return reading.posed("blender", source, facts, photos)
 
 
 @dataclass
@@ -85,9 +85,9 @@ class _Reading:
     sources: list[str] = field(default_factory=list)
     image_ids: dict[Path, int] = field(default_factory=dict)  # of photos, in the COLMAP model
 
-    def views(self, source: Path, facts: dict) -> list[View]:
+    def photos(self, source: Path, facts: dict) -> list[PosedPhoto]:
         """The usable frames, each photo once."""
-        views: dict[Path, View] = {}
+        photos: dict[Path, PosedPhoto] = {}
         for number, frame in enumerate(facts["frames"]):
             label = f"frame {number} of {source.name}"
             try:
@@ -95,21 +95,21 @@ class _Reading:
                     raise Fault("without a file_path")
                 path = self.find(frame["file_path"])
                 label = path.name
-                if path in views:
+                if path in photos:
                     self.faults.add("named more than once, used the first time", label)
                     continue
                 rotation, centre = _pose(frame)
                 lens = _Lens.of(facts | frame)
                 mask = frame.get("mask_path")
                 mask = self.find(mask) if isinstance(mask, str) else None
-                views[path] = View(str(path), path, lens.camera, rotation, centre, mask=mask)
+                photos[path] = PosedPhoto(str(path), path, lens.camera, rotation, centre, mask=mask)
                 if isinstance(number := frame.get("colmap_im_id"), int):
                     self.image_ids[path] = number
             except Fault as fault:
                 self.faults.add(f"{fault}, not used", label)
-        if views:
+        if photos:
             self.sources.append(source.name)
-        return list(views.values())
+        return list(photos.values())
 
     def find(self, name: str) -> Path:
         """The file that a file_path means, relative to the root. Blender scenes omit the suffix."""
@@ -120,17 +120,17 @@ class _Reading:
             return self.find(name.replace("\\", "/"))
         return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if os.path.isfile(path + suffix)), path))
 
-    def split_as_listed(self, source: Path, facts: dict, views: list[View]) -> list[View]:
-        """The views with the split of the file's lists; unchanged if it has none. Without train_filenames, all that is not held out is trained
+    def split_as_listed(self, source: Path, facts: dict, photos: list[PosedPhoto]) -> list[PosedPhoto]:
+        """The photos with the split of the file's lists; unchanged if it has none. Without train_filenames, all that is not held out is trained
         on. Names may omit folder and suffix if they stay unambiguous."""
         lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
         if not lists:
-            return views
+            return photos
         if not all(
             isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
         ):
             raise BadInput(f"{source} has a ..._filenames that is not a list of file names.", "Correct or remove it.")
-        paths = {view.path for view in views}
+        paths = {photo.path for photo in photos}
         meant = {row: Path(name) for name, row in rows_of((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
         listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
         held_out = listed.get("test") or listed.get("val", set())
@@ -142,13 +142,13 @@ class _Reading:
             ("listed neither for training nor for testing, not used", paths - split.keys()),
         ):
             self.notes += name_them(words, sorted(path.name for path in odd))
-        return [replace(view, split=split[view.path]) for view in views if view.path in split]
+        return [replace(photo, split=split[photo.path]) for photo in photos if photo.path in split]
 
-    def points(self, facts: dict, views: list[View]) -> Points | None:
+    def points(self, facts: dict, photos: list[PosedPhoto]) -> Points | None:
         """The points of nerfstudio's COLMAP model or else of ply_file_path, or None. The latter are in the frame of the poses:
         applied_transform has been applied to both. (Older versions of nerfstudio did not apply it to points, so the cameras are asked
         whether they see them.)"""
-        points, notes = points_of_model(self.root, views, self.image_ids)
+        points, notes = points_of_model(self.root, photos, self.image_ids)
         self.notes += notes
         if points is not None:
             return points
@@ -165,24 +165,24 @@ class _Reading:
         if not good.any():
             self.notes.append(f"The points file {path} has no usable points.")
             return None
-        share = _share_in_view(positions[good], views)
-        if views and share < IN_VIEW:
+        share = _share_in_view(positions[good], photos)
+        if photos and share < IN_VIEW:
             what = f"Only {share:.0%} of the points of {path} lie before a camera"
             self.notes.append(f"{what}: if they are in another frame than the poses, take out ply_file_path.")
         return Points(positions[good], colours[good], None)
 
-    def posed(self, kind: str, source: Path, facts: dict, views: list[View]) -> Posed:
+    def posed(self, kind: str, source: Path, facts: dict, photos: list[PosedPhoto]) -> Posed:
         """All that was read, with the points. Photos are named by paths below their common folder, or by whole paths if there is none
         (drives of Windows)."""
         folder = self.root
         with suppress(ValueError):
-            folder = Path(os.path.commonpath([view.path.parent for view in views]))
-            views = [replace(view, name=view.path.relative_to(folder).as_posix()) for view in views]
-        points = self.points(facts, views)
-        views, found = with_files_found(views, [self.root / name for name in ("images", ".", *SHRUNKEN)])
+            folder = Path(os.path.commonpath([photo.path.parent for photo in photos]))
+            photos = [replace(photo, name=photo.path.relative_to(folder).as_posix()) for photo in photos]
+        points = self.points(facts, photos)
+        photos, found = with_files_found(photos, [self.root / name for name in ("images", ".", *SHRUNKEN)])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."
-        return Posed(kind, source, views, points, missing_words, fix, self.faults.notes() + self.notes + found)
+        return Posed(kind, source, photos, points, missing_words, fix, self.faults.notes() + self.notes + found)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ def _focal_length(angle: float | None, side: int) -> float | None:
 
 
 def _pose(frame: dict) -> tuple[np.ndarray, np.ndarray]:
-    """View.rotation and View.centre."""
+    """PosedPhoto.rotation and PosedPhoto.centre."""
     try:
         matrix = np.array(frame.get("transform_matrix"), dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -247,12 +247,12 @@ def _pose(frame: dict) -> tuple[np.ndarray, np.ndarray]:
     return from_camera_to_world(matrix[:3] * [*TO_OPENCV, 1.0], "a transform_matrix")
 
 
-def _share_in_view(points: np.ndarray, views: list[View]) -> float:
+def _share_in_view(points: np.ndarray, photos: list[PosedPhoto]) -> float:
     """The share of the points (P, 3) that some camera sees within 45 degrees of its viewing direction."""
     points = points[:: -(-len(points) // POINTS_ASKED)]
     seen = np.zeros(len(points), bool)
-    for view in views:
-        local = (points - view.centre) @ view.rotation.T
+    for photo in photos:
+        local = (points - photo.centre) @ photo.rotation.T
         seen |= local[:, 2] > np.linalg.norm(local[:, :2], axis=1)
     return float(seen.mean())
 

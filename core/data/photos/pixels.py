@@ -21,8 +21,8 @@ FILL = 128  # what a JPEG decoder paints where the data ran out
 
 
 @dataclass(frozen=True)
-class Picture:
-    """pixels: (h, w, 3) uint8 RGB. valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
+class LoadedPhoto:
+    """What a photo's file shows. pixels: (h, w, 3) uint8 RGB. valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
 
     empty: (h, w) uint8, how much of each pixel is empty space, shown as white: 255 all of it; None where nothing is empty.
     """
@@ -57,7 +57,7 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     return pixels if use.all() else _filled(pixels, use, path, mask)
 
 
-def load_photo(photo: Photo, width: int, height: int, cut_out: bool = False) -> Picture:
+def load_photo(photo: Photo, width: int, height: int, cut_out: bool = False) -> LoadedPhoto:
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the lens did not see
@@ -87,7 +87,7 @@ def load_photo(photo: Photo, width: int, height: int, cut_out: bool = False) -> 
         raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
     elif valid is not None and alpha is not None and not cut_out:
         pixels = fill(pixels, valid)
-    return Picture(pixels, valid, empty)
+    return LoadedPhoto(pixels, valid, empty)
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:

@@ -44,13 +44,13 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
 def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
     """Write a photo, undistorted and shrunk to LONG_SIDE_PX, and its mask; returns its camera at that size. BadInput if it cannot be decoded."""
     camera = camera.shrunk(LONG_SIDE_PX / max(camera.width, camera.height))
-    picture = load_photo(photo, camera.width, camera.height, cut_out=True)
-    shown = np.ones(picture.pixels.shape[:2], bool) if picture.valid is None else picture.valid
-    if picture.empty is not None:
-        shown &= picture.empty < HALF
+    loaded = load_photo(photo, camera.width, camera.height, cut_out=True)
+    shown = np.ones(loaded.pixels.shape[:2], bool) if loaded.valid is None else loaded.valid
+    if loaded.empty is not None:
+        shown &= loaded.empty < HALF
     for folder in (PHOTOS, MASKS):
         (work / folder).mkdir(exist_ok=True)
-    pixels = cv2.cvtColor(picture.pixels, cv2.COLOR_RGB2BGR)
+    pixels = cv2.cvtColor(loaded.pixels, cv2.COLOR_RGB2BGR)
     _write(work / PHOTOS / name, ".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     _write(work / MASKS / f"{name}.png", ".png", shown * np.uint8(255), [])  # COLMAP reads no photo that lacks one
     return camera

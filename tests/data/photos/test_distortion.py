@@ -20,14 +20,14 @@ def check_dots(collection, index, least):
     photo = collection.photos[index]
     for divisor in (1, 3):  # 3: shrunk before it is undistorted, and once more after
         camera = photo.camera.resized(photo.camera.width // divisor, photo.camera.height // divisor)
-        picture = load_photo(photo, camera.width, camera.height)
-        assert picture.pixels.shape == (camera.height, camera.width, 3)
+        loaded = load_photo(photo, camera.width, camera.height)
+        assert loaded.pixels.shape == (camera.height, camera.width, 3)
         pixels, _ = camera.project(collection.points)
         reach = 7 / divisor * max(photo.camera.width, photo.camera.height) / WIDTH
         inside = ((pixels > reach) & (pixels < (camera.width - reach, camera.height - reach))).all(axis=1)
         assert inside.sum() >= least
         for dot in pixels[inside]:
-            assert np.abs(centroid(picture.pixels, dot, reach) - dot).max() < ALIGNED_PX
+            assert np.abs(centroid(loaded.pixels, dot, reach) - dot).max() < ALIGNED_PX
 
 
 @pytest.mark.parametrize("model", LENSES)

@@ -65,9 +65,9 @@ def test_alpha_is_turned_along(tmp_path, suffix, orientation):
     path = save(tmp_path / f"a{suffix}", pixels)
     add_exif(path, exif_block(orientation))
     shown = upright(pixels, orientation)
-    picture = load_photo(photo_at(path, shown.shape[1], shown.shape[0]), shown.shape[1], shown.shape[0])
-    assert (picture.valid == (shown[..., 3] == 255)).all()
-    assert (picture.pixels[picture.valid] == shown[picture.valid][:, 2::-1]).all()
+    loaded = load_photo(photo_at(path, shown.shape[1], shown.shape[0]), shown.shape[1], shown.shape[0])
+    assert (loaded.valid == (shown[..., 3] == 255)).all()
+    assert (loaded.pixels[loaded.valid] == shown[loaded.valid][:, 2::-1]).all()
 
 
 def test_transparency_is_laid_on_white(tmp_path):
@@ -107,12 +107,12 @@ def test_what_is_cut_out_is_the_photo_over_white_and_how_empty_it_is(tmp_path, o
     add_exif(path, exif_block(orientation))
     shown = upright(pixels, orientation).astype(np.float64)
     height, width = shown.shape[0] // 2, shown.shape[1] // 2
-    picture = load_photo(photo_at(path, 2 * width, 2 * height), width, height, cut_out=True)
-    assert picture.valid is None
+    loaded = load_photo(photo_at(path, 2 * width, 2 * height), width, height, cut_out=True)
+    assert loaded.valid is None
     for colour in (0, 100, 255):
         over = shown[..., 2::-1] * shown[..., 3:] / 255 + colour * (1 - shown[..., 3:] / 255)
         over = over.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
-        found = picture.pixels - picture.empty[..., None] * (1 - colour / 255)
+        found = loaded.pixels - loaded.empty[..., None] * (1 - colour / 255)
         assert np.abs(found - over).max() <= 1.5  # rounded before and after it is shrunk, as is what is empty after
 
 
@@ -120,8 +120,8 @@ def test_opaque_photos_have_nothing_empty(tmp_path):
     pixels = noise(channels=4)
     pixels[..., 3] = 255
     for path in (save(tmp_path / "a.png", pixels), save(tmp_path / "b.png", pixels[..., :3])):
-        picture = load_photo(photo_at(path, 44, 30), 44, 30, cut_out=True)
-        assert picture.empty is None and picture.pixels.shape == (30, 44, 3)
+        loaded = load_photo(photo_at(path, 44, 30), 44, 30, cut_out=True)
+        assert loaded.empty is None and loaded.pixels.shape == (30, 44, 3)
 
 
 @pytest.mark.parametrize("size", [(44, 30), (31, 21)])  # the second is shrunk before it is undistorted, by no whole factor
@@ -229,34 +229,34 @@ def test_shrunk_jpegs_stay_aligned(tmp_path, size, orientation):
         dots = np.column_stack([height - dots[:, 1], dots[:, 0]])
         width, height = height, width
     small = (width // 9, height // 9)
-    picture = load_photo(photo_at(path, width, height), *small)
+    loaded = load_photo(photo_at(path, width, height), *small)
     for dot in dots * small / (width, height):
         # 0.1 px from a reduction that does not divide the size (MISALIGNED_PX) and 0.05 for rounding to 8 bits.
-        assert np.abs(centroid(picture.pixels, dot, 0.2 * small[0] / 2) - dot).max() < 0.15
+        assert np.abs(centroid(loaded.pixels, dot, 0.2 * small[0] / 2) - dot).max() < 0.15
 
 
 def test_a_hundred_megapixels_are_read_at_a_fraction(tmp_path):
     """A JPEG is decoded at an eighth: 4.7 MB instead of 300."""
     halves = np.full((8192, 12288), 40, np.uint8)
     halves[:, 6144:] = 200
-    picture = load_photo(photo_at(save(tmp_path / "a.jpg", halves), 12288, 8192), 192, 128)
-    assert picture.pixels.shape == (128, 192, 3)
-    assert np.abs(picture.pixels[:, [10, 180]].astype(int) - [[[40], [200]]]).max() <= 1  # JPEG's own rounding
+    loaded = load_photo(photo_at(save(tmp_path / "a.jpg", halves), 12288, 8192), 192, 128)
+    assert loaded.pixels.shape == (128, 192, 3)
+    assert np.abs(loaded.pixels[:, [10, 180]].astype(int) - [[[40], [200]]]).max() <= 1  # JPEG's own rounding
 
 
 def test_shrinking_averages(tmp_path):
     pixels = np.zeros((64, 64, 3), np.uint8)
     pixels[::2] = 255
-    picture = load_photo(photo_at(save(tmp_path / "a.png", pixels), 64, 64), 16, 16)
-    assert picture.pixels.shape == (16, 16, 3) and np.abs(picture.pixels.astype(int) - 128).max() <= 1
+    loaded = load_photo(photo_at(save(tmp_path / "a.png", pixels), 64, 64), 16, 16)
+    assert loaded.pixels.shape == (16, 16, 3) and np.abs(loaded.pixels.astype(int) - 128).max() <= 1
 
 
 def test_a_shrunk_pixel_is_valid_where_all_it_averages_is(tmp_path):
     pixels = noise(8, 8, 4)
     pixels[..., 3] = 255
     pixels[0, 5, 3] = 254
-    picture = load_photo(photo_at(save(tmp_path / "a.png", pixels), 8, 8), 2, 2)
-    assert picture.valid.tolist() == [[True, False], [True, True]]
+    loaded = load_photo(photo_at(save(tmp_path / "a.png", pixels), 8, 8), 2, 2)
+    assert loaded.valid.tolist() == [[True, False], [True, True]]
 
 
 def test_a_turned_photo_is_undistorted_at_the_size_it_has_when_turned(tmp_path, monkeypatch):

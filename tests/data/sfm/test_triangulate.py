@@ -19,7 +19,7 @@ from core.doctor import examine
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
-from core.training import run
+from core.training import run_config, run_folders
 from tests.data.converted import changed, write_json
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
@@ -121,12 +121,12 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
     before = tmp_path / "project"
     shutil.copytree(corner, before / "photos")
     collection = prepared(before / "photos", before / "runs" / "photos-scene", Report())
-    run.create(before / "runs" / "photos", collection, small_settings())
+    run_folders.create(before / "runs" / "photos", collection, small_settings())
     now = before.rename(tmp_path / "elsewhere")
     points, run_folder = now / "runs" / "photos-scene", now / "runs" / "photos"
     again = prepared(now / "photos", points, Report())
     assert again.root == points and not (now / "runs" / "photos-scene-2").exists()
-    for found in (again, run.read_config(run_folder)[2]):
+    for found in (again, run_config.read_config(run_folder)[2]):
         assert found.root == points and found.changed_since(collection) == []
         assert all(photo.path.is_relative_to(now / "photos") and photo.path.is_file() for photo in found.photos)
     (now / "photos").rename(tmp_path / "other")  # alone

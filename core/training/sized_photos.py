@@ -1,4 +1,4 @@
-"""The training photos, decoded once, at the sizes that the run needs."""
+"""Photos at the sizes that a run uses them at, each decoded once."""
 
 import math
 from collections import OrderedDict
@@ -67,10 +67,10 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A decoded photo. pixels: (H, W, 3) uint8. valid: (H, W) bool or None. camera: at this size. encoder_input: (3, h, w).
+class SizedPhoto:
+    """A photo at the size that it is trained at. camera: at this size. encoder_input: (3, h, w).
 
-    empty: (H, W) uint8 or None, as core.data.photos.pixels has it.
+    pixels: (H, W, 3) uint8, valid: (H, W) bool or None, and empty: (H, W) uint8 or None are as in core.data.photos.pixels.LoadedPhoto.
     """
 
     photo: Photo
@@ -88,7 +88,7 @@ class Picture:
         return (self.empty == 0) & (True if self.valid is None else self.valid)
 
 
-def load_picture(photo: Photo, sizes: Sizes, device: torch.device = CPU, cut_out: bool = False) -> Picture:
+def load_sized_photo(photo: Photo, sizes: Sizes, device: torch.device = CPU, cut_out: bool = False) -> SizedPhoto:
     """Decode a photo at the size that it is trained at; BadInput if it is missing or damaged.
 
     device: of the encoder's input; the pixels stay in the machine's own memory. cut_out: what is transparent is empty.
@@ -96,7 +96,7 @@ def load_picture(photo: Photo, sizes: Sizes, device: torch.device = CPU, cut_out
     camera = sizes.camera(photo)
     loaded = load_photo(photo, camera.width, camera.height, cut_out)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
-    return Picture(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
+    return SizedPhoto(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
 
 
 def shown_on(
@@ -106,7 +106,7 @@ def shown_on(
     return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(device)
 
 
-class Pictures(Sequence[Picture]):
+class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
     notes: a line that names the photos left out because their damage shows only now that they are decoded. device: of the
@@ -115,31 +115,31 @@ class Pictures(Sequence[Picture]):
 
     def __init__(self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, cut_out: bool = False):
         self.device = device
-        self.pictures: list[Picture] = []
+        self.photos: list[SizedPhoto] = []
         damaged = Reasons()
         for photo in photos:
             try:
-                self.pictures.append(load_picture(photo, sizes, device, cut_out))
+                self.photos.append(load_sized_photo(photo, sizes, device, cut_out))
             except BadInput as problem:
                 damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
-        self.notes = damaged.notes() + _doubtful_masks(self.pictures)
+        self.notes = damaged.notes() + _doubtful_masks(self.photos)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
         self._most_bytes = _most_bytes(device)
 
     def __len__(self) -> int:
-        return len(self.pictures)
+        return len(self.photos)
 
-    def __getitem__(self, index: int) -> Picture:
-        return self.pictures[index]
+    def __getitem__(self, index: int) -> SizedPhoto:
+        return self.photos[index]
 
     def target(self, index: int, factor: int) -> tuple[Camera, Target]:
         """The photo as a training target, shrunk by `factor`, and its camera at that size."""
-        picture = self.pictures[index]
-        width, height = max(1, picture.camera.width // factor), max(1, picture.camera.height // factor)
+        sized = self.photos[index]
+        width, height = max(1, sized.camera.width // factor), max(1, sized.camera.height // factor)
         key = (index, factor)
         if key not in self._targets:
-            pixels, valid, empty = picture.pixels, picture.valid, picture.empty
+            pixels, valid, empty = sized.pixels, sized.valid, sized.empty
             if factor > 1:
                 pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
                 if valid is not None:
@@ -152,12 +152,12 @@ class Pictures(Sequence[Picture]):
             self._bytes += self._targets[key].nbytes
             while self._bytes > self._most_bytes and len(self._targets) > 1:
                 self._bytes -= self._targets.popitem(last=False)[1].nbytes
-        return picture.camera.resized(width, height), self._targets[key]
+        return sized.camera.resized(width, height), self._targets[key]
 
 
-def _doubtful_masks(pictures: list[Picture]) -> list[str]:
+def _doubtful_masks(photos: list[SizedPhoto]) -> list[str]:
     """A note where the masks that the user gave leave little of the photos they belong to."""
-    left = [1.0 if picture.valid is None else picture.valid.mean() for picture in pictures if picture.photo.mask]
+    left = [1.0 if sized.valid is None else sized.valid.mean() for sized in photos if sized.photo.mask]
     if not left or np.mean(left) >= USUAL_SHARE:
         return []
     return [f"The masks leave {np.mean(left):.0%} of their photos: white is what is used. Invert them if it marks what is not."]

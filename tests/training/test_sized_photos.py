@@ -1,4 +1,4 @@
-"""Training pictures: never enlarged, the same from the cache and made again, and nothing of what is hidden in them."""
+"""Photos at training size: never enlarged, the same from the cache and made again, and nothing of what is hidden in them."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import torch
 
-from core.training.pictures import Pictures, Sizes
+from core.training.sized_photos import SizedPhotos, Sizes
 from tests.small import HEIGHT, WIDTH, small_collection
 
 SIDE_PX = 32
@@ -20,7 +20,7 @@ def test_a_width_never_enlarges(tmp_path):
 
 def test_a_target_that_is_made_again_is_the_same(tmp_path):
     photos = small_collection(tmp_path).split("train")
-    kept, small = (Pictures(photos, Sizes(1, 1.0, SIDE_PX)) for _ in range(2))
+    kept, small = (SizedPhotos(photos, Sizes(1, 1.0, SIDE_PX)) for _ in range(2))
     small._most_bytes = 1
     for factor in (1, 2):
         for index in (0, 1, 0):
@@ -35,7 +35,7 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, 4:5] = mask[:, 9:24] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    valid = Pictures((replace(photo, mask=tmp_path / "mask.png"),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
+    valid = SizedPhotos((replace(photo, mask=tmp_path / "mask.png"),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
     expected = torch.ones(HEIGHT // 4, WIDTH // 4, dtype=torch.bool)
     expected[:, 2:6] = False
     assert torch.equal(valid, expected)
@@ -47,8 +47,8 @@ def test_a_shrunk_target_shows_nothing_of_what_lies_behind_a_cut_out_photo(tmp_p
     pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
     cv2.circle(pixels, (24, 18), 14, (0, 0, 0, 255), -1)
     cv2.imwrite(str(tmp_path / "disc.png"), pixels)
-    pictures = Pictures((replace(photo, path=tmp_path / "disc.png"),), Sizes(1, 1.0, SIDE_PX))
+    photos = SizedPhotos((replace(photo, path=tmp_path / "disc.png"),), Sizes(1, 1.0, SIDE_PX))
     for factor in (1, 2, 4):
-        target = pictures.target(0, factor)[1]
+        target = photos.target(0, factor)[1]
         assert target.valid.any() and not target.valid.all() and not target.planes.any()
-    assert not pictures[0].encoder_input.any()
+    assert not photos[0].encoder_input.any()

@@ -4,31 +4,22 @@ cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; c
 history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
 """
 
-import hashlib
-import json
 import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
-import core
 from core.config import Settings
-from core.data.collection import Collection, Photo
-from core.data.made import CONFIG, followed, is_of_run, path_within, read_mark, way_to
+from core.data.collection import Collection
+from core.data.made import CONFIG, is_of_run, read_mark
 from core.data.sfm import landmarks
-from core.data.sfm.kept_points import home_of
-from core.errors import BadInput, BadSetting, not_made
-from core.scene.camera import Camera
-from core.scene.frame import SceneFrame
-from core.scene.lens import Lens
-from core.system.atomic import check_folder, write_json, write_text
+from core.errors import BadInput, not_made
+from core.system.atomic import check_folder, write_text
 from core.training import checkpoint, viewer_files
 from core.training.backdrop import is_cut_out
 from core.training.needs import Decision
+from core.training.run_config import write_config
 
 HISTORY = "history.csv"
 PREVIEW = "preview.png"
@@ -39,9 +30,6 @@ OURS = (
     "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves",
     HISTORY, landmarks.FILE, "masks", PREVIEW, "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png",
 )  # fmt: skip
-
-
-# --- finding and naming runs
 
 
 def is_run(folder: Path) -> bool:
@@ -159,87 +147,3 @@ def point_cloud_path(folder: Path, step: int) -> Path:
     path = folder / "point_cloud" / f"iteration_{step}" / "point_cloud.ply"
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
-
-
-# --- config.json
-
-
-def write_config(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
-    """Write what made the run: settings, scene, frame, photos with splits and cameras (scene frame, exact).
-
-    The settings are those that came of the decisions, which are written for the reader: a run is never decided again.
-    """
-    home = home_of(collection.root)
-    facts = {
-        "scene": {"name": collection.name, "path": str(collection.root.resolve()), "kind": collection.kind},
-        "frame": collection.frame.to_json(),
-        "settings": settings.to_json(),
-        "decisions": [decision.to_json() for decision in decisions],
-        "photos": [_photo_to_json(photo, home) for photo in collection.photos],
-    }
-    # The same photos and settings give the same embeddings: the run's name is made from them, not drawn.
-    identity = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
-    facts["scene"]["from_run"] = way_to(collection.root, folder)
-    write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
-
-
-def read_config(folder: Path) -> tuple[str, Settings, Collection]:
-    """The run's identity, settings and collection; the collection has no SfM points, which only training needs.
-
-    Raises BadInput if config.json is damaged or of another version.
-    """
-    path = folder / CONFIG
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-        settings = Settings().changed(**facts["settings"])
-        root = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder)
-        home = home_of(root)
-        collection = Collection(
-            name=facts["scene"]["name"],
-            root=root,
-            kind=facts["scene"]["kind"],
-            photos=tuple(_photo_from_json(values, home) for values in facts["photos"]),
-            points=np.zeros((0, 3)),
-            point_colours=np.zeros((0, 3), dtype=np.float32),
-            frame=SceneFrame.from_json(facts["frame"]),
-        )
-        return str(facts["run"]), settings, collection
-    except BadSetting as problem:
-        fix = "It is of another version of wegs, or was changed: train the run again."
-        raise BadInput(f"{path} cannot be used: {problem.what}", fix) from None
-    except (OSError, ValueError, KeyError, TypeError) as problem:
-        raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
-
-
-def _photo_to_json(photo: Photo, home: Path) -> dict:
-    camera = asdict(photo.camera)
-    camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}
-    return {
-        "name": photo.name,
-        "path": path_within(photo.path, home),
-        "split": photo.split,
-        "camera": camera,
-        "lens": photo.lens and asdict(photo.lens),
-        "mask": None if photo.mask is None else path_within(photo.mask, home),
-        "mask_lens": photo.mask_lens and asdict(photo.mask_lens),
-    }
-
-
-def _photo_from_json(values: dict, home: Path) -> Photo:
-    shapes = {"world_to_camera": (3, 3), "centre": (3,)}
-    camera = values["camera"] | {
-        name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()
-    }
-    nothing = np.zeros(0, dtype=np.int64)
-    path = home / values["path"]  # an absolute path stays as it is
-    lens, mask, mask_lens = (values.get(key) for key in ("lens", "mask", "mask_lens"))  # runs made before there were given masks have none
-    return Photo(
-        values["name"],
-        path,
-        Camera(**camera),
-        values["split"],
-        points=nothing,
-        lens=lens and Lens(**lens),
-        mask=None if mask is None else home / mask,
-        mask_lens=mask_lens and Lens(**mask_lens),
-    )

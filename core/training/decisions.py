@@ -1,0 +1,104 @@
+"""What a scene needs, decided from its photos before anything is built: which parts, how many steps and Gaussians.
+
+Where the figures are uncertain a part is kept: a part too many costs time, one too few costs the picture.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from core.config import Settings, budget
+from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
+from core.training.sized_photos import SizedPhoto
+from core.training.transparency import transparent_is_empty
+
+# 8-bit steps. Against no looks, the exposure mode (zero-shot, half protocol, held-out training photos) lost 1.9 dB at 3.6
+# (fountain) and 0.1 at 5.1 (calm plaza with gains of 4 %), and won 0.1 at 9.2 (gains of 9 %).
+LEAST_COLOUR_SPREAD = 6.0
+# 8-bit steps. At the error of in-the-wild runs (20 dB, 25 steps) as much unexplained costs less than 0.1 dB.
+LEAST_SPREAD_BEYOND_TONE = 3.5
+LEAST_STRANGE_SHARE = 0.015  # columns and corners make 0.5 to 1 % of calm photos (plaza) look so, crowds in the same light 3.7 %
+# Degree 1 against 0 on held-out training photos, dB: + 0.3 at 90 % (fountain), + 0.2 at 59 % (kermit), 0 at 33 % (calm plaza), 0
+# to + 0.4 at 21 % (Liberty), 0 to - 0.5 at 4 % (plaza).
+LEAST_VIEW_DEPENDENCE = 0.1
+TOO_FEW = "too few points are known to be shared by photos to tell"
+USUAL_DEGREE = 1  # where nothing can be said; higher degrees need more views of a point than SfM tracks have
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A setting that was left to the photos. figure: the measurement that decided it, None where too little was seen. because: the reason in words."""
+
+    setting: str
+    value: str | int
+    figure: float | None
+    because: str
+
+    def to_json(self) -> dict:
+        return asdict(self)
+
+
+def decide(
+    settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto]
+) -> tuple[Settings, tuple[Decision, ...]]:
+    """Settings in which nothing is left to be decided, and the decisions taken; none where all was given.
+
+    points: SfM points (P, 3), scene frame. photos: the training photos, decoded at training size.
+    """
+    empty = transparent_is_empty(settings) or any(sized.empty is not None for sized in photos)
+    settings = settings.changed(transparency="empty" if empty else "unseen")
+    pixels = sum(sized.camera.width * sized.camera.height for sized in photos)
+    settings = settings.decided(**budget(len(photos), pixels), sky="none" if empty else "dome")
+    asked = [name for name in JUDGES if name in settings.undecided]
+    if not asked:
+        return settings.decided(), ()
+    evidence = gather_evidence(points, photos)
+    taken = {name: judge(evidence) for name, judge in JUDGES.items()}
+    if empty:
+        taken |= {name: _of_renders(name) for name in ("appearance", "transients") if taken[name].figure is None}
+    decided = settings.decided(**{name: decision.value for name, decision in taken.items()})
+    return decided, tuple(taken[name] for name in asked)
+
+
+def appearance(evidence: Evidence) -> Decision:
+    """off, exposure or full."""
+    if evidence.colour_spread is None:
+        return Decision("appearance", "full", None, f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out")
+    steps = f"a point's colour differs by {evidence.colour_spread:.1f} of 255 between photos"
+    if evidence.colour_spread < LEAST_COLOUR_SPREAD:
+        return Decision("appearance", "off", evidence.colour_spread, f"{steps}, less than {LEAST_COLOUR_SPREAD:g}")
+    rest = f"{steps}; a gain and offset a photo leave {evidence.spread_beyond_tone:.1f}"
+    if evidence.spread_beyond_tone < LEAST_SPREAD_BEYOND_TONE:
+        return Decision("appearance", "exposure", evidence.spread_beyond_tone, f"{rest}, less than {LEAST_SPREAD_BEYOND_TONE:g}")
+    return Decision("appearance", "full", evidence.spread_beyond_tone, rest)
+
+
+def transients(evidence: Evidence) -> Decision:
+    """off or on."""
+    if evidence.strange_share is None:
+        why = TOO_FEW if evidence.colour_spread is None else f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby, too few to tell"
+        return Decision("transients", "on", None, f"{why} whether there are passers-by; `--transients off` leaves masks out")
+    share = f"{evidence.strange_share:.1%} of the places look unlike what photos from nearby show there"
+    if evidence.strange_share < LEAST_STRANGE_SHARE:
+        return Decision("transients", "off", evidence.strange_share, f"{share}, less than {LEAST_STRANGE_SHARE:.1%}")
+    return Decision("transients", "on", evidence.strange_share, share)
+
+
+def sh_degree(evidence: Evidence) -> Decision:
+    """0 or 1."""
+    if evidence.view_dependence is None:
+        why = f"too few points are seen by {FEWEST_VIEWS} photos to tell whether colours depend on the viewing direction"
+        return Decision("sh_degree", USUAL_DEGREE, None, why)
+    share = f"the viewing direction explains {evidence.view_dependence:.0%} of what colours differ by within a look"
+    if evidence.view_dependence < LEAST_VIEW_DEPENDENCE:
+        return Decision("sh_degree", 0, evidence.view_dependence, f"{share}, less than {LEAST_VIEW_DEPENDENCE:.0%}")
+    return Decision("sh_degree", 1, evidence.view_dependence, share)
+
+
+def _of_renders(name: str) -> Decision:
+    """Renders of one thing in one light: there, looks and masks that are kept unjudged cost 1.8 dB (biker, 200 px, 600 steps)."""
+    return Decision(name, "off", None, f"{TOO_FEW} what differs, and photos cut out of empty space are taken for renders in one light")
+
+
+JUDGES = {"appearance": appearance, "transients": transients, "sh_degree": sh_degree}

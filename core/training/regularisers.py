@@ -1,0 +1,52 @@
+"""What holds residuals small and passers-by transparent: L_regSH and L_regTS (paper section IV-C, with the gaps of the text closed)."""
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from core.scene.camera import Camera
+from core.system.device import sent
+
+SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
+
+
+def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
+    """L_regSH: the mean over Gaussians of |residual|; a mean, because a sum would drown the picture. 0 without Gaussians."""
+    if not len(residual):
+        return residual.sum()
+    return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
+
+
+def residual_loss(
+    residual: Float[Tensor, "v c 3"], weight: float
+) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
+    """weight * L_regSH, its gradient by the residual, and the mean absolute residual (0 without Gaussians).
+
+    The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's.
+    """
+    leaf = residual.detach().requires_grad_()
+    loss = weight * residual_norm(leaf)
+    loss.backward()
+    size = leaf.detach().abs()
+    return loss.detach(), leaf.grad, size.mean() if len(leaf) else size.sum()
+
+
+def transient_rows(
+    means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], camera: Camera
+) -> Bool[Tensor, " v"]:
+    """Which Gaussians stand for passers-by in this view (L_regTS): centre where M < 0.5, and at the front.
+
+    At the front means that it reaches a tenth of some pixel: what hides behind a pedestrian must not be punished.
+    """
+    turn_and_centre = torch.from_numpy(np.vstack([camera.world_to_camera, camera.centre]))
+    *axes, centre = sent(turn_and_centre, means.device)
+    x, y, depth = ((means.detach().double() - centre) @ axis for axis in axes)
+    safe = torch.where(depth.abs() > 1e-12, depth, 1e-12)
+    x, y = camera.fx * x / safe + camera.cx, camera.fy * y / safe + camera.cy  # as `camera.project`
+    h, w = mask.shape[-2:]
+    columns: Int[Tensor, " v"] = (x * w / camera.width).floor().clamp(-1, w).long()
+    rows: Int[Tensor, " v"] = (y * h / camera.height).floor().clamp(-1, h).long()
+    inside = (columns >= 0) & (columns < w) & (rows >= 0) & (rows < h) & (depth > 0)
+    hidden = mask.detach()[0, rows.clamp(0, h - 1), columns.clamp(0, w - 1)] < 0.5
+    return inside & hidden & (contributions > 0.1)

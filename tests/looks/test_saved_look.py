@@ -1,0 +1,68 @@
+"""Looks kept by name: exact, of one run at one step, and never called as something else."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from core.errors import BadInput, BadSetting
+from core.looks import saved_look
+from core.looks.trained import Appearance
+
+
+def test_a_look_comes_back_bit_for_bit(tmp_path):
+    look = Appearance("dusk", "dusk.jpg", torch.randn(16, generator=torch.Generator().manual_seed(0)))
+    back = saved_look.load(saved_look.save(tmp_path, look, "abc", 7), "abc", 16, 7)
+    assert torch.equal(back.embedding, look.embedding)
+    assert (back.name, back.source, back.tone) == (look.name, look.source, None)
+    (tmp_path / "copy.json").write_text((tmp_path / "appearance" / "dusk.json").read_text())
+    assert saved_look.load(tmp_path / "copy.json", "abc", 16, 7).name == "copy"  # files are copied; what they say of themselves is no path
+    night = replace(look, name="night", tone=torch.rand(2, 3))
+    assert torch.equal(saved_look.load(saved_look.save(tmp_path, night, "abc", 7), "abc", 16, 7).tone, night.tone)
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("", "not a saved look"),
+        ("{}", "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "other", "embedding": [1, 2]}', "saved by run other"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 5, "embedding": [1, 2]}', "saved at step 5; the run is at step 7 now. Save the look again"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 finite numbers"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 finite numbers"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 1' + 400 * "0" + "]}", "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1]}', "not two rows of three gains"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}', "not a saved look"),
+    ],
+)
+def test_a_look_of_no_use_is_refused(tmp_path, text, words):
+    path = tmp_path / "a.json"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=words):
+        saved_look.load(path, "abc", 2, 7)
+
+
+def test_a_look_of_a_version_that_kept_no_step_is_read(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2]}')
+    assert saved_look.load(path, "abc", 2, 7).embedding.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("name", ["", ".json", "../dusk", "a/b", ".hidden", "neutral"])
+def test_a_look_needs_a_plain_name(tmp_path, name):
+    with pytest.raises(BadSetting):
+        saved_look.path_of(tmp_path, name)
+
+
+@pytest.mark.parametrize("name", ["neutral", "neutral.json"])
+def test_a_look_may_not_be_called_neutral_and_is_told_why(tmp_path, name):
+    with pytest.raises(BadSetting, match="every run has"):
+        saved_look.path_of(tmp_path, name)
+
+
+def test_a_look_may_be_named_with_its_suffix(tmp_path):
+    assert saved_look.path_of(tmp_path, "dusk.json") == saved_look.path_of(tmp_path, "dusk")

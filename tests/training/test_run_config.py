@@ -1,0 +1,78 @@
+"""config.json: what made a run is read back exactly, wherever run and scene are moved."""
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.errors import BadInput
+from core.scene.lens import Lens
+from core.training import run_config, run_folders
+from tests.small import small_settings
+
+
+def test_config_gives_back_settings_and_collection_exactly(tmp_path, collection):
+    settings = small_settings(sky="none", gauge=0.125)
+    run_folders.create(tmp_path / "run", collection, settings)
+    identity, settings_back, back = run_config.read_config(tmp_path / "run")
+    assert settings_back == settings and len(identity) == 12
+    assert (back.name, back.kind, back.frame.radius) == (collection.name, collection.kind, 7.0)
+    np.testing.assert_array_equal(back.frame.centre, collection.frame.centre)
+    for photo, expected in zip(back.photos, collection.photos, strict=True):
+        assert (photo.name, photo.split, photo.lens) == (expected.name, expected.split, expected.lens)
+        assert photo.path.samefile(expected.path)
+        np.testing.assert_array_equal(photo.camera.world_to_camera, expected.camera.world_to_camera)
+        np.testing.assert_array_equal(photo.camera.centre, expected.camera.centre)
+        sizes = ("fx", "fy", "cx", "cy", "width", "height")
+        assert [getattr(photo.camera, n) for n in sizes] == [getattr(expected.camera, n) for n in sizes]
+
+
+def test_a_run_goes_on_with_the_very_cameras_alone(tmp_path, collection):
+    run_folders.create(tmp_path / "run", collection, small_settings())
+    before = run_config.read_config(tmp_path / "run")[2]
+    assert collection.changed_since(before) == []
+    first = collection.photos[0]
+    turned = first.camera.world_to_camera @ np.diag([-1.0, -1.0, 1.0])
+    for camera in (replace(first.camera, fx=1.3 * first.camera.fx), replace(first.camera, world_to_camera=turned), replace(first.camera, width=7)):
+        other = replace(collection, photos=(replace(first, camera=camera), *collection.photos[1:]))
+        assert other.changed_since(before) == [first.name]
+    lens = Lens("OPENCV", 1, 1, [])
+    assert replace(collection, photos=(replace(first, lens=lens), *collection.photos[1:])).changed_since(before) == [first.name]
+
+
+def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
+    (tmp_path / "project" / "scene").mkdir(parents=True)
+    moved = replace(collection, root=tmp_path / "project" / "scene")
+    run_folders.create(tmp_path / "project" / "runs" / "a", moved, small_settings())
+    (tmp_path / "project").rename(tmp_path / "elsewhere")
+    assert run_config.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == tmp_path / "elsewhere" / "scene"
+    (tmp_path / "elsewhere" / "scene").rmdir()  # gone: the place it had is named
+    assert run_config.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == moved.root
+
+
+def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, collection, monkeypatch):
+    def relpath(*_):
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr(os.path, "relpath", relpath)
+    run_folders.create(tmp_path / "run", replace(collection, root=tmp_path / "scene"), small_settings())
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["scene"]["from_run"] is None
+    assert run_config.read_config(tmp_path / "run")[2].root == tmp_path / "scene"  # is gone, and the run itself is none
+
+
+def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
+    identities = set()
+    for number, settings in enumerate((small_settings(), small_settings(), small_settings(seed=1))):
+        run_folders.create(tmp_path / str(number), collection, settings)
+        identities.add(run_config.read_config(tmp_path / str(number))[0])
+    assert len(identities) == 2
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {"stepz": 1}}'])
+def test_a_damaged_config_is_refused_in_one_line(tmp_path, text):
+    (tmp_path / "config.json").write_text(text)
+    with pytest.raises(BadInput, match="config.json cannot be used") as caught:
+        run_config.read_config(tmp_path)
+    assert "\n" not in str(caught.value)

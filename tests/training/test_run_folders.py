@@ -1,0 +1,126 @@
+"""The run folder: naming, finding, replacing, and what of history.csv is kept."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from core.errors import BadInput
+from core.training import run_folders
+from tests.small import small_settings
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def begin(folder: Path, age_s: int = 0) -> None:
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text('{"wegs": "0.1.0"}')
+    os.utime(folder / "config.json", (1e9 - age_s, 1e9 - age_s))
+
+
+def test_runs_of_a_scene_are_numbered(here):
+    assert run_folders.choose_folder(None, "plaza") == Path("runs/plaza")
+    begin(Path("runs/plaza"))
+    assert run_folders.choose_folder(None, "plaza") == Path("runs/plaza-2")
+    begin(Path("runs/plaza-2"))
+    assert run_folders.choose_folder(None, "plaza") == Path("runs/plaza-3")
+
+
+def test_the_newest_run_is_the_one_begun_last(here, monkeypatch):
+    begin(Path("runs/b"), age_s=0)
+    begin(Path("runs/a"), age_s=5)
+    begin(Path("runs/c"), age_s=5)
+    Path("runs/not-a-run").mkdir()
+    assert run_folders.find_run(None) == Path("runs/b")
+    assert run_folders.find_run(Path("runs/a")) == Path("runs/a")
+    monkeypatch.chdir("runs/c")
+    assert run_folders.find_run(None) == Path(".")  # inside of one
+
+
+def test_no_run_and_no_such_run_are_refused(here):
+    with pytest.raises(BadInput, match="no run in runs"):
+        run_folders.find_run(None)
+    with pytest.raises(BadInput, match="There is no folder elsewhere"):
+        run_folders.find_run(Path("elsewhere"))
+    with pytest.raises(BadInput, match=f"{here.name} is not a run"):
+        run_folders.find_run(here)
+
+
+def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
+    Path("empty").mkdir()
+    assert run_folders.choose_folder(Path("empty"), "plaza") == Path("empty")
+    begin(Path("old"))
+    with pytest.raises(BadInput, match="--force"):
+        run_folders.choose_folder(Path("old"), "plaza")
+    assert run_folders.choose_folder(Path("old"), "plaza", force=True) == Path("old")
+    Path("file").write_text("")
+    Path("home").mkdir()
+    Path("home/thesis.txt").write_text("")
+    for name in ("file", "home"):
+        with pytest.raises(BadInput, match=name):
+            run_folders.choose_folder(Path(name), "plaza", force=True)
+
+
+@pytest.mark.parametrize("text", ['{"learning_rate": 1}', "[1]", "", "\0"])
+def test_a_folder_of_another_program_is_no_run(here, text):
+    folder = Path("runs/network")
+    (folder / "masks").mkdir(parents=True)
+    (folder / "config.json").write_text(text)
+    with pytest.raises(BadInput, match="no run"):
+        run_folders.choose_folder(folder, "plaza", force=True)
+    for wanted in (None, folder):
+        with pytest.raises(BadInput, match="no run|is not a run"):
+            run_folders.find_run(wanted)
+
+
+@pytest.mark.parametrize("text", ["", "{", "\0"])
+def test_a_run_whose_config_was_garbled_is_one_still(here, text):
+    begin(Path("old"))
+    Path("old/config.json").write_text(text)
+    Path("old/checkpoint_000100.safetensors").write_text("")
+    assert run_folders.choose_folder(Path("old"), "plaza", force=True) == Path("old")
+
+
+def test_a_run_that_cannot_be_begun_leaves_nothing(tmp_path, collection, monkeypatch):
+    def full(*_):
+        raise BadInput("The disk is full.")
+
+    monkeypatch.setattr(run_folders, "write_config", full)
+    thesis = tmp_path / "there" / "thesis.txt"
+    thesis.parent.mkdir()
+    thesis.write_text("years")
+    for folder in (tmp_path / "new", thesis.parent):
+        with pytest.raises(BadInput, match="full"):
+            run_folders.create(folder, collection, small_settings())
+    assert not (tmp_path / "new").exists() and list(thesis.parent.iterdir()) == [thesis]
+
+
+def test_the_run_that_is_taken_when_none_is_named(here):
+    assert not run_folders.is_default(Path("runs/a"))
+    begin(Path("runs/a"), age_s=5)
+    begin(Path("elsewhere"))
+    assert run_folders.is_default(here / "runs" / "a") and not run_folders.is_default(Path("elsewhere"))
+
+
+@pytest.mark.parametrize("end", ["", "40,1", "40,1.0\r\n50,1.2\r\n50", "abc\r\n,\r\n\0\0"])
+def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
+    kept = "step,seconds\r\n10,0.5\r\n20,0.7\r\n"
+    (tmp_path / "history.csv").write_text(kept + end, newline="")
+    run_folders.rewind_history(tmp_path, 20)
+    assert (tmp_path / "history.csv").read_bytes() == kept.encode()
+    run_folders.rewind_history(tmp_path / "none", 20)  # killed before its first line
+
+
+def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):
+    folder = tmp_path / "run"
+    (folder / "masks").mkdir(parents=True)
+    for name in ("masks/a.png", "checkpoint_000100.safetensors", "results_full.json", "sheet_full.png", "dusk.ply"):
+        (folder / name).write_text("old")
+    run_folders.create(folder, collection, small_settings())
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "cameras.json", "cfg_args", "config.json", "dusk.ply", "input.ply",
+    ]  # fmt: skip

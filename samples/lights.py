@@ -99,7 +99,7 @@ def sheet(trained: TrainedRun, styles: tuple[str, ...], photo: Photo, report: Re
 def rendered(trained: TrainedRun, appearance, photo: Photo) -> np.ndarray:
     """A look from the camera of a photo, 8 bit."""
     rasterizer = trained.rasterizer
-    return to_8_bit(rasterizer.render(bake(trained, appearance), trained.camera(photo), trained.backdrop).image)
+    return to_8_bit(rasterizer.render(bake(trained, appearance), trained.camera(photo), trained.background).image)
 
 
 def tile(picture: np.ndarray, height: int) -> np.ndarray:
@@ -142,7 +142,7 @@ def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | N
         fitted = refined(trained, own, camera, truth, None)
         looks |= {} if fitted is None else {"fitted": fitted}
         for look, appearance in looks.items():
-            picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image)
+            picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera, trained.background).image)
             found.setdefault(look, []).append(metrics.psnr(picture, truth))
     means = {look: sum(values) / len(values) for look, values in found.items()}
     nearest = max(seen, key=means.__getitem__)

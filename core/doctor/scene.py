@@ -24,7 +24,7 @@ from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
 from core.scene.camera import Camera
-from core.training.backdrop import looks_for_empty
+from core.training.transparency import transparent_may_be_empty
 from core.words import counted, is_harmless, list_names
 
 FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself asks for 15 to 30
@@ -153,14 +153,14 @@ def _world(collection: Collection) -> list[Finding]:
 
 
 def _photos(collection: Collection, report: Report) -> list[Finding]:
-    unusable, flat, cut_out = {}, [], looks_for_empty(collection, Settings())
+    unusable, flat, may_be_empty = {}, [], transparent_may_be_empty(collection, Settings())
     photos = collection.split("train") + collection.split("test")
     for number, photo in enumerate(photos):
         report.progress("Photos", number + 1, len(photos), photo.name)
         width = min(SMALL_PX, photo.camera.width)
         height = max(1, round(photo.camera.height * width / photo.camera.width))
         try:
-            loaded = load_photo(photo, width, height, cut_out=cut_out)
+            loaded = load_photo(photo, width, height, transparent_is_empty=may_be_empty)
         except BadInput as problem:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue

@@ -33,7 +33,7 @@ class Results:
 
     run: its identity, as in config.json. gaussians: of the run, with those of the sky. scale: width of the pictures measured / width of
     the photos on disk. lpips_backbone: a key of lpips.TRUNKS, or None without weights. training_seconds, evaluation_seconds: wall clock.
-    over_white: photos and renders are laid on white, so that transparent pixels are scored; otherwise they are not.
+    white_background: photos and renders are compared over white, so that transparent pixels are scored; otherwise they are not.
     """
 
     protocol: str
@@ -48,7 +48,7 @@ class Results:
     steps: int
     training_seconds: float
     evaluation_seconds: float
-    over_white: bool = False
+    white_background: bool = False
 
     def means(self) -> dict[str, dict[str, dict[str, float | None]]]:
         """Means over the photos: [photo | clean | clean_right][zero_shot | refined][psnr | ssim | lpips].
@@ -96,7 +96,7 @@ class Results:
             "photos": {"train": self.train_photos, "test": self.test_photos, "measured": len(self.views)},
             "scale": self.scale,
             "quantisation": "8 bit",
-            "transparent_pixels": "over white" if self.over_white else "not scored",
+            "transparent_pixels": "over white" if self.white_background else "not scored",
             "psnr": PSNR_KIND,
             "ssim": SSIM_KIND,
             "lpips": self.lpips_backbone or f"absent: {lpips.ABSENT}",

@@ -29,7 +29,7 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> t
     """
     model, reach, picture = trained.model, trained.reach, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
-    if trained.is_cut_out or reach.distance(embedding) <= 1:
+    if trained.transparent_is_empty or reach.distance(embedding) <= 1:
         return reach.nearest(embedding), None
     shares = _shares(trained)
     whole = tone_between(shares, band_means(picture))

@@ -21,7 +21,7 @@ def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
     neutral, rows = bake(trained, neutral_look(trained)), []
     for sized in spread_over(photos, PHOTOS):
         own = [bake(trained, find_appearance(trained, sized.photo.name))] if has_looks else []
-        drawn = (trained.rasterizer.render(look, sized.camera, trained.backdrop).image for look in (*own, neutral))
+        drawn = (trained.rasterizer.render(look, sized.camera, trained.background).image for look in (*own, neutral))
         rows.append((sized.photo.name, [tile(pixels) for pixels in (sized.pixels, *map(to_8_bit, drawn))]))
     write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))
     return path

@@ -113,5 +113,5 @@ class Pruner:
 def pruner_of(trained: TrainedRun, report: Report) -> Pruner:
     """The Pruner of a run for its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
-    given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.backdrop
+    given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.background
     return Pruner(*given, lambda done, total: report.progress("Pruning", done, total))

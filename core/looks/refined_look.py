@@ -51,7 +51,7 @@ def refined_outside(trained: TrainedRun, look: Appearance, path: Path, mask: Pat
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
         photo = Photo(path.name, path, found.camera, "test", mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
-        loaded = load_photo(photo, camera.width, camera.height, trained.is_cut_out)
+        loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
     except BadInput:  # nothing is left of a mask in a smaller picture
         return as_read("too little of it is left at the size at which it is drawn")
     pixels, valid = shown_on(trained.device, loaded.pixels, loaded.valid)

@@ -22,9 +22,11 @@ from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system import device
-from core.training import backdrop, checkpoint, run_config
+from core.training import checkpoint, run_config
+from core.training.background import background_of_figures
 from core.training.gaussians import Gaussians
 from core.training.sized_photos import SizedPhoto, Sizes, load_sized_photo
+from core.training.transparency import transparent_is_empty
 
 NEUTRAL = "neutral"  # the name of the look that every run has; no other can have it
 
@@ -58,7 +60,7 @@ class TrainedRun:
         root = self.collection.root
         if not photo.path.is_file() and not root.is_dir():
             raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
-        return load_sized_photo(photo, self.sizes, self.device, self.is_cut_out)
+        return load_sized_photo(photo, self.sizes, self.device, self.transparent_is_empty)
 
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo of the collection at its training size; the photo itself is not needed."""
@@ -97,7 +99,7 @@ class TrainedRun:
             seen = shown.with_sh(sh)
             if tone is not None:
                 seen = toned(seen, tone, len(discs))
-            return self.rasterizer.render(seen, camera, self.backdrop, pairs=visible.pairs).image
+            return self.rasterizer.render(seen, camera, self.background, pairs=visible.pairs).image
 
         return render
 
@@ -118,14 +120,14 @@ class TrainedRun:
         return Sizes.of(self.settings, self.collection.photos)
 
     @property
-    def is_cut_out(self) -> bool:
+    def transparent_is_empty(self) -> bool:
         """Whether transparent pixels were learnt as empty space."""
-        return backdrop.is_cut_out(self.settings)
+        return transparent_is_empty(self.settings)
 
     @property
-    def backdrop(self) -> Colour:
-        """The background that its pictures are shown and measured over."""
-        return backdrop.of_figures(self.is_cut_out)
+    def background(self) -> Colour:
+        """What its pictures are shown and measured over."""
+        return background_of_figures(self.transparent_is_empty)
 
     @property
     def device(self) -> torch.device:

@@ -32,7 +32,8 @@ def evaluate(
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
-    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {counted(len(photos), 'held-out photo')}, protocol {protocol}{', over white' * trained.is_cut_out}")
+    over = ", over white" if trained.transparent_is_empty else ""
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {counted(len(photos), 'held-out photo')}, protocol {protocol}{over}")
     distance = lpips.load()
     if distance is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
@@ -63,7 +64,7 @@ def evaluate(
         steps=trained.step,
         training_seconds=trained.seconds,
         evaluation_seconds=time.perf_counter() - start,
-        over_white=trained.is_cut_out,
+        white_background=trained.transparent_is_empty,
     )
     results.save(trained.folder)
     write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))

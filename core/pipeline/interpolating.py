@@ -55,7 +55,7 @@ def interpolate(
             appearance = blend(*ends, step / (steps - 1))
             if ply:
                 write_look(trained, appearance, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
-            frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.backdrop).image))
+            frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.background).image))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(frames))

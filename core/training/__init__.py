@@ -2,7 +2,7 @@
 
 the loop         trainer, step, schedule, guards, held_out
 what is decided  needs, evidence, sightings
-photos           sized_photos, backdrop, jitter
+photos           sized_photos, transparency, background, jitter
 losses           objective, photometric (_cpu, _cuda), mask_loss, losses, gauge
 Gaussians        initialisation, gaussians, densify, adam (_cuda)
 networks         networks

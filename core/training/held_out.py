@@ -16,18 +16,18 @@ from core.training.sized_photos import SizedPhotos, shown_on
 @torch.no_grad()
 @threads_for_blocks()
 def quality(
-    photos: SizedPhotos, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, behind: Colour
+    photos: SizedPhotos, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, background: Colour
 ) -> tuple[float, float] | tuple[None, None]:
     """Mean PSNR (dB) and SSIM (the loss's) over valid pixels, each photo in the look of all of it; (None, None) without photos.
 
-    behind: what renders are drawn over.
+    background: what renders are drawn over.
     """
     decibels, similarities = [], []
     for index in range(len(photos)):
         sized = photos[index]
         look = model.look(sized.encoder_input)
         splats = model.bake(gaussians.splats, look.embedding, gaussians.latents)
-        image = rasterizer.render(splats, sized.camera, behind).image.clamp(0, 1)
+        image = rasterizer.render(splats, sized.camera, background).image.clamp(0, 1)
         photo, valid = shown_on(image.device, sized.pixels, sized.valid)
         errors = (image - photo) ** 2
         decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))

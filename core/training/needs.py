@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from core.config import Settings, budget
-from core.training.backdrop import is_cut_out
 from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
 from core.training.sized_photos import SizedPhoto
+from core.training.transparency import transparent_is_empty
 
 # 8-bit steps. Against no looks, the exposure mode (zero-shot, half protocol, held-out training photos) lost 1.9 dB at 3.6
 # (fountain) and 0.1 at 5.1 (calm plaza with gains of 4 %), and won 0.1 at 9.2 (gains of 9 %).
@@ -46,7 +46,7 @@ def decide(
 
     points: SfM points (P, 3), scene frame. photos: the training photos, decoded at training size.
     """
-    empty = is_cut_out(settings) or any(sized.empty is not None for sized in photos)
+    empty = transparent_is_empty(settings) or any(sized.empty is not None for sized in photos)
     settings = settings.changed(transparency="empty" if empty else "unseen")
     pixels = sum(sized.camera.width * sized.camera.height for sized in photos)
     settings = settings.decided(**budget(len(photos), pixels), sky="none" if empty else "dome")

@@ -51,9 +51,10 @@ def blur(planes: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
     return F.conv2d(rows, taps[:, :, None], padding=(0, RADIUS), groups=count)[0]
 
 
-class Emptiness(NamedTuple):
-    """Where a photo is empty, e in [0, 1], zero where it is invalid. padded: (1, H + 10, W), e between RADIUS rows of zeros on either side.
+class EmptyShare(NamedTuple):
+    """How much of each pixel of a photo is empty, e in [0, 1], zero where it is invalid.
 
+    padded: (1, H + 10, W), e between RADIUS rows of zeros on either side.
     mean, mean_square, mean_product: the windowed means of e and e^2, (1, H, W), and of e times the photo's planes, (3, H, W).
     """
 
@@ -67,12 +68,12 @@ class Target:
     """A photo as the loss sees it, with what is constant of it computed once.
 
     picture: (H, W, 3) in [0, 1]. valid: (H, W), False where the photo shows nothing (the rim of an undistorted photo).
-    empty: (H, W) in [0, 1], the share of white in the picture that stands for what lies behind; the target is over black until
+    empty: (H, W) in [0, 1], the share of white in the picture that stands for the background; the target is over black until
     `over` is asked for. Raises BadInput for a photo without a valid pixel.
 
     planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
-    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. emptiness: None where nothing is empty, or a
-    background is laid behind it. valid_pixels: V. Everything has the dtype and the device of `picture`.
+    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. empty_share: None where nothing is empty, or
+    once it is over a background. valid_pixels: V. Everything has the dtype and the device of `picture`.
     """
 
     def __init__(
@@ -82,14 +83,14 @@ class Target:
         empty: Float[Tensor, "h w"] | None = None,
     ):
         self.valid = None if valid is None or bool(valid.all()) else valid
-        self.emptiness = None
+        self.empty_share = None
         if empty is not None:
             picture = (picture - empty[..., None]).clamp(min=0)  # both are rounded to 8 bits
         self._set_planes(planes_of(picture, self.valid))
         if empty is not None:
             plane = planes_of(empty[..., None], self.valid)
             padded = F.pad(plane, (0, 0, RADIUS, RADIUS))
-            self.emptiness = Emptiness(padded, blur(plane), blur(plane**2), blur(plane * self.planes))
+            self.empty_share = EmptyShare(padded, blur(plane), blur(plane**2), blur(plane * self.planes))
         self.valid_pixels = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
@@ -107,13 +108,13 @@ class Target:
     @property
     def nbytes(self) -> int:
         """What it takes of memory."""
-        return sum(tensor.nbytes for tensor in (self.padded, self.mean, self.mean_square, *(self.emptiness or ())))
+        return sum(tensor.nbytes for tensor in (self.padded, self.mean, self.mean_square, *(self.empty_share or ())))
 
     def masked(self, mask: Float[Tensor, "h w"]) -> "Target":
         """The photo times a mask, the same pixels valid."""
         other = copy(self)
         other._set_planes(self.planes * mask)
-        other.emptiness = None
+        other.empty_share = None
         return other
 
     def brightened(self, gain: Float[Tensor, "3"]) -> "Target":
@@ -122,20 +123,20 @@ class Target:
         gain = gain.to(self.planes)[:, None, None]
         other.padded = self.padded * gain
         other.mean, other.mean_square = self.mean * gain, self.mean_square * gain**2
-        if self.emptiness is not None:
-            other.emptiness = self.emptiness._replace(mean_product=self.emptiness.mean_product * gain)
+        if self.empty_share is not None:
+            other.empty_share = self.empty_share._replace(mean_product=self.empty_share.mean_product * gain)
         return other
 
     def over(self, background: Colour) -> "Target":
         """The photo over a colour, which shows where it is empty; its statistics follow without another blur."""
-        if (empty := self.emptiness) is None:
+        if (empty := self.empty_share) is None:
             return self
         other = copy(self)
         colour = sent(self.padded.new_tensor(background, device=CPU), self.padded.device)[:, None, None]
         other.padded = self.padded + colour * empty.padded
         other.mean = self.mean + colour * empty.mean
         other.mean_square = self.mean_square + 2 * colour * empty.mean_product + colour**2 * empty.mean_square
-        other.emptiness = None
+        other.empty_share = None
         return other
 
 

@@ -17,9 +17,9 @@ from core.data.sfm import landmarks
 from core.errors import BadInput, not_made
 from core.system.atomic import check_folder, write_text
 from core.training import checkpoint, viewer_files
-from core.training.backdrop import is_cut_out
 from core.training.needs import Decision
 from core.training.run_config import write_config
+from core.training.transparency import transparent_is_empty
 
 HISTORY = "history.csv"
 PREVIEW = "preview.png"
@@ -110,7 +110,7 @@ def create(folder: Path, collection: Collection, settings: Settings, decisions: 
     except OSError as problem:
         raise not_made(folder, problem) from None
     try:
-        viewer_files.write(folder, collection, is_cut_out(settings))
+        viewer_files.write(folder, collection, transparent_is_empty(settings))
         write_config(folder, collection, settings, decisions)
     except BaseException:
         _clear(folder)

@@ -88,13 +88,13 @@ class SizedPhoto:
         return (self.empty == 0) & (True if self.valid is None else self.valid)
 
 
-def load_sized_photo(photo: Photo, sizes: Sizes, device: torch.device = CPU, cut_out: bool = False) -> SizedPhoto:
+def load_sized_photo(photo: Photo, sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False) -> SizedPhoto:
     """Decode a photo at the size that it is trained at; BadInput if it is missing or damaged.
 
-    device: of the encoder's input; the pixels stay in the machine's own memory. cut_out: what is transparent is empty.
+    device: of the encoder's input; the pixels stay in the machine's own memory. transparent_is_empty: as `load_photo` has it.
     """
     camera = sizes.camera(photo)
-    loaded = load_photo(photo, camera.width, camera.height, cut_out)
+    loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
     return SizedPhoto(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
 
@@ -110,16 +110,16 @@ class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
     notes: a line that names the photos left out because their damage shows only now that they are decoded. device: of the
-    encoder's inputs and the targets. cut_out: what is transparent is empty.
+    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it.
     """
 
-    def __init__(self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, cut_out: bool = False):
+    def __init__(self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False):
         self.device = device
         self.photos: list[SizedPhoto] = []
         damaged = Reasons()
         for photo in photos:
             try:
-                self.photos.append(load_sized_photo(photo, sizes, device, cut_out))
+                self.photos.append(load_sized_photo(photo, sizes, device, transparent_is_empty))
             except BadInput as problem:
                 damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
         self.notes = damaged.notes() + _doubtful_masks(self.photos)

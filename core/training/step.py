@@ -13,13 +13,15 @@ from core.rasterizer import Rasterizer, Visible
 from core.scene.splats import Splats
 from core.system.device import OnTheWay
 from core.system.threads import beside
-from core.training import backdrop, densify, guards, losses, networks, schedule
+from core.training import densify, guards, losses, networks, schedule
+from core.training.background import background_of_step
 from core.training.gaussians import Gaussians, learning_rates
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
 from core.training.objective import Objective
 from core.training.photometric import Target
 from core.training.sized_photos import SizedPhotos
+from core.training.transparency import transparent_is_empty
 
 
 @dataclass
@@ -44,12 +46,12 @@ class Step:
         progress = done / settings.steps
         model.zero_grad()
         camera, photo = self.photos.target(index, schedule.shrink_factor(settings, progress))
-        gain, behind = draw_gain(settings, self.generator), backdrop.of_step(backdrop.is_cut_out(settings), self.generator)
+        gain, background = draw_gain(settings, self.generator), background_of_step(transparent_is_empty(settings), self.generator)
 
         # The photo's look, by the encoder. Meanwhile, which Gaussians its camera shows, and the gauge.
         def look_at_photo() -> tuple[Look, Target]:
             shown, target = jittered(self.photos[index].encoder_input, photo, gain)
-            return model.look(shown, index), target.over(behind)
+            return model.look(shown, index), target.over(background)
 
         look_later = beside(look_at_photo)
         visible = foreseen or self.rasterizer.visible(gaussians.splats, camera)
@@ -63,7 +65,7 @@ class Step:
         residual_loss_later = beside(lambda: objective.residual(residual))
         splats = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
-        image = self.rasterizer.render(splats, camera, behind, probe, visible.pairs).image
+        image = self.rasterizer.render(splats, camera, background, probe, visible.pairs).image
 
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, look.mask, progress))

@@ -32,7 +32,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
     report.say(f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, at most {counted(settings.max_gaussians, 'Gaussian')}")
-    if trainer.is_cut_out:
+    if trainer.transparent_is_empty:
         report.say("Transparent pixels are learnt as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")

@@ -20,8 +20,8 @@ from core.rasterizer.views import largest_contributions
 from core.system import device
 from core.system.awake import cores_awake
 from core.system.threads import threads_for_blocks
-from core.training import backdrop, checkpoint, densify, guards, held_out, losses, needs, networks, schedule
-from core.training.backdrop import is_cut_out, looks_for_empty
+from core.training import checkpoint, densify, guards, held_out, losses, needs, networks, schedule
+from core.training.background import background_of_figures
 from core.training.gaussians import Gaussians
 from core.training.guards import StepFacts
 from core.training.initialisation import initial_gaussians
@@ -29,6 +29,7 @@ from core.training.objective import Objective
 from core.training.run_folders import HISTORY
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import Step
+from core.training.transparency import transparent_is_empty, transparent_may_be_empty
 
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
 HELD_OUT_PHOTOS = 4  # that a check of quality looks at
@@ -77,13 +78,13 @@ class Trainer:
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
-        self.photos = SizedPhotos(collection.split("train"), sizes, self.device, looks_for_empty(collection, settings))
+        self.photos = SizedPhotos(collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings))
         if not len(self.photos):
             what = f"{collection.root}: no photo is left to train on. {self.photos.notes[0]}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = needs.decide(settings, collection.points, self.photos)
-        self.settings, self.is_cut_out = settings, is_cut_out(settings)
-        self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.is_cut_out)
+        self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)
+        self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty)
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos]).to(self.device)
         if self.model.encoder is not None:
             self.model.encoder.start_apart(sized.encoder_input for sized in self.photos)
@@ -228,7 +229,8 @@ class Trainer:
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""
-        return held_out.quality(self.held_out, self.gaussians, self.model, self.rasterizer, backdrop.of_figures(self.is_cut_out))
+        background = background_of_figures(self.transparent_is_empty)
+        return held_out.quality(self.held_out, self.gaussians, self.model, self.rasterizer, background)
 
     def save(self) -> Path:
         """Write a checkpoint that `resume` continues from bit for bit."""

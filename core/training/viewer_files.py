@@ -8,12 +8,12 @@ from core.scene.harmonics import MAX_DEGREE
 from core.system.atomic import write_json, write_text
 
 
-def write(folder: Path, collection: Collection, on_white: bool) -> None:
-    """Write all three. on_white: viewers are to draw the scene over white."""
+def write(folder: Path, collection: Collection, white_background: bool) -> None:
+    """Write all three. white_background: viewers are to draw the scene over white."""
     points = collection.frame.for_files().to_world(collection.points)
     write_points(folder / "input.ply", points, collection.point_colours)
     write_json(folder / "cameras.json", _cameras_json(collection))
-    write_text(folder / "cfg_args", _cfg_args(folder, collection, on_white))
+    write_text(folder / "cfg_args", _cfg_args(folder, collection, white_background))
 
 
 def _cameras_json(collection: Collection) -> list[dict]:
@@ -38,7 +38,7 @@ def _cameras_json(collection: Collection) -> list[dict]:
     return entries
 
 
-def _cfg_args(folder: Path, collection: Collection, on_white: bool) -> str:
+def _cfg_args(folder: Path, collection: Collection, white_background: bool) -> str:
     """The printed argparse.Namespace from which the original's viewer takes the source folder and the SH degree."""
     fields = {
         "sh_degree": MAX_DEGREE,  # of the file, not of the run: the viewer derives from it how long a row is
@@ -46,7 +46,7 @@ def _cfg_args(folder: Path, collection: Collection, on_white: bool) -> str:
         "model_path": str(folder.resolve()),
         "images": "images",
         "resolution": -1,
-        "white_background": on_white,
+        "white_background": white_background,
         "data_device": "cpu",
         "eval": bool(collection.split("test")),
     }

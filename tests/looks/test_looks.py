@@ -151,11 +151,11 @@ def test_no_training_photo_lies_beyond_reach_as_a_file_from_outside_either(train
     assert torch.equal(trained.encoded, torch.stack([trained.model.look(picture, row).embedding for row, picture in enumerate(pictures)]))
 
 
-def test_around_an_object_cut_out_of_empty_space_no_photo_tells_a_tone(trained, tmp_path):
+def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_path):
     """What the neutral look shows there is no light to compare a photo's with."""
     night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)
-    cut_out = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
-    look = find_appearance(cut_out, str(night), refine=False)
+    of_renders = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
+    look = find_appearance(of_renders, str(night), refine=False)
     assert look.tone is None and trained.reach.distance(look.embedding) <= 1 + 1e-5
     assert look.source == "photo 0.15.png from outside the collection"
 

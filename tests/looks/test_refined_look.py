@@ -35,7 +35,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 def off(trained: TrainedRun, look) -> float:
     """The mean difference, which a refinement makes smaller, between the look, seen by the camera of photo 0, and that photo."""
     sized = trained.sized_photo(trained.collection.view("0.png"))
-    image = trained.rasterizer.render(bake(trained, look), sized.camera, trained.backdrop).image
+    image = trained.rasterizer.render(bake(trained, look), sized.camera, trained.background).image
     return float((image - torch.from_numpy(sized.pixels).float() / 255).abs().mean())
 
 
@@ -129,7 +129,7 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     look, camera = find_appearance(trained, "1.png"), trained.camera(trained.collection.view("0.png"))
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
         shown = replace(look, tone=tone)
-        baked = trained.rasterizer.render(bake(trained, shown), camera, trained.backdrop).image
+        baked = trained.rasterizer.render(bake(trained, shown), camera, trained.background).image
         torch.testing.assert_close(trained.seen_by(camera)(look.embedding, tone), baked, rtol=0, atol=1e-5)
     embedding = look.embedding.clone().requires_grad_()
     trained.seen_by(camera)(embedding, None).sum().backward()

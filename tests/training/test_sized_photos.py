@@ -41,7 +41,7 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     assert torch.equal(valid, expected)
 
 
-def test_a_shrunk_target_shows_nothing_of_what_lies_behind_a_cut_out_photo(tmp_path):
+def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
     """A black disc on nothing, which is white as displayed."""
     photo = small_collection(tmp_path, photos=1).photos[0]
     pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)

@@ -35,19 +35,19 @@ class LoadedPhoto:
 def read_pixels(path: Path) -> np.ndarray:
     """A photo as displayed: (H, W, 3) uint8 RGB, EXIF rotation applied.
 
-    Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparency is laid on white, as
-    viewers do.
+    Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparent pixels are shown over white,
+    as viewers do.
     Raises BadInput for what is missing, truncated or no photo.
     """
     header, pixels, alpha = _read_file(Path(path))
-    return upright(_on_white(pixels, alpha), header.orientation)
+    return upright(_over_white(pixels, alpha), header.orientation)
 
 
 def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
-    """A photo for its light alone: as `read`, but what is transparent or hidden by a mask is filled with the colours around it.
+    """A photo for its light alone: as `read_pixels`, but what is transparent or hidden by a mask is filled with the colours around it.
 
     mask: a picture, white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises BadInput
-    as `read`, and if nothing of the photo is left.
+    as `read_pixels`, and if nothing of the photo is left.
     """
     header, pixels, alpha = _read_file(Path(path), (LIGHT_PX, LIGHT_PX))
     pixels = upright(pixels, header.orientation)
@@ -57,17 +57,17 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     return pixels if use.all() else _filled(pixels, use, path, mask)
 
 
-def load_photo(photo: Photo, width: int, height: int, cut_out: bool = False) -> LoadedPhoto:
+def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool = False) -> LoadedPhoto:
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the lens did not see
     them, if they are at all transparent, or if the photo's mask hides them; the latter two are filled with the colours around them.
-    cut_out: transparent pixels are valid, and empty space. Raises BadInput like `read`.
+    transparent_is_empty: transparent pixels are valid, and empty space. Raises BadInput like `read_pixels`.
     """
     header, pixels, alpha = _read_file(Path(photo.path), (width, height))
-    pixels = _on_white(pixels, alpha)
-    valid = None if alpha is None or cut_out else alpha == 255
-    if cut_out and alpha is not None and (alpha < 255).any():
+    pixels = _over_white(pixels, alpha)
+    valid = None if alpha is None or transparent_is_empty else alpha == 255
+    if transparent_is_empty and alpha is not None and (alpha < 255).any():
         pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
         shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
@@ -85,7 +85,7 @@ def load_photo(photo: Photo, width: int, height: int, cut_out: bool = False) -> 
         pixels = _filled(pixels, valid, photo.path, photo.mask)
     elif valid is not None and not valid.any():
         raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
-    elif valid is not None and alpha is not None and not cut_out:
+    elif valid is not None and alpha is not None and not transparent_is_empty:
         pixels = fill(pixels, valid)
     return LoadedPhoto(pixels, valid, empty)
 
@@ -181,7 +181,7 @@ def _runs_out(pixels: np.ndarray) -> bool:
     return bool((pixels[-1] == FILL).all() and not (pixels == FILL).all())
 
 
-def _on_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
+def _over_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
     if alpha is None:
         return pixels
     share = alpha[..., None].astype(np.float32) / 255

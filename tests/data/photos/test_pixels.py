@@ -70,7 +70,7 @@ def test_alpha_is_turned_along(tmp_path, suffix, orientation):
     assert (loaded.pixels[loaded.valid] == shown[loaded.valid][:, 2::-1]).all()
 
 
-def test_transparency_is_laid_on_white(tmp_path):
+def test_what_is_transparent_is_shown_over_white(tmp_path):
     pixels = np.full((4, 4, 4), 100, np.uint8)
     pixels[..., 3] = 51
     assert (read_pixels(save(tmp_path / "a.png", pixels)) == 224).all()  # 100 * 0.2 + 255 * 0.8
@@ -100,14 +100,14 @@ def test_opaque_alpha_leaves_all_pixels_valid(tmp_path):
 
 
 @pytest.mark.parametrize("orientation", [1, 6])
-def test_what_is_cut_out_is_the_photo_over_white_and_how_empty_it_is(tmp_path, orientation):
+def test_where_transparent_is_empty_the_photo_is_over_white_and_says_how_empty_it_is(tmp_path, orientation):
     pixels = noise(channels=4)
     pixels[..., 3] //= 2  # nothing is opaque, and all of it counts
     path = save(tmp_path / "a.png", pixels)
     add_exif(path, exif_block(orientation))
     shown = upright(pixels, orientation).astype(np.float64)
     height, width = shown.shape[0] // 2, shown.shape[1] // 2
-    loaded = load_photo(photo_at(path, 2 * width, 2 * height), width, height, cut_out=True)
+    loaded = load_photo(photo_at(path, 2 * width, 2 * height), width, height, transparent_is_empty=True)
     assert loaded.valid is None
     for colour in (0, 100, 255):
         over = shown[..., 2::-1] * shown[..., 3:] / 255 + colour * (1 - shown[..., 3:] / 255)
@@ -120,12 +120,12 @@ def test_opaque_photos_have_nothing_empty(tmp_path):
     pixels = noise(channels=4)
     pixels[..., 3] = 255
     for path in (save(tmp_path / "a.png", pixels), save(tmp_path / "b.png", pixels[..., :3])):
-        loaded = load_photo(photo_at(path, 44, 30), 44, 30, cut_out=True)
+        loaded = load_photo(photo_at(path, 44, 30), 44, 30, transparent_is_empty=True)
         assert loaded.empty is None and loaded.pixels.shape == (30, 44, 3)
 
 
 @pytest.mark.parametrize("size", [(44, 30), (31, 21)])  # the second is shrunk before it is undistorted, by no whole factor
-def test_emptiness_goes_through_lens_and_mask_as_colours_do(tmp_path, size):
+def test_what_is_empty_goes_through_lens_and_mask_as_colours_do(tmp_path, size):
     pixels = cv2.GaussianBlur(noise(60, 88, 4), (0, 0), 3)
     grey = np.dstack([255 - pixels[..., 3]] * 3)
     mask = np.full((60, 88), 255, np.uint8)
@@ -134,10 +134,10 @@ def test_emptiness_goes_through_lens_and_mask_as_colours_do(tmp_path, size):
     loaded = []
     for name, kept in (("a.png", pixels), ("b.png", grey)):
         photo = replace(photo_at(save(tmp_path / name, kept), 88, 60, lens), mask=save(tmp_path / "mask.png", mask))
-        loaded.append(load_photo(photo, *size, cut_out=True))
-    cut_out, opaque = loaded
-    assert 0.3 < opaque.valid.mean() < 0.9 and np.array_equal(cut_out.valid, opaque.valid)
-    assert np.array_equal(cut_out.empty[opaque.valid], opaque.pixels[opaque.valid][:, 0])
+        loaded.append(load_photo(photo, *size, transparent_is_empty=True))
+    transparent, opaque = loaded
+    assert 0.3 < opaque.valid.mean() < 0.9 and np.array_equal(transparent.valid, opaque.valid)
+    assert np.array_equal(transparent.empty[opaque.valid], opaque.pixels[opaque.valid][:, 0])
 
 
 @pytest.mark.parametrize("white", [(255, 255, 255, 255), (255, 255, 255, 140)])

@@ -15,11 +15,12 @@ from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run
-from core.training import backdrop, checkpoint, run_config
+from core.training import checkpoint, run_config
+from core.training.background import WHITE
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import small_collection, small_settings
-from tests.training.cut_out_scene import write_cut_out
+from tests.training.transparent_scene import write_transparent_scene
 
 PLAIN = {"appearance": "off", "transients": "off", "sh_degree": 0, "device": "cpu"}
 SMALL = {**PLAIN, "steps": 100, "max_gaussians": 2000, "densify_rounds": 4, "checkpoints": 1}
@@ -27,7 +28,7 @@ SMALL = {**PLAIN, "steps": 100, "max_gaussians": 2000, "densify_rounds": 4, "che
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return write_cut_out(tmp_path_factory.mktemp("scene"))
+    return write_transparent_scene(tmp_path_factory.mktemp("scene"))
 
 
 def trained(scene, folder, **changes) -> Trainer:
@@ -57,7 +58,7 @@ def shines_through(trainer: Trainer) -> float:
 def test_the_space_around_the_object_becomes_empty(scene, tmp_path, monkeypatch):
     """0.84 of the light pass at the start, because of points where nothing is."""
     assert shines_through(trained(scene, tmp_path / "empty")) > 0.95  # 0.98
-    monkeypatch.setattr(backdrop, "CUT_OUT", ())
+    monkeypatch.setattr("core.training.transparency.EMPTY_IN", ())
     assert shines_through(trained(scene, tmp_path / "unseen", sky="none")) < 0.85  # 0.77: what is not seen is not tidied
 
 
@@ -77,14 +78,6 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(scene, tmp_path):
         assert torch.equal(tensor, resumed.gaussians.tensors()[name]), name
 
 
-def test_every_step_has_a_colour_of_its_own():
-    """Over one colour alone, Gaussians of that colour would pass for empty space."""
-    generator = torch.Generator().manual_seed(0)
-    drawn = torch.tensor([backdrop.of_step(True, generator) for _ in range(50)])
-    assert drawn.min() >= 0 and drawn.max() <= 1 and (drawn.std(dim=0) > 0.2).all()
-    assert backdrop.of_step(False, generator) == (0.0, 0.0, 0.0)
-
-
 def test_small_targets_know_what_is_empty(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL), tmp_path)
     sized = trainer.photos[0]
@@ -101,7 +94,7 @@ def test_small_targets_know_what_is_empty(scene, tmp_path):
 def test_photos_of_other_kinds_show_nothing_where_they_are_transparent_and_nothing_is_drawn_for_them(scene, tmp_path):
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL), tmp_path)
-    assert trainer.settings.sky == "dome" and not trainer.is_cut_out
+    assert trainer.settings.sky == "dome" and not trainer.transparent_is_empty
     for sized in (*trainer.photos, *trainer.held_out):
         assert sized.empty is None and np.array_equal(sized.valid, rgba(sized.photo)[..., 3] == 1)
     trainer.order = [0]
@@ -114,7 +107,7 @@ def test_a_blender_scene_of_opaque_photos_has_a_sky(tmp_path):
     photos = small_collection(tmp_path)
     for given, sky in (("auto", "dome"), ("none", "none")):
         trainer = Trainer(replace(photos, kind="blender"), small_settings().changed(sky=given), tmp_path)
-        assert trainer.settings == small_settings(sky=sky, transparency="unseen") and not trainer.is_cut_out
+        assert trainer.settings == small_settings(sky=sky, transparency="unseen") and not trainer.transparent_is_empty
 
 
 def test_renders_that_say_too_little_are_of_one_look(scene, tmp_path):
@@ -129,14 +122,14 @@ def test_renders_that_say_too_little_are_of_one_look(scene, tmp_path):
 def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(scene, tmp_path):
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL, transparency="empty"), tmp_path)
-    assert trainer.is_cut_out and trainer.settings.sky == "none" and trainer.photos[0].empty is not None
+    assert trainer.transparent_is_empty and trainer.settings.sky == "none" and trainer.photos[0].empty is not None
     with pytest.raises(BadSetting, match="a dome leaves nothing empty"):
         Settings(transparency="empty", sky="dome")
 
 
 def test_a_dome_that_is_asked_for_stands_where_nobody_saw_anything(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL, sky="dome", sky_gaussians=60), tmp_path)
-    assert trainer.gaussians.sky == 60 and not trainer.is_cut_out
+    assert trainer.gaussians.sky == 60 and not trainer.transparent_is_empty
     assert all(sized.empty is None and not sized.valid.all() for sized in trainer.photos)
 
 
@@ -174,7 +167,7 @@ def test_figures_are_over_white_and_count_every_pixel(finished):
 
 
 def test_what_goes_from_a_look_is_judged_over_white(finished):
-    assert pruner_of(load_run(finished[0]), Heard()).background == backdrop.WHITE
+    assert pruner_of(load_run(finished[0]), Heard()).background == WHITE
 
 
 def test_frames_are_over_white(finished, tmp_path):

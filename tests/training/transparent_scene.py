@@ -1,4 +1,4 @@
-"""A Blender scene of known emptiness: balls in a ball, cut out by their transparency, among points that lie where nothing is."""
+"""A Blender scene of which it is known where it is empty: balls in a ball, transparent around them, among points that lie where nothing is."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ WIDTH, HEIGHT = 80, 60
 STRAY, SHELL = 150, (1.2, 1.6)  # points of nothing, and between which distances from the middle they lie; the balls end at 0.9
 
 
-def write_cut_out(root: Path, photos: int = 12) -> Path:
+def write_transparent_scene(root: Path, photos: int = 12) -> Path:
     """transforms_train.json and transforms_test.json (every third photo) with RGBA photos and points.ply in `root`, which is returned."""
     random = np.random.default_rng(7)
     splats, points, colours = balls(random)

@@ -1,0 +1,18 @@
+"""What the transparent pixels of a scene's photos say: that the scene is empty there, or that nobody saw it."""
+
+from core.config import AUTO, Settings
+from core.data.collection import Collection
+
+EMPTY_IN = ("blender",)  # kinds of collections whose transparent pixels are empty; in all others nobody saw what is there
+
+
+def transparent_may_be_empty(collection: Collection, settings: Settings) -> bool:
+    """Whether photos are decoded together with where they are empty; not if a dome is asked for, which would fill that."""
+    if settings.transparency != AUTO:
+        return transparent_is_empty(settings)
+    return collection.kind in EMPTY_IN and settings.sky != "dome"
+
+
+def transparent_is_empty(settings: Settings) -> bool:
+    """Whether transparent pixels are learnt and scored as empty space, once that is decided (core.training.needs)."""
+    return settings.transparency == "empty"

@@ -10,7 +10,7 @@ from typing import Any
 
 from core.errors import BadSetting
 
-AUTO = "auto"  # decided from the photos before training (core.training.needs)
+AUTO = "auto"  # decided from the photos before training (core.training.decisions)
 UNDECIDED = -1  # the same, for a setting that is a number
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
 LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos

@@ -83,7 +83,7 @@ def test_imports_point_down(path):
     [
         ("core/scene/camera.py", "from core.rasterizer import create", "above"),
         ("core/scene/camera.py", "from .. import training", "above"),
-        ("core/evaluation/metrics.py", "import core.training.losses", "beside"),
+        ("core/evaluation/metrics.py", "import core.training.regularisers", "beside"),
         ("core/data/split.py", "def late():\n    from core.export import ply", "beside"),
         ("core/looks/trained.py", "from core.pipeline.training import train", "above"),
         ("core/pipeline/baking.py", "from core.bench import suite", "above"),
@@ -104,7 +104,7 @@ def test_the_walk_finds_faults(place, line, fault):
     [
         ("core/rasterizer/cpu/backend.py", "from core.rasterizer.contract import NEAR\nfrom core.scene import camera"),
         ("core/pipeline/interpolating.py", "from core.looks.trained import bake\nfrom core.pipeline.baking import ONE_LOOK"),
-        ("core/training/trainer.py", "import torch\nfrom core.errors import BadInput\nfrom . import losses"),
+        ("core/training/trainer.py", "import torch\nfrom core.errors import BadInput\nfrom . import regularisers"),
         (
             "wegs_cli/main.py",
             "from core import __version__\nfrom core.pipeline import train\nfrom wegs_cli import options",

@@ -41,7 +41,7 @@ class AppearanceModel(nn.Module):
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
         super().__init__()
         if settings.undecided:
-            raise BadSetting(f"{settings.undecided[0]} is not decided yet.", "Give it, or let core.training.needs decide.")
+            raise BadSetting(f"{settings.undecided[0]} is not decided yet.", "Give it, or let core.training.decisions decide.")
         self.settings = settings
         self.photo_names = tuple(photo_names)
         with_appearance, with_masks = settings.appearance != "off", settings.transients == "on"

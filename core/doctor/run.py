@@ -18,7 +18,7 @@ from core.export.ply import BYTES_A_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
 from core.training import checkpoint
-from core.training.losses import COLLAPSED
+from core.training.mask_weights import COLLAPSED
 from core.training.run_folders import HISTORY
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread

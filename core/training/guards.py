@@ -40,15 +40,15 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: floa
 class StepFacts(NamedTuple):
     """What is told of a step: scalars of the device that computes it, numbers once they have arrived.
 
-    residual_size: mean absolute residual. sound: whether the losses are in order. taken: whether the Gaussians' gradient is finite,
-    too, so that they are updated. learnt: whether the networks' is, too, so that they are.
+    residual_size: mean absolute residual. shown_share: of the photo, by its mask. sound: whether the losses are in order. taken: whether
+    the Gaussians' gradient is finite, too, so that they are updated. learnt: whether the networks' is, too, so that they are.
     """
 
     loss_without_gauge: Tensor | float
     gauge_loss: Tensor | float
     picture_loss: Tensor | float
     residual_size: Tensor | float
-    mask_mean: Tensor | float
+    shown_share: Tensor | float
     sound: Tensor | float
     taken: Tensor | float
     learnt: Tensor | float

@@ -9,7 +9,8 @@ from core.config import Settings
 from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training import losses
+from core.training import mask_weights, regularisers
+from core.training.backward import backward
 from core.training.gauge import gauge
 from core.training.gaussians import Gaussians
 from core.training.mask_loss import mask_loss
@@ -26,11 +27,11 @@ class Objective:
         self.zero = torch.zeros((), device=device)
 
     def picture(self, image: Tensor, target: Target, mask: Tensor | None, progress: float, mask_mean: float) -> Float[Tensor, ""]:
-        """The picture against its photo, where the mask lets it. mask_mean: see `losses.pixel_weights`."""
+        """The picture against its photo, where the mask lets it. mask_mean: see `mask_weights.pixel_weights`."""
         settings = self.settings
         if mask is None or progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
-        weight = losses.pixel_weights(mask, *image.shape[:2], mask_mean)
+        weight = mask_weights.pixel_weights(mask, *image.shape[:2], mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
@@ -40,24 +41,24 @@ class Objective:
         if mask is None or progress < settings.mask_start:
             return self.zero
         if settings.mask_loss == "paper":
-            shown = losses.enlarged(mask, *image.shape[:2])
+            shown = mask_weights.enlarged(mask, *image.shape[:2])
             return photometric_of_mask(image, target, shown, settings.ssim_weight) + settings.mask_regularisation * ((1 - mask) ** 2).mean()
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
         return mask_loss(mask, image, target.planes, settings.mask_regularisation)
 
     def residual(self, residual: Float[Tensor, "v c 3"] | None) -> tuple[Tensor, Tensor | None, Tensor]:
-        """L_regSH, its gradient and the residual's size, as `losses.residual_loss` has them."""
+        """L_regSH, its gradient and the residual's size, as `regularisers.residual_loss` has them."""
         if residual is None:
             return self.zero, None, self.zero
-        return losses.residual_loss(residual, self.settings.sh_regularisation)
+        return regularisers.residual_loss(residual, self.settings.sh_regularisation)
 
     def gauge(self, model: AppearanceModel, gaussians: Gaussians, generator: Generator) -> Float[Tensor, ""]:
         """The gauge. Its backward pass is here, too: it only touches the networks, and the encoder is still busy."""
         if not self.settings.gauge:
             return self.zero
         loss = self.settings.gauge * gauge(model, gaussians, generator)
-        losses.backward((loss, None))
+        backward((loss, None))
         return loss.detach()
 
     def transient(self, splats: Splats, camera: Camera, pairs: int | None, mask: Tensor | None, progress: float, step: int) -> Float[Tensor, ""]:
@@ -66,6 +67,6 @@ class Objective:
         if mask is None or progress < settings.mask_apply or step % TRANSIENT_EVERY:
             return self.zero
         front = self.rasterizer.contributions(splats.detached(), camera, pairs)
-        rows = losses.transient_rows(splats.means, front, mask, camera)
+        rows = regularisers.transient_rows(splats.means, front, mask, camera)
         opacity = torch.where(rows, torch.sigmoid(splats.logit_opacities), 0).sum()
         return settings.transient_regularisation * TRANSIENT_EVERY * opacity

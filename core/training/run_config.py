@@ -18,7 +18,7 @@ from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.lens import Lens
 from core.system.atomic import write_json
-from core.training.needs import Decision
+from core.training.decisions import Decision
 
 
 def write_config(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:

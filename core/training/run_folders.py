@@ -17,7 +17,7 @@ from core.data.sfm import landmarks
 from core.errors import BadInput, not_made
 from core.system.atomic import check_folder, write_text
 from core.training import checkpoint, viewer_files
-from core.training.needs import Decision
+from core.training.decisions import Decision
 from core.training.run_config import write_config
 from core.training.transparency import transparent_is_empty
 

@@ -13,8 +13,9 @@ from core.rasterizer import Rasterizer, Visible
 from core.scene.splats import Splats
 from core.system.device import OnTheWay
 from core.system.threads import beside
-from core.training import densify, guards, losses, networks, schedule
+from core.training import densify, guards, networks, schedule
 from core.training.background import background_of_step
+from core.training.backward import backward
 from core.training.gaussians import Gaussians, learning_rates
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
@@ -39,7 +40,7 @@ class Step:
     def take(self, gaussians: Gaussians, index: int, done: int, usual: float, mask_mean: float, foreseen: Visible | None) -> tuple[Look, OnTheWay]:
         """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
-        index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `losses.pixel_weights`.
+        index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights.pixel_weights`.
         foreseen: what the photo shows, where that is known. Returns the photo's look, and the step's StepFacts on their way from the device.
         """
         settings, model, objective = self.settings, self.model, self.objective
@@ -78,12 +79,12 @@ class Step:
 
         # The gradients, then the updates: of the networks beside that of the Gaussians.
         def teach_encoder() -> None:
-            losses.backward((look.embedding, embedding.grad), (mask_loss, None))
+            backward((look.embedding, embedding.grad), (mask_loss, None))
 
         taken = learnt = sound
         if not guards.refused(sound):
             with networks.teaching(teach_encoder, embedding) as wait_for_encoder:
-                losses.backward((rendered_loss, None), (residual, residual_gradient))
+                backward((rendered_loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             learnt_later = beside(lambda: networks.update(model, self.optimizer, progress, wait_for_encoder, taken))

@@ -20,7 +20,7 @@ from core.rasterizer.views import largest_contributions
 from core.system import device
 from core.system.awake import cores_awake
 from core.system.threads import threads_for_blocks
-from core.training import checkpoint, densify, guards, held_out, losses, needs, networks, schedule
+from core.training import checkpoint, decisions, densify, guards, held_out, mask_weights, networks, schedule
 from core.training.background import background_of_figures
 from core.training.gaussians import Gaussians
 from core.training.guards import StepFacts
@@ -82,7 +82,7 @@ class Trainer:
         if not len(self.photos):
             what = f"{collection.root}: no photo is left to train on. {self.photos.notes[0]}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
-        settings, self.decisions = needs.decide(settings, collection.points, self.photos)
+        settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
         self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)
         self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty)
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos]).to(self.device)
@@ -147,7 +147,7 @@ class Trainer:
         if fault is None:
             self.skipped_in_a_row = 0
             self.last_losses[index] = facts.picture_loss
-            messages = self._remember(look, index, facts.mask_mean, progress)
+            messages = self._remember(look, index, facts.shown_share, progress)
         else:
             messages = [self._skip(index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
         return StepReport(
@@ -168,17 +168,17 @@ class Trainer:
             camera, _ = self.photos.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
-    def _remember(self, look: Look, photo: int, mask_mean: float, progress: float) -> list[str]:
+    def _remember(self, look: Look, photo: int, shown_share: float, progress: float) -> list[str]:
         self.model.remember(look.embedding.detach(), photo)
         if look.mask is None or progress < self.settings.mask_start:
             return []
-        self.mask_mean += MASK_MEAN_SHARE * (mask_mean - self.mask_mean)
+        self.mask_mean += MASK_MEAN_SHARE * (shown_share - self.mask_mean)
         hides = progress >= self.settings.mask_apply
-        if not hides or self.mask_mean >= losses.COLLAPSED or self.collapse_told:
+        if not hides or self.mask_mean >= mask_weights.COLLAPSED or self.collapse_told:
             return []
         self.collapse_told = True
         return [
-            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - losses.COLLAPSED:.0%} from "
+            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - mask_weights.COLLAPSED:.0%} from "
             + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 

@@ -17,6 +17,7 @@ from core.training import checkpoint, decisions, run_config
 from core.training.evidence import Evidence
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
+from tests.data.converted import write_processed
 from tests.heard import Heard
 from tests.real_data import real
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
@@ -55,6 +56,14 @@ def test_a_wild_collection_keeps_everything():
     assert taken["sh_degree"].figure < 0.6 * decisions.LEAST_VIEW_DEPENDENCE  # 4 %: light changes far more than the viewing direction
     assert taken["appearance"].figure > 3 * decisions.LEAST_SPREAD_BEYOND_TONE  # 12.9
     assert taken["transients"].figure > 2 * decisions.LEAST_STRANGE_SHARE  # 4.9 %
+
+
+def test_a_copy_in_nerfstudios_format_is_judged_alike(tmp_path):
+    given = load_collection(SAMPLE)
+    lists = {f"{split}_filenames": [photo.name for photo in given.split(split)] for split in ("train", "test")}
+    copy, original = decided_for(load_collection(write_processed(SAMPLE, tmp_path / "copy", **lists))), decided_for(given)
+    for name, decision in original.items():
+        assert copy[name].value == decision.value and copy[name].figure == pytest.approx(decision.figure, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["sacre_coeur", "statue_of_liberty"])

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.training import densify, guards, losses, mask_loss
+from core.training import densify, guards, mask_loss, mask_weights, regularisers
 from core.training.adam import Moved, adam_rows, plain_adam_rows
 from core.training.gaussians import Gaussians
 from core.training.photometric import Target, photometric, photometric_paper, plain_photometric
@@ -56,13 +56,13 @@ def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
     photo = torch.zeros(3, 9, 11)
     mask_loss.mask_loss(mask, picture(spoilt), photo, 0.05).backward()
     assert torch.isfinite(mask.grad).all()
-    weights = losses.pixel_weights(mask, 9, 11, mean)
+    weights = mask_weights.pixel_weights(mask, 9, 11, mean)
     assert torch.isfinite(weights).all() and (weights <= 1).all()
     means = torch.tensor(points).view(2, 3)
-    rows = losses.transient_rows(means, torch.tensor([0.5, 0.05]), mask, ring_camera(0.0))
+    rows = regularisers.transient_rows(means, torch.tensor([0.5, 0.05]), mask, ring_camera(0.0))
     assert rows.shape == (2,) and not rows[1]  # far too faint, wherever it lies
     residual = torch.tensor(points[:3]).view(1, 1, 3).clamp(-4, 4).requires_grad_()  # bounded by G_phi
-    losses.residual_norm(residual).backward()
+    regularisers.residual_norm(residual).backward()
     assert torch.isfinite(residual.grad).all()
 
 

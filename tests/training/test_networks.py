@@ -2,7 +2,8 @@
 
 import torch
 
-from core.training import losses, networks
+from core.training import networks
+from core.training.backward import backward
 
 
 def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way(monkeypatch):
@@ -10,7 +11,7 @@ def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_th
     monkeypatch.setattr(networks, "beside", lambda work: handed.append(work) or work)
     embedding = torch.ones(3, requires_grad=True)
     with networks.teaching(lambda: taught_with.append(embedding.grad.clone()), embedding) as wait_for_encoder:
-        losses.backward((2 * embedding.sum(), None))
+        backward((2 * embedding.sum(), None))
         assert len(handed) == 1
     wait_for_encoder()
     assert [gradient.tolist() for gradient in taught_with] == [[2.0] * 3]

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.training import losses
+from core.training import mask_weights
 from core.training.photometric import Target, photometric_of_mask
 
 
@@ -29,7 +29,7 @@ def test_a_mask_is_taught_from_its_time_on(trainer_of):
 def test_the_papers_mask_is_taught_by_the_pictures_error(trainer_of):
     trainer = trainer_of(mask_loss="paper", mask_start=0.0, mask_regularisation=0.5)
     image, target, mask = shown(trainer)
-    enlarged = losses.enlarged(mask, *image.shape[:2])
+    enlarged = mask_weights.enlarged(mask, *image.shape[:2])
     expected = photometric_of_mask(image, target, enlarged, trainer.settings.ssim_weight) + 0.5 * ((1 - mask) ** 2).mean()
     torch.testing.assert_close(trainer.objective.mask(image, target, mask, 0.0), expected)
 

@@ -6,8 +6,9 @@ import torch
 
 from core.errors import BadInput
 from core.scene.quaternions import rotations
-from core.training import checkpoint, densify, guards, losses, schedule
+from core.training import checkpoint, densify, guards, mask_weights, regularisers, schedule
 from core.training.adam import Moved, adam_rows, plain_adam_rows
+from core.training.backward import backward
 from core.training.gaussians import Gaussians
 from core.training.initialisation import initial_gaussians
 from tests.small import ring_camera, small_collection, small_settings, whole_settings
@@ -190,13 +191,13 @@ def test_the_skys_discs_face_the_scene(gaussians):
 
 def test_the_residuals_norm_passes_gradcheck():
     residual = torch.randn(5, 4, 3, generator=torch.Generator().manual_seed(0)).double()
-    assert torch.autograd.gradcheck(losses.residual_norm, residual.requires_grad_())
+    assert torch.autograd.gradcheck(regularisers.residual_norm, residual.requires_grad_())
 
 
 def test_collapsed_masks_are_raised_to_the_floor():
     mask = torch.full((1, 5, 5), 0.2)
-    assert float(losses.pixel_weights(mask, 20, 20, mask_mean=0.2).mean()) == pytest.approx(losses.COLLAPSED)
-    assert float(losses.pixel_weights(mask, 20, 20, mask_mean=0.9).mean()) == pytest.approx(0.2)
+    assert float(mask_weights.pixel_weights(mask, 20, 20, mask_mean=0.2).mean()) == pytest.approx(mask_weights.COLLAPSED)
+    assert float(mask_weights.pixel_weights(mask, 20, 20, mask_mean=0.9).mean()) == pytest.approx(0.2)
 
 
 def test_transient_rows_are_those_in_front_inside_the_mask():
@@ -204,13 +205,13 @@ def test_transient_rows_are_those_in_front_inside_the_mask():
     means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.0, 0.0, -9.0], [50.0, 0.0, 0.0]])
     mask = torch.ones(1, 9, 12)
     mask[:, :, :6] = 0  # the left half of the picture
-    rows = losses.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, camera)
+    rows = regularisers.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, camera)
     assert rows.tolist() == [True, False, False, False, False]
     beside = torch.zeros(200, 3)
     beside[:, 0] = torch.linspace(-4.0, 0.0, 200)
     shown = torch.from_numpy(camera.project(beside.double().numpy())[0][:, 0] >= 0)
     assert 0 < int(shown.sum()) < 200 - 10  # some lie less than a cell of the mask beyond the edge
-    assert torch.equal(losses.transient_rows(beside, torch.ones(200), torch.zeros(1, 9, 12), camera), shown)
+    assert torch.equal(regularisers.transient_rows(beside, torch.ones(200), torch.zeros(1, 9, 12), camera), shown)
 
 
 @pytest.mark.parametrize("where", ["cpu", "meta"])
@@ -277,6 +278,6 @@ def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
 def test_backward_from_several_roots_leaves_out_what_has_no_gradient():
     x = torch.tensor([1.0, 2.0], requires_grad=True)
     y = x * 3
-    losses.backward((x.sum(), None), (y, torch.tensor([1.0, 10.0])), (None, None), (torch.zeros(()), None), (x * 5, None))
+    backward((x.sum(), None), (y, torch.tensor([1.0, 10.0])), (None, None), (torch.zeros(()), None), (x * 5, None))
     assert x.grad.tolist() == [4, 31]
-    losses.backward((torch.zeros(()), None))  # nothing to do
+    backward((torch.zeros(()), None))  # nothing to do

@@ -9,11 +9,11 @@ import torch
 
 from core.appearance.model import AppearanceModel
 from core.scene.harmonics import dc_of_colour
-from core.training import losses, networks
+from core.training import networks, regularisers
 from core.training.gauge import gauge
 from core.training.gaussians import learning_rates
 from core.training.jitter import draw_gain, jittered
-from core.training.masks import write_masks
+from core.training.mask_files import write_masks
 from core.training.photometric import Target
 from tests.small import small_settings
 
@@ -51,7 +51,7 @@ def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(t
     visible = trainer.rasterizer.visible(splats, camera)
     splats = splats[visible.rows]
     front = trainer.rasterizer.contributions(splats, camera)
-    rows = losses.transient_rows(splats.means, front, mask, camera)
+    rows = regularisers.transient_rows(splats.means, front, mask, camera)
     opacity = torch.sigmoid(splats.logit_opacities[rows]).sum()
     assert opacity > 1
 

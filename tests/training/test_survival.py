@@ -18,9 +18,9 @@ from core.export.ply import read_ply
 from core.looks.find_look import find_appearance
 from core.looks.trained import bake, load_run
 from core.rasterizer import create
-from core.training import checkpoint, losses
+from core.training import checkpoint, mask_weights
 from core.training.guards import ALL_GONE
-from core.training.masks import write_masks
+from core.training.mask_files import write_masks
 from core.training.trainer import SKIPS_ALLOWED, Trainer
 from tests.data.small_scene import SmallScene
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
@@ -201,11 +201,11 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     messages = [message for report in trainer.train() for message in report.messages]
     (message,) = messages
     assert "masks hide" in message and "raise mask_regularisation" in message
-    assert trainer.mask_mean < losses.COLLAPSED
+    assert trainer.mask_mean < mask_weights.COLLAPSED
     mask = trainer.model.look(trainer.photos[0].encoder_input, 0).mask
-    weights = losses.pixel_weights(mask, HEIGHT, WIDTH, float(mask.detach().mean()))
+    weights = mask_weights.pixel_weights(mask, HEIGHT, WIDTH, float(mask.detach().mean()))
     assert float(weights.mean()) == pytest.approx(
-        losses.COLLAPSED, abs=0.02
+        mask_weights.COLLAPSED, abs=0.02
     )  # bilinear resizing moves the mean a little
 
 
@@ -214,7 +214,7 @@ def test_masks_that_hide_nothing_yet_are_not_complained_of(collection, tmp_path)
     trainer = Trainer(collection, settings, tmp_path)
     torch.nn.init.constant_(trainer.model.encoder.unet.up_2.bias, -2.2)
     assert [message for report in trainer.train() for message in report.messages] == []
-    assert trainer.mask_mean < losses.COLLAPSED
+    assert trainer.mask_mean < mask_weights.COLLAPSED
 
 
 def test_masks_of_photos_with_odd_names_stay_in_the_run(collection, tmp_path):

@@ -1,0 +1,15 @@
+"""The backward pass of a step, whose gradients begin at several tensors."""
+
+import torch
+from torch import Tensor
+
+
+def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
+    """torch's backward pass from several tensors at once, each with its gradient, or None for a scalar: a loss.
+
+    What does not exist, or has no gradient to pass on, is left out.
+    """
+    found = [root for root in roots if root[0] is not None and root[0].requires_grad]
+    found = [root for root in found if root[1] is not None or not root[0].dim()]
+    if found:
+        torch.autograd.backward(*zip(*found))

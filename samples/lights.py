@@ -33,7 +33,7 @@ from core.looks.refined_look import refined
 from core.looks.trained import TrainedRun, bake, blend, load_run
 from core.report import QUIET, Report
 from core.system.atomic import write_bytes
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 

@@ -28,7 +28,7 @@ from core.looks.refined_look import landmarks_of_run
 from core.looks.trained import TrainedRun, load_run
 from core.report import QUIET
 from core.scene.camera import Camera
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from wegs_cli.main import OneLineErrors
 
 WIDTH_PX = 400  # of the picture in which a camera's error is measured

@@ -30,7 +30,7 @@ from core.evaluation.metrics import psnr, quantised
 from core.looks.held_out_views import held_out_view
 from core.looks.outside import read_from_outside
 from core.looks.trained import Appearance, TrainedRun, bake, load_run
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 from core.words import counted
 from wegs_cli.main import OneLineErrors

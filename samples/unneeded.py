@@ -23,7 +23,7 @@ import click
 from core import pipeline
 from core.config import preset
 from core.looks.trained import load_run
-from core.training import checkpoint, run_folders
+from core.training.on_disk import checkpoint, run_folders
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 

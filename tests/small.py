@@ -12,7 +12,7 @@ from core.data.collection import Collection, Photo
 from core.looks.trained import TrainedRun, load_run
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
 WIDTH, HEIGHT = 48, 36

@@ -7,7 +7,7 @@ import pytest
 from core import pipeline
 from core.errors import BadInput
 from core.looks.trained import load_run
-from core.training import run_config
+from core.training.on_disk import run_config
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.small import give_to_pipeline, small_collection, small_settings

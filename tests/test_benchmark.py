@@ -14,7 +14,7 @@ from core import rasterizer
 from core.appearance.transfer_mlp import _ThroughHidden
 from core.config import Settings
 from core.rasterizer.cpu.backend import _Render
-from core.training.photometric_cpu import _Photometric
+from core.training.losses.photometric_cpu import _Photometric
 from core.training.trainer import Trainer
 from samples import benchmark, benchmark_cuda
 from samples.measurements import drawing, first_use, steps, threads

@@ -18,8 +18,8 @@ from core.evaluation.lpips import Lpips
 from core.looks.trained import load_run
 from core.rasterizer import Rendering, Visible
 from core.system import device
-from core.training import gaussians
-from core.training.adam import plain_adam_rows
+from core.training.gaussians import gaussians
+from core.training.gaussians.adam import plain_adam_rows
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
 from tests.heard import Heard

@@ -83,7 +83,7 @@ def test_imports_point_down(path):
     [
         ("core/scene/camera.py", "from core.rasterizer import create", "above"),
         ("core/scene/camera.py", "from .. import training", "above"),
-        ("core/evaluation/metrics.py", "import core.training.regularisers", "beside"),
+        ("core/evaluation/metrics.py", "import core.training.losses.regularisers", "beside"),
         ("core/data/split.py", "def late():\n    from core.export import ply", "beside"),
         ("core/looks/trained.py", "from core.pipeline.training import train", "above"),
         ("core/pipeline/baking.py", "from core.bench import suite", "above"),

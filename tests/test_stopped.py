@@ -10,8 +10,8 @@ import pytest
 
 from core import pipeline
 from core.pipeline import evaluating, training
-from core.training import checkpoint
 from core.training.interrupt import HANG_UP
+from core.training.on_disk import checkpoint
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_scene, small_settings
 

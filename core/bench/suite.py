@@ -20,7 +20,7 @@ from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
 OF_RUN = "rendering-run"  # the rendering of a run's own cameras

@@ -8,9 +8,9 @@ from pathlib import Path
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.errors import BadInput, command
-from core.training import checkpoint
-from core.training.run_config import read_config
-from core.training.run_folders import HISTORY
+from core.training.on_disk import checkpoint
+from core.training.on_disk.run_config import read_config
+from core.training.on_disk.run_folders import HISTORY
 
 QUANTITIES = (
     Quantity("seconds", "s of training", "log"),

@@ -17,9 +17,9 @@ from core.errors import BadInput, command
 from core.export.ply import BYTES_A_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
-from core.training import checkpoint
-from core.training.mask_weights import COLLAPSED
-from core.training.run_folders import HISTORY
+from core.training.losses.mask_weights import COLLAPSED
+from core.training.on_disk import checkpoint
+from core.training.on_disk.run_folders import HISTORY
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread
 NEAR_BOUND = 0.95  # of the residual's bound: beyond, the transfer has hardly any gradient

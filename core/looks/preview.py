@@ -8,7 +8,7 @@ from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, to_8_bit, write_png
 from core.looks.find_look import find_appearance
 from core.looks.trained import TrainedRun, bake, neutral_look
-from core.training.run_folders import PREVIEW
+from core.training.on_disk.run_folders import PREVIEW
 from core.training.sized_photos import SizedPhoto
 
 PHOTOS = 4

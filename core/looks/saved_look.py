@@ -10,7 +10,7 @@ import torch
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Appearance
 from core.system.atomic import write_json
-from core.training.run_folders import check_writable
+from core.training.on_disk.run_folders import check_writable
 from core.words import counted
 
 FOLDER = "appearance"

@@ -22,9 +22,9 @@ from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system import device
-from core.training import checkpoint, run_config
 from core.training.background import background_of_figures
-from core.training.gaussians import Gaussians
+from core.training.gaussians.gaussians import Gaussians
+from core.training.on_disk import checkpoint, run_config
 from core.training.sized_photos import SizedPhoto, Sizes, load_sized_photo
 from core.training.transparency import transparent_is_empty
 

@@ -13,7 +13,7 @@ from core.looks.pruning import pruner_of
 from core.looks.trained import load_run
 from core.report import QUIET, Report
 from core.system.atomic import check_file
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from core.training.tell import tell_how_to_look
 from core.words import counted
 

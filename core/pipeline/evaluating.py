@@ -15,7 +15,7 @@ from core.looks.held_out_views import over_views
 from core.looks.trained import load_run
 from core.report import QUIET, Report
 from core.system.awake import cores_awake
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from core.words import counted
 
 

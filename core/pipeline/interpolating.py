@@ -13,7 +13,7 @@ from core.looks.trained import bake, blend, load_run
 from core.pipeline.baking import ONE_LOOK
 from core.report import QUIET, Report
 from core.system.atomic import check_apart, check_fillable, filling
-from core.training import run_folders
+from core.training.on_disk import run_folders
 
 
 def interpolate(

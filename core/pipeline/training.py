@@ -16,11 +16,11 @@ from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
 from core.system import device
 from core.system.atomic import check_apart
-from core.training import checkpoint, run_config, run_folders
-from core.training.claim import held, new_run
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
-from core.training.mask_files import write_masks
+from core.training.on_disk import checkpoint, run_config, run_folders
+from core.training.on_disk.claim import held, new_run
+from core.training.on_disk.mask_files import write_masks
 from core.training.sized_photos import check_resolution
 from core.training.tell import next_step, tell_collection, tell_plan, tell_step
 from core.training.trainer import Trainer

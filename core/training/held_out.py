@@ -8,8 +8,8 @@ import torch
 from core.appearance.model import AppearanceModel
 from core.rasterizer import Colour, Rasterizer
 from core.system.threads import threads_for_blocks
-from core.training.gaussians import Gaussians
-from core.training.photometric import Target, photometric
+from core.training.gaussians.gaussians import Gaussians
+from core.training.losses.photometric import Target, photometric
 from core.training.sized_photos import SizedPhotos, shown_on
 
 

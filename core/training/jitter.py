@@ -10,7 +10,7 @@ from torch import Tensor
 from core.appearance.tone import LARGEST_GAIN
 from core.config import Settings
 from core.system.device import sent
-from core.training.photometric import Target
+from core.training.losses.photometric import Target
 
 
 def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:

@@ -20,7 +20,7 @@ from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.system import memory
 from core.system.device import CPU
-from core.training.photometric import Target
+from core.training.losses.photometric import Target
 from core.words import Reasons
 
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width

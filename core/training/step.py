@@ -13,14 +13,15 @@ from core.rasterizer import Rasterizer, Visible
 from core.scene.splats import Splats
 from core.system.device import OnTheWay
 from core.system.threads import beside
-from core.training import densify, guards, networks, schedule
+from core.training import guards, networks, schedule
 from core.training.background import background_of_step
-from core.training.backward import backward
-from core.training.gaussians import Gaussians, learning_rates
+from core.training.gaussians import densify
+from core.training.gaussians.gaussians import Gaussians, learning_rates
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
-from core.training.objective import Objective
-from core.training.photometric import Target
+from core.training.losses.backward import backward
+from core.training.losses.objective import Objective
+from core.training.losses.photometric import Target
 from core.training.sized_photos import SizedPhotos
 from core.training.transparency import transparent_is_empty
 

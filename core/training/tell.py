@@ -7,7 +7,7 @@ from core.data.collection import Collection
 from core.errors import command
 from core.report import Report
 from core.system import device
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless
 

@@ -20,13 +20,16 @@ from core.rasterizer.views import largest_contributions
 from core.system import device
 from core.system.awake import cores_awake
 from core.system.threads import threads_for_blocks
-from core.training import checkpoint, decisions, densify, guards, held_out, mask_weights, networks, schedule
+from core.training import decisions, guards, held_out, networks, schedule
 from core.training.background import background_of_figures
-from core.training.gaussians import Gaussians
+from core.training.gaussians import densify
+from core.training.gaussians.gaussians import Gaussians
+from core.training.gaussians.initialisation import initial_gaussians
 from core.training.guards import StepFacts
-from core.training.initialisation import initial_gaussians
-from core.training.objective import Objective
-from core.training.run_folders import HISTORY
+from core.training.losses import mask_weights
+from core.training.losses.objective import Objective
+from core.training.on_disk import checkpoint
+from core.training.on_disk.run_folders import HISTORY
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import Step
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty

@@ -10,7 +10,7 @@ from core.config import Settings
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import write_json
-from core.training import run_folders
+from core.training.on_disk import run_folders
 
 
 def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[str], report: Report) -> dict:

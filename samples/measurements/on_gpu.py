@@ -17,7 +17,8 @@ from core.rasterizer.cuda.backend import SLOT_COLUMNS, prepare
 from core.rasterizer.cuda.footprint import COLUMNS
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training import adam_cuda, photometric_cuda
+from core.training.gaussians import adam_cuda
+from core.training.losses import photometric_cuda
 from core.training.trainer import Trainer
 from samples.measurements import peer
 from samples.measurements.drawing import draw

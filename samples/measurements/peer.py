@@ -10,7 +10,7 @@ from core.rasterizer.contract import BLUR_PX2, NEAR
 from core.scene.camera import Camera
 from core.scene.harmonics import MAX_DEGREE, SH_0, basis, coefficient_count
 from core.scene.splats import Splats
-from core.training.photometric import Target, photometric
+from core.training.losses.photometric import Target, photometric
 
 EMBEDDING, FEATURES, WIDTH = 16, 32, 64  # of gsplat's simple_trainer (AppearanceOptModule)
 OPACITY_MOST = 0.98  # below both kernels' clamp of alpha, 0.99 here and 0.999 there: the constants are equal then

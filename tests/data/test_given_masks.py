@@ -19,7 +19,7 @@ from core.data.photos import distortion
 from core.data.photos.pixels import load_photo, read_light, read_pixels
 from core.errors import BadInput
 from core.scene.lens import Lens
-from core.training import run_config, run_folders
+from core.training.on_disk import run_config, run_folders
 from tests.data.photos.test_distortion import HEIGHT, WIDTH, SmallScene, load_collection
 from tests.data.photos.test_pixels import noise, photo_at, save
 from tests.data.small_scene import add_exif, exif_block

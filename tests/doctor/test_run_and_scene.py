@@ -15,7 +15,7 @@ from core.data.sfm import originals
 from core.doctor import Finding, examine
 from core.doctor.finding import verdict
 from core.errors import BadInput
-from core.training import checkpoint
+from core.training.on_disk import checkpoint
 from tests.data.converted import changed, write_blender, write_nerfstudio
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 from tests.doctor.test_ply import refuse

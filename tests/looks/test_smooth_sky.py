@@ -10,7 +10,7 @@ from core.looks.smooth_sky import LENGTH_DEGREES, NOISE, SmoothSky
 from core.scene.camera import Camera
 from core.scene.harmonics import colour, dc_of_colour
 from core.scene.splats import Splats
-from core.training.initialisation import sky_dome
+from core.training.gaussians.initialisation import sky_dome
 from tests.small import small_collection, whole_settings
 
 DISCS = 200

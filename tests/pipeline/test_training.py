@@ -12,7 +12,7 @@ from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.looks.trained import load_run
 from core.pipeline import training
-from core.training import checkpoint, run_folders
+from core.training.on_disk import checkpoint, run_folders
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings

@@ -17,7 +17,8 @@ from triton.compiler import ASTSource
 from core.appearance import positional_encoding_cuda
 from core.kernels.triton_launch import FUSED, UNFUSED
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
-from core.training import adam_cuda, photometric_cuda
+from core.training.gaussians import adam_cuda
+from core.training.losses import photometric_cuda
 
 KERNELS = {  # with the options that they are launched with
     project.find_visible: {"num_warps": project.WARPS, **UNFUSED},

@@ -9,8 +9,8 @@ from core.errors import BadInput, BadSetting, TrainingStopped
 from core.looks.trained import load_run
 from core.pipeline import resume
 from core.system import device
-from core.training import checkpoint, run_folders
 from core.training.full_memory import saved_if_memory_runs_out
+from core.training.on_disk import checkpoint, run_folders
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
 from wegs_cli.main import explain

@@ -7,10 +7,11 @@ import torch
 
 import core.rasterizer
 from core.system import device
-from core.training import checkpoint, sized_photos
-from core.training.gaussians import Gaussians
-from core.training.objective import TRANSIENT_EVERY
-from core.training.photometric import Target
+from core.training import sized_photos
+from core.training.gaussians.gaussians import Gaussians
+from core.training.losses.objective import TRANSIENT_EVERY
+from core.training.losses.photometric import Target
+from core.training.on_disk import checkpoint
 from core.training.schedule import COARSEST
 from core.training.trainer import Trainer
 from tests.elsewhere import DEVICE, elsewhere, kernels, watched
@@ -30,7 +31,8 @@ def trainer(tmp_path, monkeypatch):
     """In the middle of a run on DEVICE by the kernels of a GPU, everything on."""
     from core.appearance import positional_encoding_cuda
     from core.rasterizer.cuda.backend import CudaRasterizer
-    from core.training import adam_cuda, photometric_cuda
+    from core.training.gaussians import adam_cuda
+    from core.training.losses import photometric_cuda
 
     rasterizer = CudaRasterizer()
     rasterizer.device = DEVICE.type
@@ -42,7 +44,7 @@ def trainer(tmp_path, monkeypatch):
     # The kernels that tensors on a GPU go to.
     monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", positional_encoding_cuda.encoded_places)
     monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
-    monkeypatch.setattr("core.training.objective.photometric", photometric_cuda.photometric_cuda)
+    monkeypatch.setattr("core.training.losses.objective.photometric", photometric_cuda.photometric_cuda)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread
     with elsewhere(), kernels():
         settings = small_settings(mask_start=0.0, mask_apply=0.0, geometry_from=0.0, **SIZES)

@@ -7,7 +7,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from core.training import checkpoint, run_folders
+from core.training.on_disk import checkpoint, run_folders
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
 from wegs_cli.main import wegs

@@ -13,8 +13,9 @@ from core import config, pipeline
 from core.config import Settings, preset
 from core.data import load_collection
 from core.pipeline import training
-from core.training import checkpoint, decisions, run_config
+from core.training import decisions
 from core.training.evidence import Evidence
+from core.training.on_disk import checkpoint, run_config
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
 from tests.data.converted import write_processed
@@ -178,7 +179,7 @@ def test_a_calm_collection_trains_as_plain_3dgs_bit_for_bit(calm, tmp_path):
 
 
 def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_path, monkeypatch):
-    from core.training import mask_weights, objective, regularisers
+    from core.training.losses import mask_weights, objective, regularisers
 
     def never(*_):
         raise AssertionError("a loss of a part that is off was computed")

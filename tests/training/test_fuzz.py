@@ -7,10 +7,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.training import densify, guards, mask_loss, mask_weights, regularisers
-from core.training.adam import Moved, adam_rows, plain_adam_rows
-from core.training.gaussians import Gaussians
-from core.training.photometric import Target, photometric, photometric_paper, plain_photometric
+from core.training import guards
+from core.training.gaussians import densify
+from core.training.gaussians.adam import Moved, adam_rows, plain_adam_rows
+from core.training.gaussians.gaussians import Gaussians
+from core.training.losses import mask_loss, mask_weights, regularisers
+from core.training.losses.photometric import Target, photometric, photometric_paper, plain_photometric
 from tests.small import ring_camera, small_settings
 
 FINITE = [0.0, -0.0, 1e-45, -1e-38, 0.5, 1.0, -1e3, 1e9, -1e18, 3e38]

@@ -13,7 +13,7 @@ from core.errors import BadInput
 from core.looks.find_look import find_appearance
 from core.looks.trained import load_run
 from core.pipeline import training
-from core.training import run_config
+from core.training.on_disk import run_config
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
 from tests.heard import Heard

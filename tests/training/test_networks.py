@@ -3,7 +3,7 @@
 import torch
 
 from core.training import networks
-from core.training.backward import backward
+from core.training.losses.backward import backward
 
 
 def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way(monkeypatch):

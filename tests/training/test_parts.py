@@ -6,11 +6,14 @@ import torch
 
 from core.errors import BadInput
 from core.scene.quaternions import rotations
-from core.training import checkpoint, densify, guards, mask_weights, regularisers, schedule
-from core.training.adam import Moved, adam_rows, plain_adam_rows
-from core.training.backward import backward
-from core.training.gaussians import Gaussians
-from core.training.initialisation import initial_gaussians
+from core.training import guards, schedule
+from core.training.gaussians import densify
+from core.training.gaussians.adam import Moved, adam_rows, plain_adam_rows
+from core.training.gaussians.gaussians import Gaussians
+from core.training.gaussians.initialisation import initial_gaussians
+from core.training.losses import mask_weights, regularisers
+from core.training.losses.backward import backward
+from core.training.on_disk import checkpoint
 from tests.small import ring_camera, small_collection, small_settings, whole_settings
 
 

@@ -9,12 +9,13 @@ import torch
 
 from core.appearance.model import AppearanceModel
 from core.scene.harmonics import dc_of_colour
-from core.training import networks, regularisers
-from core.training.gauge import gauge
-from core.training.gaussians import learning_rates
+from core.training import networks
+from core.training.gaussians.gaussians import learning_rates
 from core.training.jitter import draw_gain, jittered
-from core.training.mask_files import write_masks
-from core.training.photometric import Target
+from core.training.losses import regularisers
+from core.training.losses.gauge import gauge
+from core.training.losses.photometric import Target
+from core.training.on_disk.mask_files import write_masks
 from tests.small import small_settings
 
 PHOTOS = ["a.jpg", "b.jpg"]

@@ -18,9 +18,10 @@ from core.export.ply import read_ply
 from core.looks.find_look import find_appearance
 from core.looks.trained import bake, load_run
 from core.rasterizer import create
-from core.training import checkpoint, mask_weights
 from core.training.guards import ALL_GONE
-from core.training.mask_files import write_masks
+from core.training.losses import mask_weights
+from core.training.on_disk import checkpoint
+from core.training.on_disk.mask_files import write_masks
 from core.training.trainer import SKIPS_ALLOWED, Trainer
 from tests.data.small_scene import SmallScene
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.training import checkpoint
-from core.training.initialisation import initial_gaussians
+from core.training.gaussians.initialisation import initial_gaussians
+from core.training.on_disk import checkpoint
 from core.training.trainer import Trainer
 from tests.small import damage, small_collection, small_settings
 

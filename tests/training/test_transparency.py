@@ -15,8 +15,8 @@ from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run
-from core.training import checkpoint, run_config
 from core.training.background import WHITE
+from core.training.on_disk import checkpoint, run_config
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import small_collection, small_settings

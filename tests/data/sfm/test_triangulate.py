@@ -19,7 +19,7 @@ from core.doctor import examine
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
-from core.training import run_config, run_folders
+from core.training.on_disk import run_config, run_folders
 from tests.data.converted import changed, write_json
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, write_corner
 from tests.heard import Heard

@@ -1,4 +1,4 @@
-"""The picture loss of core.training.photometric, fused, for float32 on a CPU.
+"""The picture loss of core.training.losses.photometric, fused, for float32 on a CPU.
 
 One pass over the rows computes the three windowed means that depend on the render, the error, and the derivatives of
 SSIM by those means; the backward pass blurs the derivatives, because the window is its own adjoint:
@@ -18,7 +18,7 @@ from torch.autograd.function import once_differentiable
 
 from core.kernels.compiled import kernel, part
 from core.system.threads import in_parallel
-from core.training.photometric import C1, C2, RADIUS, Target, window
+from core.training.losses.photometric import C1, C2, RADIUS, Target, window
 
 BLOCK_PIXELS = 10_000  # a block of work: a quarter of a millisecond
 _TAPS = tuple(np.float32(tap) for tap in window()[: RADIUS + 1])
@@ -31,7 +31,7 @@ _HALF, _THIRD = np.float32(0.5), np.float32(1 / 3)
 def photometric_cpu(
     image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
 ) -> Float[Tensor, ""]:
-    """`core.training.photometric.photometric` for float32 on the CPU."""
+    """`core.training.losses.photometric.photometric` for float32 on the CPU."""
     return _Photometric.apply(image, target, weight, ssim_weight)
 
 

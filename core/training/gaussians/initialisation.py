@@ -8,7 +8,7 @@ from core.config import Settings
 from core.data.collection import Collection, astray
 from core.scene.harmonics import coefficient_count, dc_of_colour
 from core.scene.splats import Splats
-from core.training.gaussians import Gaussians
+from core.training.gaussians.gaussians import Gaussians
 
 INITIAL_OPACITY = 0.1  # 3DGS
 LONE_SPACING = 0.1  # scene units: of a point without another

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.training import photometric_cpu
-from core.training.photometric import (
+from core.training.losses import photometric_cpu
+from core.training.losses.photometric import (
     Target,
     blur,
     photometric,

@@ -1,4 +1,4 @@
-"""Adam for Gaussians on a GPU: core.training.adam in one launch a parameter, where plain torch takes twenty."""
+"""Adam for Gaussians on a GPU: core.training.gaussians.adam in one launch a parameter, where plain torch takes twenty."""
 
 from functools import cache
 
@@ -9,8 +9,8 @@ from torch import Tensor
 
 from core.kernels.triton_launch import FUSED
 from core.system.device import sent
-from core.training import adam
-from core.training.gaussians import Gaussians, free_columns
+from core.training.gaussians import adam
+from core.training.gaussians.gaussians import Gaussians, free_columns
 
 BLOCK = 256  # numbers a program, two a thread
 BETA_1, BETA_2 = tl.constexpr(adam.BETA_1), tl.constexpr(adam.BETA_2)

@@ -3,12 +3,12 @@
 import pytest
 import torch
 
-from core.training.photometric import Target, plain_photometric
-from tests.training.test_photometric import ERROR_TOLERANCE, GRADIENT_TOLERANCE, example, run
+from core.training.losses.photometric import Target, plain_photometric
+from tests.training.losses.test_photometric import ERROR_TOLERANCE, GRADIENT_TOLERANCE, example, run
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from core.training.photometric_cuda import photometric_cuda
+from core.training.losses.photometric_cuda import photometric_cuda
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 

@@ -6,8 +6,8 @@ import pytest
 
 from core.errors import BadInput
 from core.system import lock
-from core.training import claim
-from core.training.claim import held, new_run
+from core.training.on_disk import claim
+from core.training.on_disk.claim import held, new_run
 
 locks = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import BadInput
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from tests.small import small_settings
 
 

@@ -9,7 +9,7 @@ from core.config import Settings
 from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 from core.training import schedule
-from core.training.adam import Moved, adam_rows
+from core.training.gaussians.adam import Moved, adam_rows
 
 REST_BAND_SHARE = 1 / 20  # 3DGS: bands above DC learn twenty times slower
 MOMENTS = ("first", "second")
@@ -76,7 +76,7 @@ class Gaussians:
         taken: (), whether it is taken at all, which a GPU decides by itself.
         """
         if self.counts.device.type == "cuda":
-            from core.training import adam_cuda  # Triton, which a machine without a GPU need not have
+            from core.training.gaussians import adam_cuda  # Triton, which a machine without a GPU need not have
 
             adam_cuda.step(self, rows, leaves, rates, taken)
             return

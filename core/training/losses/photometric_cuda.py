@@ -1,4 +1,4 @@
-"""The picture loss of core.training.photometric, fused, for float32 on a GPU: two launches forward and two backward.
+"""The picture loss of core.training.losses.photometric, fused, for float32 on a GPU: two launches forward and two backward.
 
 The same as photometric_cpu: the first pass forms the windowed means that depend on the render, the error, and the derivatives
 of SSIM by those means; the backward pass blurs the derivatives, because the window is its own adjoint:
@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.kernels.triton_launch import FUSED
-from core.training import photometric
+from core.training.losses import photometric
 
 BLOCK = 128  # pixels a program, one a thread
 RADIUS, WINDOW = tl.constexpr(photometric.RADIUS), tl.constexpr(photometric.WINDOW)
@@ -129,7 +129,7 @@ def photometric_cuda(
     weight: Float[Tensor, "h w"] | None,
     ssim_weight: float,
 ) -> Float[Tensor, ""]:
-    """`core.training.photometric.photometric` for float32 on a GPU."""
+    """`core.training.losses.photometric.photometric` for float32 on a GPU."""
     return _Photometric.apply(image, target, weight, float(ssim_weight))
 
 

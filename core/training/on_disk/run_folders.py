@@ -16,9 +16,9 @@ from core.data.made import CONFIG, is_of_run, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput, not_made
 from core.system.atomic import check_folder, write_text
-from core.training import checkpoint, viewer_files
 from core.training.decisions import Decision
-from core.training.run_config import write_config
+from core.training.on_disk import checkpoint, viewer_files
+from core.training.on_disk.run_config import write_config
 from core.training.transparency import transparent_is_empty
 
 HISTORY = "history.csv"

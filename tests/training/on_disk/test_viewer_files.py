@@ -6,7 +6,7 @@ from argparse import Namespace
 import numpy as np
 import plyfile
 
-from core.training import run_folders
+from core.training.on_disk import run_folders
 from tests.small import small_settings
 
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.training import mask_loss
+from core.training.losses import mask_loss
 
 HEIGHT, WIDTH, CELL = 48, 64, 4
 STRANGER = slice(6, 9), slice(3, 6)  # cells

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from core.appearance.model import AppearanceModel
 from core.system.device import sent
-from core.training.gaussians import Gaussians
+from core.training.gaussians.gaussians import Gaussians
 
 ROWS = 1024  # Gaussians drawn each step
 

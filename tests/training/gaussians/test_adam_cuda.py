@@ -3,12 +3,12 @@
 import pytest
 import torch
 
-from core.training.adam import LARGEST_GRADIENT
-from core.training.gaussians import Gaussians
+from core.training.gaussians.adam import LARGEST_GRADIENT
+from core.training.gaussians.gaussians import Gaussians
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from core.training import adam_cuda
+from core.training.gaussians import adam_cuda
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from core.training import mask_weights
-from core.training.photometric import Target, photometric_of_mask
+from core.training.losses import mask_weights
+from core.training.losses.photometric import Target, photometric_of_mask
 
 
 def recorded(monkeypatch, owner, name: str) -> list[tuple]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from core.errors import BadInput, not_made
 from core.system.atomic import made
 from core.system.lock import taken
-from core.training import run_folders
+from core.training.on_disk import run_folders
 
 
 @contextmanager

@@ -9,12 +9,12 @@ from core.config import Settings
 from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training import mask_weights, regularisers
-from core.training.backward import backward
-from core.training.gauge import gauge
-from core.training.gaussians import Gaussians
-from core.training.mask_loss import mask_loss
-from core.training.photometric import Target, photometric, photometric_of_mask, photometric_paper
+from core.training.gaussians.gaussians import Gaussians
+from core.training.losses import mask_weights, regularisers
+from core.training.losses.backward import backward
+from core.training.losses.gauge import gauge
+from core.training.losses.mask_loss import mask_loss
+from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
 

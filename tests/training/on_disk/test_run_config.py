@@ -9,7 +9,7 @@ import pytest
 
 from core.errors import BadInput
 from core.scene.lens import Lens
-from core.training import run_config, run_folders
+from core.training.on_disk import run_config, run_folders
 from tests.small import small_settings
 
 

@@ -9,7 +9,7 @@ from core.config import Settings
 from core.kernels.compiled import exact_kernel
 from core.scene.quaternions import rotations
 from core.system.device import sent
-from core.training.gaussians import Gaussians
+from core.training.gaussians.gaussians import Gaussians
 
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
 SPLIT_SHRINK = 1.6  # 3DGS

@@ -1,0 +1,1 @@
+"""What a step minimises, loss by loss, and how their gradients are taken."""

@@ -48,8 +48,9 @@ class Photo:
 class Collection:
     """Posed photos and SfM points, in the scene frame; `frame` leads back to world units.
 
-    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: for the user, a line with the
-    reason for each thing dropped or decided.
+    root: the folder it is read from: the scene, or the points that were triangulated for it (`sfm.kept_points.home_of` leads on to the scene).
+    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: for the user, a line with the reason for each thing dropped or
+    decided.
     """
 
     name: str

@@ -82,7 +82,7 @@ class Collection:
     def called(self, name: str) -> Photo | None:
         """The photo called `name`, or the only one called so without its suffix (or both: structure from motion makes a.png.jpg of a.png)."""
         exactly = [photo for photo in self.photos if photo.name == name]
-        nearly = exactly or [photo for photo in self.photos if name in _without_suffix(photo.name)]
+        nearly = exactly or [photo for photo in self.photos if name in names_of(photo.name)]
         return nearly[0] if len(nearly) == 1 else None
 
     def view(self, name: str | None) -> Photo:
@@ -117,9 +117,9 @@ def png_paths(names: Iterable[str]) -> dict[str, Path]:
     return {name: png for png, name in taken.items()}
 
 
-def _without_suffix(name: str) -> tuple[str, str]:
-    """The name without its last suffix, and without its last two."""
-    return Path(name).with_suffix("").as_posix(), Path(name).with_suffix("").with_suffix("").as_posix()
+def names_of(name: str) -> tuple[str, str, str]:
+    """What a photo may be called: its name, without its last suffix, and without its last two."""
+    return name, Path(name).with_suffix("").as_posix(), Path(name).with_suffix("").with_suffix("").as_posix()
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:

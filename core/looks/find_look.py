@@ -1,13 +1,14 @@
 """Finds the look that the user names: `neutral`, a saved look, a photo file, or a photo of the collection by its name."""
 
 import difflib
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import torch
 
-from core.data.collection import Photo
+from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
 from core.data.made import read_mark
 from core.data.photos.file import probe
@@ -66,13 +67,24 @@ def _saved_as(trained: TrainedRun, word: str) -> Path | None:
 
 
 def _of_collection(trained: TrainedRun, word: str) -> Photo | None:
-    """The photo of the collection that is this file, was made of it, or is called so."""
+    """The photo of the collection that is this file, was made of it, was it before it was moved, or is called so."""
     path, collection = Path(word), trained.collection
     if not path.is_file():
         return collection.called(word)
     same = next((photo for photo in collection.photos if photo.path.is_file() and photo.path.samefile(path)), None)
     made_of = originals.name_in(collection.root, path)
-    return same or next((photo for photo in collection.photos if photo.name == made_of), None)
+    return same or next((photo for photo in collection.photos if photo.name == made_of), None) or _moved(collection, path)
+
+
+def _moved(collection: Collection, path: Path) -> Photo | None:
+    """The photo of the collection that is gone from its place and, by name and size, is this file."""
+    photo = collection.called(path.name)
+    if photo is None or photo.path.is_file():
+        return None
+    with suppress(BadInput):  # no photo at all, which is told where it is read
+        if probe(path).displayed == (photo.camera.width, photo.camera.height):
+            return replace(photo, path=path)
+    return None
 
 
 def find_view(trained: TrainedRun, word: str | None) -> Photo:

@@ -14,6 +14,7 @@ from core.pipeline.baking import ONE_LOOK
 from core.report import QUIET, Report
 from core.system.atomic import check_apart, check_fillable, filling
 from core.training.on_disk import run_folders
+from core.words import counted
 
 
 def interpolate(
@@ -35,6 +36,8 @@ def interpolate(
     """
     if steps < 2:
         raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
+    if output is not None and output.suffix.lower() in (".mp4", ".gif", ".ply", *SUFFIXES):
+        raise BadSetting(f"-o {output}: a fade is a folder of frames, with video.mp4 among them.", f"Type: -o {output.with_suffix('')}")
     trained = load_run(run_folders.find_run(folder))
     photo = find_view(trained, view)
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
@@ -63,7 +66,8 @@ def interpolate(
             write_video(work / "video.mp4", frames)
         except WegsError as problem:  # the frames took the time: they are kept
             report.warn(str(problem).replace(str(work), str(output)))
-    report.say(f"{output}: {steps} frames, sheet.png{', video.mp4' * (output / 'video.mp4').is_file()}")
+    files = f", {counted(steps, '.ply')}" * ply + ", video.mp4" * (output / "video.mp4").is_file()
+    report.say(f"{output}: {steps} frames, sheet.png{files}")
     return output
 
 

@@ -51,6 +51,8 @@ def check_file(path: Path) -> None:
     if path.is_dir():
         raise BadInput(f"{path} is a folder.", "Give the name of a file.")
     check_folder(path.parent)
+    if path.parts[0] == "~":
+        raise BadInput(f"{path} names no home folder: the shell replaces ~ only at the start of a word.", f"Type: -o {path}, with a space")
     if not path.parent.exists():
         fix = f"Type: {command('mkdir', '-p', path.parent)}"
         raise BadInput(f"There is no folder {path.parent} to write {path.name} in.", fix)

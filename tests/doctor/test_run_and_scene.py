@@ -136,7 +136,7 @@ def test_of_points_that_nobody_says_who_sees_no_share_is_told(tmp_path):
     points = examined(scene)[0]["points"]
     assert points.figure.startswith("20, the farthest ") and "a photo" not in points.figure
     assert points.advice == "Give more of them, or run SfM with more features."
-    assert examined(tmp_path / "colmap")[0]["points"].advice == "Run SfM with more features."
+    assert examined(tmp_path / "colmap")[0]["points"].advice == "Add photos, or run SfM with more features."
 
 
 def test_a_mistake_in_a_mask_is_none_of_the_photo_and_none_at_all_if_held_out(tmp_path):

@@ -231,6 +231,8 @@ def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeyp
         check_file(tmp_path / "file" / "a.ply")
     with pytest.raises(BadInput, match="mkdir -p .*'?no such'?"):
         check_file(tmp_path / "no such" / "a.ply")
+    with pytest.raises(BadInput, match="names no home folder.*Type: -o ~/a.ply, with a space"):
+        check_file(Path("~/a.ply"))
     check_folder(tmp_path / "none" / "none")  # can be made
     monkeypatch.setattr(
         os, "access", lambda path, mode: False

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import pytest
 import torch
 
@@ -32,6 +33,18 @@ def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained
     assert made.called("photo_1").name == made.called("photo_1.png").name == "photo_1.png.jpg"
     with pytest.raises(BadInput, match="photo_0 is neither a photo file.* such as photo_0"):
         find_appearance(replace(trained, collection=twins), "photo_0")
+
+
+def test_photos_that_were_moved_are_known_by_name_and_size(trained, tmp_path):
+    photos = [replace(photo, path=tmp_path / "gone" / photo.name) for photo in trained.collection.photos]
+    moved = replace(trained, collection=replace(trained.collection, photos=tuple(photos)))
+    for number in (0, 2):  # a training photo and a held-out one
+        there = trained.collection.photos[number]
+        here, known = find_appearance(moved, str(there.path), refine=False), find_appearance(trained, str(there.path), refine=False)
+        assert here.source == known.source and torch.equal(here.embedding, known.embedding)
+    pixels = cv2.imread(str(there.path))
+    cv2.imwrite(str(tmp_path / there.name), pixels[:-2])
+    assert "from outside" in find_appearance(moved, str(tmp_path / there.name), refine=False).source
 
 
 def test_a_view_is_called_as_a_look_is(trained):

@@ -193,5 +193,8 @@ def test_the_file_that_a_training_photo_was_made_of_has_its_look(trained, tmp_pa
     made = replace(trained, collection=replace(trained.collection, root=root))
     look, by_name = find_appearance(made, str(original)), find_appearance(made, photo.name)
     assert look.source == by_name.source and torch.equal(look.embedding, by_name.embedding)
+    (tmp_path / "moved").mkdir()
+    original = original.rename(tmp_path / "moved" / original.name)
+    assert find_appearance(made, str(original)).source == by_name.source
     os.utime(original, (0, 0))
     assert "from outside" in find_appearance(made, str(original)).source

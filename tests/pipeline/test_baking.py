@@ -104,8 +104,9 @@ def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
     before = path.read_text()
     with pytest.raises(BadInput, match="kept.json exists.*--force"):
         pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept")
-    with pytest.raises(BadSetting, match="is the name of a photo"):
-        pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="photo_0.png", force=True)
+    for name in ("photo_0.png", "photo_0"):
+        with pytest.raises(BadSetting, match="is the name of a photo"):
+            pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as=name, force=True)
     assert path.read_text() == before and not (tmp_path / "b.ply").exists()
     pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True)
     assert path.read_text() != before

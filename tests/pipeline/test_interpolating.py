@@ -9,7 +9,7 @@ import torch
 
 import core.rasterizer
 from core import pipeline
-from core.errors import BadInput, WegsError
+from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
 from core.looks.find_look import find_appearance
 from core.looks.trained import bake, load_run
@@ -58,3 +58,6 @@ def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, 
     Path("photo_0-to-dusk.2").symlink_to("gone")
     with pytest.raises(BadInput, match="photo_0-to-dusk.2 is not a folder"):
         pipeline.interpolate(trained[0], "photo_0.png", "looks/dusk.2.json", 2)
+    for suffix in (".mp4", ".png", ".ply"):
+        with pytest.raises(BadSetting, match="a folder of frames.*Type: -o .*fade$"):
+            pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / f"fade{suffix}")

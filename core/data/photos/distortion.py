@@ -46,6 +46,15 @@ def is_pinhole(camera: pycolmap.Camera) -> bool:
     return bool((np.abs(moved - pixels) <= NEGLIGIBLE_PX).all())  # False for NaN, a ray that the lens cannot see
 
 
+def folds_over(camera: pycolmap.Camera) -> bool:
+    """Whether some pixel of the photo is one that no ray leads to, as the lens formula folds over before it; tested along the edge."""
+    along = np.linspace(0, 1, 17)
+    edge = np.concatenate([np.column_stack([along, np.full(17, side)]) for side in (0, 1)])
+    pixels = np.concatenate([edge, edge[:, ::-1]]) * (camera.width, camera.height)
+    rays = np.column_stack([camera.cam_from_img(pixels), np.ones(len(pixels))])
+    return not bool((np.linalg.norm(camera.img_from_cam(rays) - pixels, axis=1) < ROUND_TRIP_PX).all())  # True for NaN
+
+
 def pinhole(camera: pycolmap.Camera, width: int, height: int) -> tuple[float, float, float, float]:
     """fx, fy, cx, cy (px) of the undistorted picture of a photo of `width` x `height` px.
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from core.data.formats.colmap import find_model
 from core.data.load import kind_with_cameras
-from core.data.made import made_once, read_mark
+from core.data.made import made_once
 from core.data.sfm import originals
 from core.data.sfm.reconstruct import reconstruct
 from core.errors import BadInput
@@ -29,14 +29,12 @@ def scene_around(photos: Path) -> tuple[Path, str] | None:
 def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     """The folder of the COLMAP scene made of the photos in the folder `photos`, which is made now unless it exists.
 
-    wanted: the folder; with a number if another scene has it. A scene is used again only for the very same files (path, size and
+    wanted: the folder; with a number if another scene has it. A scene is used again only for the very same files (name, size and
     modification time of each). Errors: as `reconstruct`.
     """
-    made_of = originals.files_of(photos)
-
     def make(scene: Path) -> None:
         if around := scene_around(photos):
             report.warn(f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew.")
         reconstruct(photos, scene, report)
 
-    return made_once(wanted, lambda folder: read_mark(folder / originals.FILES) == made_of, make, "Cameras as found", report)
+    return made_once(wanted, lambda folder: originals.is_made_of(folder, photos), make, "Cameras as found", report)

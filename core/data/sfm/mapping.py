@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pycolmap
 
+from core.data.photos.distortion import folds_over
 from core.data.placing import is_usual
 from core.data.sfm.features import DATABASE, PHOTOS, SEED
 from core.errors import BadInput
 from core.report import Report
+from core.words import counted
 
 REPEATABLE = 100  # up to this many photos one thread maps them, with the same result each time; a sixth slower than two (87 photos: 21 s)
 
@@ -33,7 +35,9 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
                 f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
                 f"not {found} as with focal lengths refined along the way."
             )
-    if not models:
+    if models:
+        _drop_folded(models[0], report)
+    if not models or not models[0].num_reg_images():
         raise BadInput(
             f"No cameras could be found: the {len(names)} photos do not overlap enough.",
             "Add photos of the same place from nearby viewpoints.",
@@ -42,6 +46,18 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
         sizes = ", ".join(str(part.num_reg_images()) for part in models)
         report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
     return models[0]
+
+
+def _drop_folded(model: pycolmap.Reconstruction, report: Report) -> None:
+    """Take photos out whose lens formula folds over inside them: undistorted, they would become swirls.
+
+    COLMAP finds such lenses where a photo shares few points with others. As a pinhole it fits them no better.
+    """
+    folded = [image for image in model.images.values() if image.has_pose and folds_over(image.camera)]
+    for image in folded:
+        model.deregister_frame(image.frame_id)
+    if folded:
+        report.warn(f"{counted(len(folded), 'photo')} could be placed only through a lens that no camera has, and not at all without it.")
 
 
 def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:

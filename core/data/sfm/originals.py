@@ -21,9 +21,18 @@ def files_of(photos: Path) -> dict[str, list[int]]:
 
 
 def name_in(scene: Path, path: Path) -> str | None:
-    """What the scene calls the photo that it made of the file `path`; None for any other file, and for one that changed since."""
-    original = str(path.resolve())
-    return read_mark(scene / NAMES).get(original) if read_mark(scene / FILES).get(original) == stamp(path) else None
+    """What the scene calls the photo that it made of the file `path`, which may have been moved; None for any other, or one that changed since."""
+    known, original = read_mark(scene / FILES), str(path.resolve())
+    if original not in known:
+        moved = [file for file in known if Path(file).name == path.name and not Path(file).exists()]
+        original = moved[0] if len(moved) == 1 else original
+    return read_mark(scene / NAMES).get(original) if known.get(original) == stamp(path) else None
+
+
+def is_made_of(scene: Path, photos: Path) -> bool:
+    """Whether the scene was made of the very files in the folder `photos` (name, size and modification time of each), which may have moved."""
+    made_of, found = ({Path(path).name: mark for path, mark in files.items()} for files in (read_mark(scene / FILES), files_of(photos)))
+    return bool(found) and made_of == found
 
 
 def lenses_of(scene: Path) -> dict[str, Lens]:

@@ -104,3 +104,14 @@ def test_large_pictures_are_done_in_blocks(monkeypatch):
     monkeypatch.setattr(distortion, "BLOCK_PIXELS", 7 * WIDTH)
     parts = picture_through("OPENCV", LENSES["OPENCV"])
     assert (whole[0] == parts[0]).all() and (whole[1] == parts[1]).all()
+
+
+@pytest.mark.parametrize("strength, folds", [(-1.6, True), (-0.6, True), (-0.05, False), (0.0, False), (0.4, False)])
+def test_a_lens_folds_over_where_no_ray_leads_to_the_edge(strength, folds):
+    """Rays at r = 1 / sqrt(-3 k) are drawn farthest out, at two thirds of r; a corner lies at 1."""
+    assert distortion.folds_over(pycolmap.Camera(model="SIMPLE_RADIAL", width=160, height=120, params=[100, 80, 60, strength])) == folds
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_usual_lenses_do_not_fold_over(name):
+    assert not distortion.folds_over(SmallScene(model=name).lens())

@@ -43,6 +43,10 @@ def test_cameras_of_plain_photos_are_found_once(photos, calls, tmp_path):
     assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
     assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
     assert calls == ["photos-scene", "photos-scene-2"]
+    moved = photos.rename(tmp_path / "moved")
+    assert scene_of_photos(moved, wanted, Heard()).name == "photos-scene-2"
+    (moved / "photo_1.png").touch()
+    assert scene_of_photos(moved, wanted, Heard()).name == "photos-scene-3"
 
 
 def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_path):

@@ -87,6 +87,17 @@ def test_half_the_photos_are_enough(mapped):
     assert mapped([first], [model(8, 150.0)]) == (first, [], [True])
 
 
+def test_photos_whose_lens_folds_over_are_dropped(mapped):
+    found = model(6, 100)
+    lens = pycolmap.Camera(model="SIMPLE_RADIAL", width=160, height=120, params=[100, 80, 60, -1.6])
+    for number in (2, 5):
+        found.cameras[number].model = lens.model
+        found.cameras[number].params = lens.params
+    chosen, lines, _ = mapped([found], [])
+    assert {image.image_id for image in chosen.images.values() if image.has_pose} == {1, 3, 4, 6}
+    assert lines == ["! 2 photos could be placed only through a lens that no camera has, and not at all without it."]
+
+
 def test_real_photos_that_are_lost_at_first(tmp_path):
     photos = tmp_path / "photos"
     photos.mkdir()

@@ -14,7 +14,7 @@ from core.system.atomic import replacing, write_bytes
 
 SHEET_COLUMNS = 5  # at most
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
-VIDEO_SECONDS = 3.0
+VIDEO_SECONDS, MOST_FPS = 3.0, 30.0  # of few frames, and of many, which then take longer
 VIDEO_CODECS = "vp09", "mp4v"  # VP9, which browsers and editors play; if OpenCV lacks it, MPEG-4 part 2, which they do not
 
 
@@ -54,12 +54,12 @@ def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndar
 
 
 def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> None:
-    """Write an .mp4 of VIDEO_SECONDS. Frames, of one size, lose an odd last row or column."""
+    """Write an .mp4 of VIDEO_SECONDS, or longer at MOST_FPS. Frames, of one size, lose an odd last row or column."""
     height, width = (side - side % 2 for side in frames[0].shape[:2])  # the codec stores colour at half the size
     with replacing(path) as temporary:
         file = str(temporary.absolute())  # FFmpeg takes anything before a colon for a protocol
         for codec in VIDEO_CODECS:
-            writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*codec), len(frames) / VIDEO_SECONDS, (width, height))
+            writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*codec), min(len(frames) / VIDEO_SECONDS, MOST_FPS), (width, height))
             if writer.isOpened():
                 break
         else:

@@ -71,11 +71,10 @@ def _go_on(folder: Path, report: Report) -> Path:
     path = checkpoint.newest(folder)
     saved = None if path is None else checkpoint.load(path)
     done = saved.facts["step"] if saved else 0
-    if done >= settings.steps and any(folder.glob(run_folders.CLOUDS)):  # else it was stopped just before its last file
+    if done >= settings.steps and (clouds := list(folder.glob(run_folders.CLOUDS))):  # else it was stopped just before its last file
         raise BadInput(
             f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.",
-            "For more, train a new run with --steps. To use this one, type: "
-            f"{command('wegs', 'bake', '--run', folder, '--appearance', 'PHOTO', '-o', 'look.ply')}",
+            f"For more, train a new run with --steps. To use this one: {next_step(folder, settings, clouds[0])}",
         )
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")

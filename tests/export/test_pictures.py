@@ -61,6 +61,12 @@ def test_a_video_has_every_frame_even_at_an_odd_size(tmp_path):
     np.testing.assert_allclose(means, [25 * number for number in range(10)], atol=4)  # video is lossy
 
 
+@pytest.mark.parametrize("frames, fps", [(6, 2), (90, 30), (120, 30)])
+def test_a_video_lasts_three_seconds_or_as_long_as_its_frames_need(frames, fps, tmp_path):
+    write_video(tmp_path / "a.mp4", [np.zeros((16, 16, 3), np.uint8)] * frames)
+    assert cv2.VideoCapture(str(tmp_path / "a.mp4")).get(cv2.CAP_PROP_FPS) == pytest.approx(fps)
+
+
 @pytest.mark.parametrize("lacking, codec", [((), "vp09"), (("vp09",), "mp4v")])
 def test_a_video_plays_in_browsers_where_opencv_can_write_such(tmp_path, monkeypatch, lacking, codec):
     class Writer:

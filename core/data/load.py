@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.formats.colmap import find_model, kind_of, lacks_photos, read_colmap
+from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, kind_of, lacks_photos, read_colmap
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
-from core.data.formats.transforms import BLENDER_FILES, FILE, read_blender, read_transforms
+from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import is_of_run
 from core.data.photos.folder import list_photos, no_photos
 from core.data.posed import Posed, collect
@@ -75,7 +75,7 @@ def not_a_folder(path: Path) -> BadInput:
     fix = "Give the folder that holds your photos."
     if path.suffix.lower() in VIDEO_SUFFIXES:
         fix = f"Take pictures out of it: mkdir photos; {command('ffmpeg', '-i', path, '-vf', 'fps=2', 'photos/%04d.png')}"
-    elif path.name in (FILE, *BLENDER_FILES.values()):
+    elif path.name in (NERFSTUDIO_FILE, *BLENDER_FILES.values()):
         fix = f"Give the folder it is in: {path.parent}"
     return BadInput(f"{path} is a file, not a folder.", fix)
 
@@ -93,7 +93,7 @@ def kind_with_cameras(path: Path) -> str | None:
 
 def posed_kind(path: Path) -> str | None:
     """Which of NeRF's kinds of scene the folder holds, by the files in it, or None."""
-    if (path / FILE).exists():
+    if (path / NERFSTUDIO_FILE).exists():
         return "nerfstudio"
     if (path / BLENDER_FILES["train"]).exists():
         return "blender"

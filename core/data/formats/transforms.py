@@ -25,7 +25,6 @@ from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
 
-FILE = NERFSTUDIO_FILE
 BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
 # All read alike, with whatever lens terms are given.
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
@@ -43,10 +42,10 @@ def read_transforms(root: Path) -> Posed:
     Raises BadInput for a file that is broken or has no frames, and for a ..._filenames that is not a list of names.
     """
     reading = _Reading(root)
-    source = root / FILE
+    source = root / NERFSTUDIO_FILE
     facts = _read_json(source)
     if others := [name for name in BLENDER_FILES.values() if (root / name).is_file()]:
-        reading.notes.append(f"{root} holds {list_names(others)} as well; {FILE} is used.")
+        reading.notes.append(f"{root} holds {list_names(others)} as well; {NERFSTUDIO_FILE} is used.")
     photos = reading.split_as_listed(source, facts, reading.photos(source, facts))
     return reading.posed("nerfstudio", source, facts, photos)
 

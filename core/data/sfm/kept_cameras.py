@@ -32,9 +32,11 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     wanted: the folder; with a number if another scene has it. A scene is used again only for the very same files (name, size and
     modification time of each). Errors: as `reconstruct`.
     """
+    files = originals.files_of(photos)
+
     def make(scene: Path) -> None:
         if around := scene_around(photos):
             report.warn(f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew.")
         reconstruct(photos, scene, report)
 
-    return made_once(wanted, lambda folder: originals.is_made_of(folder, photos), make, "Cameras as found", report)
+    return made_once(wanted, lambda folder: originals.is_made_of(folder, files), make, "Cameras as found", report)

@@ -29,9 +29,9 @@ def name_in(scene: Path, path: Path) -> str | None:
     return read_mark(scene / NAMES).get(original) if known.get(original) == stamp(path) else None
 
 
-def is_made_of(scene: Path, photos: Path) -> bool:
-    """Whether the scene was made of the very files in the folder `photos` (name, size and modification time of each), which may have moved."""
-    made_of, found = ({Path(path).name: mark for path, mark in files.items()} for files in (read_mark(scene / FILES), files_of(photos)))
+def is_made_of(scene: Path, files: dict[str, list[int]]) -> bool:
+    """Whether the scene was made of these very files, as `files_of` gives them, but wherever they lay then: by name, size and modification time."""
+    made_of, found = ({Path(path).name: mark for path, mark in each.items()} for each in (read_mark(scene / FILES), files))
     return bool(found) and made_of == found
 
 

@@ -46,7 +46,11 @@ def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
 
 
 def _opacities(splats: Splats) -> list[Finding]:
-    opacities = torch.sigmoid(splats.logit_opacities.double())
+    logits = splats.logit_opacities.double()
+    if ((logits >= 0) & (logits <= 1)).all() and logits.unique().numel() > 1:
+        fix = "Write their logits, log(o / (1 - o)), as 3DGS does."
+        return [Finding("opacities", "all from 0 to 1", "stored as they are, so viewers draw them all between 0.5 and 0.73", fix)]
+    opacities = torch.sigmoid(logits)
     faint, full = int((opacities < ALPHA_MIN).sum()), int((opacities > ALPHA_MAX).sum())
     advice = "Remove them." if faint > WASTE * len(splats) else ""
     return [

@@ -59,7 +59,7 @@ class TrainedRun:
         """
         root = self.collection.root
         if not photo.path.is_file() and not root.is_dir():
-            raise BadInput(f"{photo.name} cannot be read: the folder {root} is gone.", "Move the photos back to it.")
+            raise run_config.scene_gone(self.folder, root, f"{photo.name} cannot be read")
         return load_sized_photo(photo, self.sizes, self.device, self.transparent_is_empty)
 
     def camera(self, photo: Photo) -> Camera:

@@ -79,7 +79,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
     if not before.root.is_dir():
-        raise BadInput(f"{folder} cannot go on: its scene {before.root} is gone.", "Move it back.")
+        raise run_config.scene_gone(folder, before.root, f"{folder} cannot go on")
     collection = with_same_masks(load_collection(before.root, settings.all_photos), before)
     trainer = Trainer(collection, settings, folder)
     names = {sized.photo.name for sized in trainer.photos}

@@ -95,6 +95,13 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
     assert heard.lines[-1].endswith(f"need attention: {', '.join(n for n in findings if n in expected)}.")
 
 
+def test_opacities_that_are_no_logits_are_told(tmp_path):
+    rows = sound_rows()
+    rows["opacity"] = np.random.default_rng(1).random(ROWS)
+    findings, _ = examined(write(tmp_path / "a.ply", rows))
+    assert asked_for(findings) == {"opacities"} and "between 0.5 and 0.73" in findings["opacities"].meaning
+
+
 @pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, look dusk", True), ("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)])
 def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, own):
     rows = sound_rows()

@@ -50,5 +50,9 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
     assert torch.equal(*(find_appearance(live, photo.name).embedding for live in (before, after)))  # is in the checkpoint
     for need in (lambda: pipeline.evaluate(folder), lambda: after.sized_photo(gone)):
-        with pytest.raises(BadInput, match="gone is gone. Move the photos back"):
+        with pytest.raises(BadInput, match="gone is gone. Move it back, or write where it is now into .*config.json"):
             need()
+    facts["scene"]["path"] = json.loads((trained[0] / "config.json").read_text())["scene"]["path"]  # as the advice says
+    (folder / "config.json").write_text(json.dumps(facts))
+    again = load_run(folder)
+    assert again.sized_photo(again.collection.photos[0]).photo.path == photo.path

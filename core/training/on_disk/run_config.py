@@ -68,6 +68,11 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
 
 
+def scene_gone(folder: Path, root: Path, what: str) -> BadInput:
+    """The error for a run in `folder` whose scene `root` is no longer there. what: cannot be done without it."""
+    return BadInput(f"{what}: the scene {root} is gone.", f"Move it back, or write where it is now into {folder / CONFIG}, as its path.")
+
+
 def _photo_to_json(photo: Photo, home: Path) -> dict:
     camera = asdict(photo.camera)
     camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}

@@ -215,6 +215,8 @@ class Settings:
             raise BadSetting(
                 f"densify_from={self.densify_from} is after densify_until={self.densify_until}.", "Growth must start first."
             )
+        if self.mask_start > self.mask_apply:
+            raise BadSetting(f"mask_start={self.mask_start} is after mask_apply={self.mask_apply}.", "A mask must learn before it hides.")
 
     def changed(self, **values: Any) -> "Settings":
         """A copy with other values; unknown names and values out of range raise BadSetting."""

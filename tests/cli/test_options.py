@@ -66,6 +66,7 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
         ("seed=auto", "not a whole number"),
         ("residual=maybe", "neither true nor false"),
         ("sky=blue", "not a choice"),
+        ("mask_start=0.7", "mask_start=0.7 is after mask_apply=0.6. A mask must learn"),
     ],
 )
 def test_set_refuses_in_one_line(text, words):

@@ -8,10 +8,12 @@ from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, kind_of, lacks
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import is_of_run
-from core.data.photos.folder import list_photos, no_photos
+from core.data.photos.folder import fuller_below, list_photos, no_photos
 from core.data.posed import Posed, collect
 from core.data.sfm.kept_points import home_of, read_kept, scene_of
 from core.errors import BadInput, command
+from core.report import Report
+from core.words import counted
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 PHOTO_FOLDERS = (".", "images", "input", "photos")
@@ -116,6 +118,15 @@ def find_photos(path: Path) -> Path:
         fix = "Give the folder above it that holds the photos as well."
         raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)
     raise no_photos(path, "no photos and no COLMAP model")
+
+
+def warn_of_others(path: Path, photos: Path, report: Report) -> None:
+    """Name the photos in and below `path` that are not used because `photos` is the folder that `find_photos` found there."""
+    for folder, count in count_photos(path).items():
+        if count and folder != photos:
+            report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
+    if below := fuller_below(path, photos):
+        report.warn(f"{counted(len(list_photos(below)), 'photo')} in {below} not used: subfolders are not searched. Give that folder to use them.")
 
 
 def count_photos(path: Path) -> dict[Path, int]:

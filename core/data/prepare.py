@@ -3,14 +3,12 @@
 from pathlib import Path
 
 from core.data.collection import Collection
-from core.data.load import count_photos, find_kind, find_photos, load_collection
-from core.data.photos.folder import fuller_below, list_photos
+from core.data.load import find_kind, find_photos, load_collection, warn_of_others
 from core.data.sfm.kept_cameras import scene_of_photos
 from core.data.sfm.kept_points import points_beside
 from core.data.sfm.originals import shortfall
 from core.data.split import copy_lists
 from core.report import Report
-from core.words import counted
 
 
 def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False) -> Collection:
@@ -33,11 +31,7 @@ def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False
 def _with_cameras(scene: Path, wanted: Path, report: Report) -> Path:
     """The COLMAP scene made of the plain photos in the folder `scene`."""
     photos = find_photos(scene)
-    for folder, count in count_photos(scene).items():
-        if count and folder != photos:
-            report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
-    if below := fuller_below(scene, photos):
-        report.warn(f"{counted(len(list_photos(below)), 'photo')} in {below} not used: subfolders are not searched. Give that folder to use them.")
+    warn_of_others(scene, photos, report)
     made = scene_of_photos(photos, wanted, report)
     for folder in (photos, scene):
         copy_lists(folder, made)

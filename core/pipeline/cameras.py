@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from core.data.load import check_cameras_unknown, find_photos
+from core.data.load import check_cameras_unknown, find_photos, warn_of_others
 from core.data.sfm import originals
 from core.data.sfm.reconstruct import reconstruct
 from core.errors import command
@@ -12,7 +12,11 @@ from core.report import QUIET, Report
 def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
     """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
     check_cameras_unknown(photos)
-    reconstruct(find_photos(photos) if photos.is_dir() else photos, output, report)
+    folder = photos
+    if photos.is_dir():
+        folder = find_photos(photos)
+        warn_of_others(photos, folder, report)
+    reconstruct(folder, output, report)
     if words := originals.shortfall(output):
         report.warn(words)
     report.say(f"Next: {command('wegs', 'train', output)}")

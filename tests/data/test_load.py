@@ -12,6 +12,7 @@ from core.data.collection import png_paths, relative_path
 from core.data.load import check_cameras_unknown
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
+from core.pipeline import cameras
 from tests.data.converted import write_nerfstudio
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
@@ -128,7 +129,11 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, monkey
     monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
     heard = Heard()
     prepare.prepared(tmp_path / "photos", tmp_path / "made", heard)
-    assert heard.lines == [f"! 3 photos in {tmp_path / 'photos' / 'day'} not used: subfolders are not searched. Give that folder to use them."]
+    told = f"! 3 photos in {tmp_path / 'photos' / 'day'} not used: subfolders are not searched. Give that folder to use them."
+    assert heard.lines == [told]
+    monkeypatch.setattr(cameras, "reconstruct", lambda photos, output, report: output)
+    cameras.find_cameras(tmp_path / "photos", tmp_path / "scene", heard)
+    assert heard.lines[1:] == [told, f"Next: wegs train {tmp_path / 'scene'}"]
 
 
 def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_later(tmp_path, monkeypatch):

@@ -28,7 +28,7 @@ from core.data.photos.pixels import read_pixels
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.export.pictures import to_8_bit
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_appearance, look_of_photo
 from core.looks.refined_look import refined
 from core.looks.trained import TrainedRun, bake, blend, load_run
 from core.report import QUIET, Report
@@ -132,7 +132,7 @@ def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | N
     if not known:
         return None
     own = find_appearance(trained, style, report=report)
-    seen = {photo.name: find_appearance(trained, photo.name) for photo in trained.collection.split("train")}
+    seen = {photo.name: look_of_photo(trained, photo) for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}
     for name, path in known.items():
         camera = trained.camera(trained.collection.view(name))

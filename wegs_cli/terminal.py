@@ -10,12 +10,14 @@ from typing import NoReturn, Self
 
 import click
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from core.report import Report
 
 WIDE = 80  # columns; a narrower terminal shows what is done and the time left, no bar and no note
+NAMING = 2  # columns of a table with a header, which say what the row is of
 PLAIN_SECONDS = 15.0  # between two progress lines in a log file
 
 
@@ -85,10 +87,14 @@ class Terminal(Report):
             return
         grid = Table(title=title, title_justify="left", show_header=bool(header))
         for number, name in enumerate(header or [""] * max(map(len, rows))):
-            grid.add_column(name, justify="left" if number < 2 else "right", overflow="fold")
+            grid.add_column(name, justify="left" if number < NAMING else "right", overflow="fold")
         for row in rows:
             grid.add_row(*row)
-        self.console.print(grid)
+        unlimited = self.console.options.update(max_width=sys.maxsize)
+        if header and Measurement.get(self.console, unlimited, grid).maximum > self.console.width:
+            self.console.print("\n".join([title, *_in_blocks(header, rows)]), soft_wrap=True)
+        else:
+            self.console.print(grid)
 
     def _advance_bar(self, what: str, done: int, total: int, note: str) -> None:
         if self.bar is None or what != self.what:
@@ -106,6 +112,13 @@ class Terminal(Report):
         if self.bar is not None:
             self.bar.stop()
             self.bar = None
+
+
+def _in_blocks(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
+    """Each row as lines of its own, a figure a line: a narrow table would break numbers in two."""
+    for row in rows:
+        yield "  ".join(row[:NAMING])
+        yield from (f"    {name}: {cell}" for name, cell in zip(header[NAMING:], row[NAMING:], strict=True))
 
 
 def _aligned(rows: list[tuple[str, ...]]) -> list[str]:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 DPI = 130
 PANEL_INCHES = 5.4, 4.2
 MARGIN_INCHES = 1.0  # for title and footer
+NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 and 5 name hardly anything
 LEGEND_INCHES = 2.2  # where no cell is free for it
 # Paul Tol's `bright` and `muted` qualitative colours (personal.sron.nl/~pault): told apart by colour-blind readers too.
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#882255", "#44aa99", "#999933", "#332288")
@@ -131,7 +132,7 @@ def _bars(points: list[Point], quantity: Quantity) -> list[list[float]]:
 
 
 def _scale(axis: "Axes", which: str, quantity: Quantity) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     if quantity.scale == "linear":
         return
@@ -143,7 +144,7 @@ def _scale(axis: "Axes", which: str, quantity: Quantity) -> None:
     low, high = getattr(axis, f"get_{which}lim")()
     ticks = getattr(axis, f"{which}axis")
     if math.log10(high / low) < 2.5:  # few whole powers of ten: name the numbers between them as well
-        ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high / low > NARROW else MaxNLocator(4))
         ticks.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
         ticks.set_minor_formatter(NullFormatter())
 

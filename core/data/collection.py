@@ -16,6 +16,7 @@ from core.words import is_of_split
 
 Item = TypeVar("Item")
 
+ROUNDING = 1e-6  # of numbers, and of places over the scene's radius, that are written and read again
 FAR = 100.0  # times the median camera's distance from the scene's centre
 
 
@@ -78,6 +79,12 @@ class Collection:
         now, then = ({photo.name: photo for photo in one.photos} for one in (self, before))
         both = {name for name in now.keys() & then.keys() if now[name].stands_as(then[name])}
         return sorted((now.keys() | then.keys()) - both)
+
+    def in_world_of(self, before: "Collection") -> bool:
+        """Whether photos that were there `before` stand where they stood, in world units: cameras found anew have a world of their own."""
+        now = {photo.name: photo.camera.in_world(self.frame).numbers() for photo in self.photos}
+        then = {photo.name: photo.camera.in_world(before.frame).numbers() for photo in before.photos if photo.name in now}
+        return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING * before.frame.radius) for name in then)
 
     def called(self, name: str) -> Photo | None:
         """The photo called `name`, or the only one called so without its suffix (or both: structure from motion makes a.png.jpg of a.png)."""

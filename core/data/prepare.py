@@ -33,6 +33,5 @@ def _with_cameras(scene: Path, wanted: Path, report: Report) -> Path:
     photos = find_photos(scene)
     warn_of_others(scene, photos, report)
     made = scene_of_photos(photos, wanted, report)
-    for folder in (photos, scene):
-        copy_lists(folder, made)
+    copy_lists((photos, scene), made)
     return made

@@ -1,16 +1,18 @@
 """Which photos are held out for testing: as a .tsv or test.txt says, or else every eighth."""
 
-import filecmp
-import shutil
+import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
+from core.data.made import read_mark
+from core.data.photos.folder import SUFFIXES
 from core.data.phototourism import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
-from core.system.atomic import replacing
+from core.system.atomic import write_bytes, write_json
 from core.words import Note, list_names, name_them
 
 EVERY = 8  # as in the original 3DGS and everything compared with it
 TEST_LIST = "test.txt"
+COPIED = "lists.json"  # in a scene made of plain photos: the lists that were copied into it, each with the hash of its content
 
 
 def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str], Path]:
@@ -42,14 +44,33 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     return splits, notes + no_splits, source
 
 
-def copy_lists(photos: Path, scene: Path) -> None:
-    """Copy the split tables and the test list beside plain photos into the scene made of these, where they are looked for."""
-    tables = [path for path in find_tables(photos)[0] if columns_of(path) >= COLUMNS]  # others may be about anything
-    for path in (*tables, photos / TEST_LIST):
-        copy = scene / path.name
-        if path.is_file() and not (copy.is_file() and filecmp.cmp(path, copy, shallow=False)):
-            with replacing(copy) as temporary:
-                shutil.copyfile(path, temporary)
+def copy_lists(folders: Iterable[Path], scene: Path) -> None:
+    """Copy the split tables and the test list in the folders of plain photos into the scene made of these, where they are looked for.
+
+    Of two with one name the last is copied. What was copied earlier and is gone from the folders goes from the scene, too, unless it was changed
+    there.
+    """
+    found = {path.name: path for folder in folders for path in _lists_in(folder)}
+    copied = read_mark(scene / COPIED)
+    for name in copied.keys() - found.keys():
+        if (copy := scene / Path(name).name).is_file() and _digest(copy) == copied[name]:
+            copy.unlink()
+    digests = {name: _digest(path) for name, path in found.items()}
+    for name, path in found.items():
+        if not (scene / name).is_file() or _digest(scene / name) != digests[name]:
+            write_bytes(scene / name, path.read_bytes())
+    if digests != copied:
+        write_json(scene / COPIED, digests)
+
+
+def _lists_in(folder: Path) -> list[Path]:
+    """The split tables and the test list in a folder; other tables may be about anything."""
+    tables = [path for path in find_tables(folder)[0] if columns_of(path) >= COLUMNS]
+    return [path for path in (*tables, folder / TEST_LIST) if path.is_file()]
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
@@ -91,7 +112,7 @@ def rows_of(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dic
                 longer.setdefault(end, []).append(row)
     fitting: dict[str, list[str]] = {}
     for name in sorted(names):
-        shorter = [end for end in (*_ends(name), *_ends(_stem(name))) if end in listed]
+        shorter = [end for whole in _names_of(name) for end in _ends(whole) if end in listed]
         meant = shorter[:1] or longer.get(name, [])
         if len(meant) == 1:
             fitting.setdefault(meant[0], []).append(name)
@@ -103,6 +124,12 @@ def rows_of(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dic
         else:
             unclear[row] = those
     return rows, unclear
+
+
+def _names_of(name: str) -> list[str]:
+    """The name, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
+    stem = _stem(name)
+    return [name, stem, *([_stem(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
 
 
 def _stem(name: str) -> str:

@@ -50,7 +50,7 @@ def find_appearance(
         return replace(look, embedding=look.embedding.to(trained.device), tone=tone)
     photo = _of_collection(trained, word)
     if photo is not None:
-        return _of_photo(trained, photo, mask, refine, report)
+        return look_of_photo(trained, photo, mask, refine, report)
     if Path(word).is_file():
         look = _of_outside(trained, Path(word), mask)
         return refined_outside(trained, look, Path(word), mask, report) if refine else look
@@ -107,7 +107,8 @@ def _left_out(trained: TrainedRun, word: str) -> Path | None:
     return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
 
 
-def _of_photo(trained: TrainedRun, photo: Photo, mask: Path | None, refine: bool, report: Report) -> Appearance:
+def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Appearance:
+    """The look of a photo of the collection; the rest as in `find_appearance`."""
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
     if row is None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from core.data.collection import spread_over
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, to_8_bit, write_png
-from core.looks.find_look import find_appearance
+from core.looks.find_look import look_of_photo
 from core.looks.trained import TrainedRun, bake, neutral_look
 from core.training.on_disk.run_folders import PREVIEW
 from core.training.sized_photos import SizedPhoto
@@ -20,7 +20,7 @@ def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
     columns = ("photo", "the scene in its look", "in the neutral look") if has_looks else ("photo", "the scene")
     neutral, rows = bake(trained, neutral_look(trained)), []
     for sized in spread_over(photos, PHOTOS):
-        own = [bake(trained, find_appearance(trained, sized.photo.name))] if has_looks else []
+        own = [bake(trained, look_of_photo(trained, sized.photo))] if has_looks else []
         drawn = (trained.rasterizer.render(look, sized.camera, trained.background).image for look in (*own, neutral))
         rows.append((sized.photo.name, [tile(pixels) for pixels in (sized.pixels, *map(to_8_bit, drawn))]))
     write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))

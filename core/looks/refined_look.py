@@ -42,8 +42,8 @@ def refined_outside(trained: TrainedRun, look: Appearance, path: Path, mask: Pat
 
     try:
         known = landmarks_of_run(trained, report)
-    except BadInput:  # the scene was moved or removed since
-        return as_read("the scene cannot be read")
+    except BadInput:
+        return as_read("the scene is gone, or its cameras were found anew, since the training")
     try:
         found = locate(path, known, report, mask)
         if found is None:
@@ -63,12 +63,14 @@ def refined_outside(trained: TrainedRun, look: Appearance, path: Path, mask: Pat
 def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     """The landmarks that photos from outside are located by, in the run's scene frame: found once, then kept in the run folder.
 
-    Raises BadInput if there are none yet and the scene cannot be read.
+    Raises BadInput if there are none yet and the scene cannot be read, or has other cameras by now.
     """
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path)) is not None:
         return kept
     collection = load_collection(trained.collection.root, trained.settings.all_photos)
+    if not collection.in_world_of(trained.collection):
+        raise BadInput(f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again.")
     report.say("Photos are located by the features of the training photos, which are searched for once")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
     with suppress(WegsError):  # the folder cannot be written to: they are found again next time

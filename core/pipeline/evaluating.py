@@ -66,6 +66,10 @@ def evaluate(
         evaluation_seconds=time.perf_counter() - start,
         white_background=trained.transparent_is_empty,
     )
+    if distance is not None and (small := sum(view.scores["photo"]["zero_shot"].lpips is None for view in views)):
+        report.say(f"LPIPS: {counted(small, 'photo')} too small for it")
+    if not keep_pictures and (trained.folder / PICTURES / protocol).exists():
+        report.warn(f"{trained.folder / PICTURES / protocol} is of an earlier call: --pictures replaces it")
     results.save(trained.folder)
     write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))
     report.table(f"Held-out quality, protocol {protocol}", results.rows())

@@ -66,7 +66,7 @@ def interpolate(
             write_video(work / "video.mp4", frames)
         except WegsError as problem:  # the frames took the time: they are kept
             report.warn(str(problem).replace(str(work), str(output)))
-    files = f", {counted(steps, '.ply')}" * ply + ", video.mp4" * (output / "video.mp4").is_file()
+    files = f", {counted(steps, '.ply file')}" * ply + ", video.mp4" * (output / "video.mp4").is_file()
     report.say(f"{output}: {steps} frames, sheet.png{files}")
     return output
 

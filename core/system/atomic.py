@@ -15,7 +15,7 @@ from core.errors import FULL, BadInput, WegsError, command, disk_full, not_made
 from core.system.lock import taken
 
 TEMPORARY = ".wegs-"  # in the names of temporary folders
-FRESH_S = 60  # one that is younger may be about to be held
+FRESH_S = 5  # one that is younger may be about to be held
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
     *(errno.ENOENT, errno.ENOTDIR),  # the folder is gone

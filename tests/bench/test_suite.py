@@ -118,7 +118,7 @@ def test_a_run_whose_photos_are_gone_is_drawn_by_its_history(small_run, tmp_path
     facts["scene"] |= {"path": str(tmp_path / "gone"), "from_run": "../gone"}
     (folder / "config.json").write_text(json.dumps(facts))
     assert [figure.name for figure in suite.curves((folder,), ("full",), True, heard)] == ["training"]
-    assert any("Nothing is drawn of the refinement" in line and "Move the photos back" in line for line in heard.lines)
+    assert any("Nothing is drawn of the refinement" in line and "Move it back" in line for line in heard.lines)
 
 
 def test_runs_of_one_name_are_told_apart_by_their_folders(small_run, tmp_path, monkeypatch):

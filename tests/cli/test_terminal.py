@@ -89,6 +89,17 @@ def test_paths_are_shown_as_they_are(path, monkeypatch, capsys):
         assert path in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("width", [40, 120])
+def test_a_table_too_wide_for_the_terminal_breaks_no_number(width):
+    screen = io.StringIO()
+    with Terminal() as narrow:
+        narrow.console = Console(file=screen, force_terminal=True, width=width, highlight=False)
+        cells = ("runs/a", "default", "0.00403 (0.0037 to 0.0043)", "21.345 (21.3 to 21.4)")
+        narrow.table("Baking", [cells], ("curve", "choice", "error", "PSNR dB"))
+    assert all(cell in screen.getvalue() for cell in cells)
+    assert ("    error: 0.00403 (0.0037 to 0.0043)\n    PSNR dB: 21.345" in screen.getvalue()) == (width == 40)
+
+
 def test_long_paths_in_a_narrow_terminal_are_folded_and_not_cut(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "80")

@@ -151,9 +151,13 @@ def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_lat
         (photos / "test.txt").write_text("\n".join(names))
         assert held_out() == names
     (photos / "test.txt").unlink()
-    assert held_out() == ["photo_2.png", "photo_3.png"]  # a run of them can go on
+    assert held_out() == ["photo_0.png"]
+    (made / "test.txt").write_text("photo_3.png")  # the user's own
+    assert held_out() == ["photo_3.png"]
     (photos / "x.tsv").write_text("filename\tid\tsplit\n" + "".join(f"photo_{index}.png\t1\t{'test' if index == 1 else 'train'}\n" for index in range(4)))
     assert held_out() == ["photo_1.png"]
+    (photos / "x.tsv").unlink()
+    assert held_out() == ["photo_3.png"]
 
 
 def test_photos_on_several_drives_of_windows_are_named_by_their_whole_paths(tmp_path, monkeypatch):

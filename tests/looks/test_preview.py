@@ -24,10 +24,14 @@ def training_photos(trained):
     return SizedPhotos(trained.collection.split("train"), trained.sizes)
 
 
-def test_each_row_is_a_photo_the_scene_in_its_look_and_in_the_neutral_one(trained):
+def test_each_row_is_a_photo_the_scene_in_its_look_and_in_the_neutral_one(trained, tmp_path, monkeypatch):
     photos = training_photos(trained)
     assert len(photos) == PHOTOS
-    path = write_preview(trained, photos)
+    with monkeypatch.context() as patch:
+        patch.chdir(tmp_path)  # where other photos have the same names
+        for sized in photos:
+            cv2.imwrite(sized.photo.name, np.full((20, 20, 3), 255, np.uint8))
+        path = write_preview(trained, photos)
     assert path == trained.folder / "preview.png"
     sheet = cv2.imread(str(path))[..., ::-1]
     height, width = photos[0].pixels.shape[:2]

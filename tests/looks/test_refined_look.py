@@ -74,7 +74,11 @@ def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without
     (tmp_path / "run").mkdir()
     new = replace(trained, folder=tmp_path / "run")
     gone = replace(new, collection=replace(trained.collection, root=tmp_path / "gone"))
-    assert find_appearance(gone, str(outside)).source.endswith("not refined: the scene cannot be read")
+    assert find_appearance(gone, str(outside)).source.endswith("not refined: the scene is gone, or its cameras were found anew, since the training")
+    photos = tuple(replace(photo, camera=replace(photo.camera, centre=photo.camera.centre + 0.01)) for photo in trained.collection.photos)
+    anew = replace(new, collection=replace(trained.collection, photos=photos))
+    assert find_appearance(anew, str(outside)).source.endswith("or its cameras were found anew, since the training")
+    assert not list(new.folder.iterdir())
     heard = [Heard(), Heard()]
     looks = [find_appearance(run, str(outside), report=report) for run, report in zip((new, gone), heard, strict=True)]
     assert torch.equal(looks[0].embedding, looks[1].embedding) and "refined from where it was taken" in looks[1].source

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from core.data.sfm import features
 from core.errors import BadSetting
 from core.system import memory
 from core.training import sized_photos
@@ -68,3 +69,11 @@ def test_a_lower_limit_of_the_shell_is_told(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (memory.GIB, 2 * memory.GIB))
     with pytest.raises(BadSetting, match="this shell allows 2.0 GiB"):
         memory.hold_to(4)
+
+
+def test_features_are_matched_on_as_many_threads_as_fit(soft_limit_put_back, monkeypatch):
+    monkeypatch.setattr(features.os, "cpu_count", lambda: 4)
+    assert features._matching_threads() == 4
+    for gib, fitting in ((2, 0), (4, 1), (6, 2), (50, 4)):
+        memory.hold_to(gib)
+        assert features._matching_threads() == fitting

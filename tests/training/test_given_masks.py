@@ -14,6 +14,7 @@ from core.looks.find_look import find_appearance
 from core.looks.trained import load_run
 from core.pipeline import training
 from core.training.on_disk import run_config
+from core.training.on_disk.mask_files import write_masks
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
 from tests.heard import Heard
@@ -51,6 +52,18 @@ def test_who_is_hidden_has_no_influence(tmp_path, changes):
         runs.append(trained(given, tmp_path / f"{name}-run", held_out_checks=0, **changes)[0])
     for name, tensor in runs[0].items():
         assert torch.equal(tensor, runs[1][name]), name
+
+
+@pytest.mark.parametrize("transients", ["on", "off"])
+def test_the_masks_to_look_at_show_what_the_given_ones_hide(tmp_path, transients):
+    collection = crowded(tmp_path / "scene", (255, 0, 255))
+    given = with_masks_in(collection, tmp_path / "scene" / "masks")
+    trainer = Trainer(given, small_settings(transients=transients), tmp_path / "run")
+    assert write_masks(tmp_path / "run", trainer.model, trainer.photos) == 4
+    for sized in trainer.photos:
+        shown = cv2.imread(str(tmp_path / "run" / "masks" / sized.photo.name), cv2.IMREAD_GRAYSCALE)
+        assert (shown[HIDDEN] == 0).all() and (shown[:18] > 0).all()
+        assert transients == "on" or (np.delete(shown.flatten(), np.flatnonzero(~sized.valid)) == 255).all()
 
 
 def test_hidden_places_count_for_nothing_from_step_0(tmp_path):

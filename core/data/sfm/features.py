@@ -1,5 +1,6 @@
 """SIFT features of photos and their matches, by pycolmap on a CPU, in parts that tell of progress."""
 
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
+from core.system import memory
 
 LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
 FEATURES = 8192  # at most, of a photo whose camera is known
@@ -22,6 +24,9 @@ SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_se
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
+# Of memory, for matching photos of up to FEATURES features. pycolmap ends the whole program where one of its threads finds none left.
+MATCHING_BYTES, MATCHING_BYTES_A_THREAD = 1 << 30, 2 << 30
+FEATURES_IN_LITTLE_MEMORY = 3072  # for these one thread needs a quarter of that
 HALF = 128  # of 255: features are extracted where less of a pixel than this is empty
 
 
@@ -71,7 +76,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
-    options.sift.max_num_features = most
+    options.sift.max_num_features = most if _matching_threads() else min(most, FEATURES_IN_LITTLE_MEMORY)
     for done, part in _parts(names, least=2):
         _number(work, part)
         pycolmap.extract_features(
@@ -104,6 +109,7 @@ def match(
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
+    options.num_threads = max(1, _matching_threads())
     options.skip_geometric_verification = not verify
     options.guided_matching = verify
     options.sift.max_ratio = ratio
@@ -122,6 +128,12 @@ def match(
             device=pycolmap.Device.cpu,
         )
         report.progress("Matches", done, len(lines))
+
+
+def _matching_threads() -> int:
+    """A thread for each core, or as many as fit below the limit on memory, which may be none."""
+    cores, room = os.cpu_count() or 1, memory.limit()
+    return cores if room is None else max(0, min(cores, (room - MATCHING_BYTES) // MATCHING_BYTES_A_THREAD))
 
 
 def _parts(items: list[str], least: int) -> Iterator[tuple[int, list[str]]]:

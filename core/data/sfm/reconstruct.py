@@ -19,7 +19,6 @@ from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, 
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
-from core.data.split import copy_lists
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import files_in, replacing_folder
@@ -32,8 +31,7 @@ FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them, whole or not at all.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points), the files of core.data.sfm.originals, and any lists
-    of held-out photos. Every photo gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of core.data.sfm.originals. Every photo gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the
     one with the most photos is kept. Unreadable photos and those without a camera are left out and named.
     Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
@@ -66,7 +64,6 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies)
         write_mark(work / "scene" / FILES, made_of)
-        copy_lists(photos, work / "scene")
         originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
         write_mark(work / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]

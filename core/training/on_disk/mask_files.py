@@ -13,18 +13,22 @@ from core.training.sized_photos import SizedPhotos
 
 
 def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> int:
-    """FOLDER/masks/NAME.png for every photo, at its training size: white is static, black is hidden. Returns how many."""
+    """FOLDER/masks/NAME.png for every photo that has a mask, at its training size: white is used, black is hidden, by the network or by the mask
+    that the user gave. Returns how many."""
     paths = png_paths(sized.photo.name for sized in photos)
     written = 0
     for index in range(len(photos)):
         sized = photos[index]
         with torch.no_grad():
             mask = model.look(sized.encoder_input, index).mask
-        if mask is None:
-            break
+        if mask is None and sized.photo.mask is None:
+            continue
+        width, height = sized.camera.width, sized.camera.height
+        shown = np.ones((height, width), np.float32) if mask is None else cv2.resize(mask[0].cpu().numpy(), (width, height))
+        if sized.photo.mask is not None and sized.valid is not None:
+            shown = shown * sized.valid
         target = folder / "masks" / paths[sized.photo.name]
         target.parent.mkdir(parents=True, exist_ok=True)
-        values = (mask[0].cpu().numpy() * 255).round().astype(np.uint8)
-        write_png(target, cv2.resize(values, (sized.camera.width, sized.camera.height)))
+        write_png(target, (shown * 255).round().astype(np.uint8))
         written += 1
     return written

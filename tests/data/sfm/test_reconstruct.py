@@ -14,6 +14,7 @@ from core.data.photos.pixels import load_photo
 from core.data.sfm import originals
 from core.data.sfm.originals import name_in
 from core.data.sfm.reconstruct import _copy_upright, reconstruct
+from core.data.split import copy_lists
 from core.errors import BadInput, WegsError
 from core.report import Report
 from core.system.atomic import replacing_folder
@@ -59,7 +60,7 @@ def test_cameras_are_found_again(tmp_path):
     turned = cv2.rotate(cv2.imread(str(photos / "c.jpg")), cv2.ROTATE_90_COUNTERCLOCKWISE)
     assert cv2.imwrite(str(photos / "c.jpg"), turned, [cv2.IMWRITE_JPEG_QUALITY, 100])
     add_exif(photos / "c.jpg", exif_block(6))
-    (photos / "test.txt").write_text("b.png\n")
+    (photos / "test.txt").write_text("b\n")
     (photos / "cut.jpg").write_bytes((photos / "a b.jpg").read_bytes()[:3000])
     noise_photo(photos / "stranger.png", 0)
 
@@ -70,8 +71,9 @@ def test_cameras_are_found_again(tmp_path):
     assert "1 photo turned upright, as EXIF says." in listener.lines
     assert {what for what, done, total in listener.stages if done == total} >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
-    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "lenses.json", "names.json", "photos.json", "sparse", "test.txt"]
+    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "lenses.json", "names.json", "photos.json", "sparse"]
 
+    copy_lists([photos], scene)
     collection = load_collection(scene)
     assert [photo.name for photo in collection.split("test")] == ["b.png.jpg"]
     assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-LABEL_PX = 22  # height of a line of text
+LABEL_PX = 28  # height of a line of text, which stands in its upper part: it belongs to the pictures above
 GAP_PX = 4
 TEXT = (230, 230, 230)
 
@@ -16,10 +16,10 @@ def labelled_sheet(
 ) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """The sheet, RGB. columns: the titles. rows: text and tiles, one tile a column, of one size."""
     width = max(tiles[0].shape[1] for _, tiles in rows) + GAP_PX
-    parts = [_line(width, columns)]
+    parts = [line_of_text(width, columns)]
     for text, tiles in rows:
         parts.append(_side_by_side(tiles, width))
-        parts.append(_line(width * len(columns), (text,)))
+        parts.append(line_of_text(width * len(columns), (text,)))
     return np.concatenate(parts)
 
 
@@ -31,10 +31,11 @@ def _side_by_side(tiles: Sequence[np.ndarray], step: int) -> np.ndarray:
     return canvas
 
 
-def _line(step: int, texts: Sequence[str]) -> np.ndarray:
+def line_of_text(step: int, texts: Sequence[str]) -> UInt8[np.ndarray, "label_h sheet_w 3"]:
+    """One line, white on black: each text at the start of its own `step` pixels, and cut where these end."""
     canvas = np.zeros((LABEL_PX, step * len(texts), 3), dtype=np.uint8)
     for column, text in enumerate(texts):
         window = np.zeros((LABEL_PX, step, 3), dtype=np.uint8)  # a text too long for its column ends there
-        cv2.putText(window, text, (4, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.42, TEXT, 1, cv2.LINE_AA)
+        cv2.putText(window, text, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.42, TEXT, 1, cv2.LINE_AA)
         canvas[:, column * step : (column + 1) * step] = window
     return canvas

@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from core.errors import WegsError
+from core.export.labelled_sheet import line_of_text
 from core.system.atomic import replacing, write_bytes
 
 SHEET_COLUMNS = 5  # at most
@@ -41,8 +42,8 @@ def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_
     return picture if picture.shape[1::-1] == size else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
 
 
-def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """All frames (of one size), shrunk, in reading order, in as few and as even rows as possible; unused tiles are white."""
+def contact_sheet(title: str, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
+    """A line of text, then all frames (of one size), shrunk, in reading order, in as few and as even rows as possible; unused tiles are white."""
     width, height = tile_size(*frames[0].shape[:2])
     rows = math.ceil(len(frames) / SHEET_COLUMNS)
     columns = math.ceil(len(frames) / rows)
@@ -50,7 +51,7 @@ def contact_sheet(frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndar
     for number, frame in enumerate(frames):
         top, left = number // columns * height, number % columns * width
         sheet[top : top + height, left : left + width] = tile(frame)
-    return sheet
+    return np.concatenate([line_of_text(columns * width, [title]), sheet])
 
 
 def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> None:

@@ -61,7 +61,7 @@ def interpolate(
             frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.background).image))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
-        write_png(work / "sheet.png", contact_sheet(frames))
+        write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))
         try:
             write_video(work / "video.mp4", frames)
         except WegsError as problem:  # the frames took the time: they are kept

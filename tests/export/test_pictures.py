@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from core.errors import BadInput, WegsError
+from core.export.labelled_sheet import LABEL_PX
 from core.export.pictures import TILE_PX, contact_sheet, to_8_bit, write_png, write_video
 from core.system import lock
 from core.system.atomic import check_file, check_folder, files_in, filling, replacing, write_json
@@ -40,14 +41,16 @@ def test_a_png_holds_the_pixels_in_rgb(tmp_path):
     ],
 )
 def test_a_sheet_reads_row_by_row_in_even_rows(frames, rows):
-    sheet = contact_sheet([np.full((20, 30, 3), 10 * (number + 1), np.uint8) for number in range(frames)])
+    sheet = contact_sheet("noon to dusk", [np.full((20, 30, 3), 10 * (number + 1), np.uint8) for number in range(frames)])
+    assert sheet[:LABEL_PX].any()
+    sheet = sheet[LABEL_PX:]
     assert sheet[10::20, 15::30, 0].tolist() == rows
     assert sheet.shape == (20 * len(rows), 30 * len(rows[0]), 3)
 
 
 def test_large_frames_are_shrunk_on_the_sheet():
-    sheet = contact_sheet([np.full((300, 2 * TILE_PX, 3), 9, np.uint8)] * 2)
-    assert sheet.shape == (150, 2 * TILE_PX, 3)
+    sheet = contact_sheet("noon to dusk", [np.full((300, 2 * TILE_PX, 3), 9, np.uint8)] * 2)
+    assert sheet.shape == (LABEL_PX + 150, 2 * TILE_PX, 3)
 
 
 def test_a_video_has_every_frame_even_at_an_odd_size(tmp_path):

@@ -34,8 +34,10 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
         "decisions": [decision.to_json() for decision in decisions],
         "photos": [_photo_to_json(photo, home) for photo in collection.photos],
     }
-    # The same photos and settings give the same embeddings: the run's name is made from them, not drawn.
-    identity = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
+    # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the sizes stand for the content.
+    files = [path for photo in collection.photos for path in (photo.path, photo.mask) if path is not None and path.is_file()]
+    made_of = [core.__version__, facts, [path.stat().st_size for path in files]]
+    identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
     facts["scene"]["from_run"] = way_to(collection.root, folder)
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 

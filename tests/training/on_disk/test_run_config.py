@@ -64,10 +64,21 @@ def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, c
 
 def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
     identities = set()
-    for number, settings in enumerate((small_settings(), small_settings(), small_settings(seed=1))):
-        run_folders.create(tmp_path / str(number), collection, settings)
+    mask = tmp_path / "mask.png"
+    masked = replace(collection, photos=(replace(collection.photos[0], mask=mask), *collection.photos[1:]))
+    for number, (scene, settings, drawn) in enumerate(
+        [
+            (collection, small_settings(), ""),
+            (collection, small_settings(), ""),
+            (collection, small_settings(seed=1), ""),
+            (masked, small_settings(), "one"),
+            (masked, small_settings(), "another"),
+        ]
+    ):
+        mask.write_text(drawn)
+        run_folders.create(tmp_path / str(number), scene, settings)
         identities.add(run_config.read_config(tmp_path / str(number))[0])
-    assert len(identities) == 2
+    assert len(identities) == 4
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {"stepz": 1}}'])

@@ -63,7 +63,7 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Refined]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    return refinement(subject.seen_by(fit.camera), subject.bound, fit.start, fit.region, fit.valid)
+    return refinement(subject.seen_by(fit.camera), subject.bound, fit.start, fit.region, fit.valid, sky=subject.sky_in(fit.camera))
 
 
 @dataclass(frozen=True)

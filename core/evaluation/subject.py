@@ -22,5 +22,8 @@ class Subject(Protocol):
     def seen_by(self, camera: Camera) -> Render:
         """A function that renders the camera's view in any look; differentiable in the tone, and in the embedding if looks follow it."""
 
+    def sky_in(self, camera: Camera) -> Float[Tensor, "H W"] | None:
+        """How much of each pixel of the camera's view is sky, [0, 1]; None if there is none that is told from the place."""
+
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""

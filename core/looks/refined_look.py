@@ -88,7 +88,7 @@ def refined(
 ) -> Appearance | None:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
     best = None
-    steps = refinement(trained.seen_by(camera), trained.bound, look.embedding, pixels, valid, look.tone)
+    steps = refinement(trained.seen_by(camera), trained.bound, look.embedding, pixels, valid, look.tone, trained.sky_in(camera))
     for step, best in enumerate(steps):
         report.progress("Refinement", step, STEPS)
     return None if best is None else replace(look, embedding=best.embedding, tone=best.tone)

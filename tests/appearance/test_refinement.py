@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.appearance.refinement import CELLS, STEPS, refinement
+from core.appearance.refinement import CELLS, LEAST_SKY, STEPS, _cell_weights, refinement
 
 PICTURE = torch.full((4, 6, 3), 0.4)
 
@@ -51,6 +51,21 @@ def test_what_is_finer_than_a_cell_does_not_move_a_look():
     chequered[::2, ::2] = chequered[1::2, 1::2] = 0.9
     *_, found = refinement(lambda embedding, tone: (embedding * tone[0]).expand(side, side, 3), lambda e: e, torch.full((3,), 0.5), chequered)
     assert (found.embedding * found.tone[0] - 0.65).abs().max() < 1e-3  # by single pixels any colour between the two fits as well
+
+
+@pytest.mark.parametrize("columns, weight", [(0, 1.0), (10, 1.0), (20, 1.0), (30, 1 / 3), (39, LEAST_SKY), (40, LEAST_SKY)])
+def test_the_sky_counts_no_more_than_the_place(columns, weight):
+    sky = torch.zeros(CELLS, CELLS)
+    sky[:, :columns] = 1
+    weights = _cell_weights(sky, None)[0, 0]
+    torch.testing.assert_close(weights[:, :columns], torch.full((CELLS, columns), weight))
+    assert (weights[:, columns:] == 1).all()
+
+
+def test_what_a_photo_does_not_show_is_no_place():
+    sky, valid = torch.zeros(CELLS, CELLS), torch.ones(CELLS, CELLS, dtype=torch.bool)
+    sky[:, :10], valid[:, 14:] = 1, False
+    assert _cell_weights(sky, valid)[0, 0, 0, 0] == pytest.approx(0.4)
 
 
 def test_an_embedding_stays_where_it_may_go():

@@ -39,6 +39,9 @@ class Flat:
     def bound(self, embedding):
         return embedding
 
+    def sky_in(self, camera):
+        return None
+
     def seen_by(self, camera):
         def render(embedding, tone):
             self.cameras.append(camera)

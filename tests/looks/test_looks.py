@@ -160,6 +160,15 @@ def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_p
     assert look.source == "photo 0.15.png from outside the collection"
 
 
+def test_what_is_sky_in_a_view_is_what_place_and_dome_leave_to_the_dome(trained):
+    camera = trained.camera(trained.collection.photos[0])
+    sky = trained.sky_in(camera)
+    assert sky.shape == (camera.height, camera.width) and sky.min() >= 0 and 0.5 < sky.max() <= 1
+    dome_alone = replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :]).sky_in(camera)
+    assert (sky <= dome_alone + 1e-5).all() and (sky < 0.5 * dome_alone).any()
+    assert replace(trained, sky=0).sky_in(camera) is None
+
+
 def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
     neutral = bake(trained, find_appearance(trained, "neutral"))
     night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)

@@ -41,11 +41,11 @@ def refinement(
 ) -> Iterator[Refined]:
     """The best look after 0, 1, ... STEPS of Adam on embedding and tone, which begin as given; none if looks follow no embedding.
 
-    It minimises the mean |render - picture| of cell means: detail finer than a cell says where things lie, not how they are lit. L1, because
-    passers-by would pull harder on a squared error. sky: how much of each pixel is sky; all of it together counts no more than the place, whose
-    look a photo that is mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. bound: keeps an
-    embedding where it may go; beyond, the SH transfer makes up colours for what the photo does not show. The result is the same for any
-    number of threads, which torch's own matrix products do not ensure on every processor.
+    It minimises the mean |render - picture| of cell means: detail finer than a cell says where things lie, not how they are lit. L1,
+    because passers-by would pull harder on a squared error. sky: how much of each pixel is sky; all of it together counts no more than the
+    place, whose look a photo that is mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept,
+    the start included. bound: keeps an embedding where it may go; beyond, the SH transfer makes up colours for what the photo does not
+    show. The result is the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
     embedding = start.detach().clone().requires_grad_()
     gains = (torch.ones(2, 3, device=start.device) if tone is None else tone).log().requires_grad_()

@@ -31,8 +31,9 @@ FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them, whole or not at all.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of core.data.sfm.originals. Every photo gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the
-    one with the most photos is kept. Unreadable photos and those without a camera are left out and named.
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of core.data.sfm.originals. Every photo
+    gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the one with the most photos is kept.
+    Unreadable photos and those without a camera are left out and named.
     Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
     Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or

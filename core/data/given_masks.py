@@ -7,7 +7,7 @@ from pathlib import Path
 
 from core.data.collection import Collection, Photo, relative_path
 from core.data.photos.file import named_with_fault, probe
-from core.data.photos.folder import SUFFIXES, list_photos
+from core.data.photos.folder import SUFFIXES, list_photos, names_without_suffixes
 from core.data.sfm.originals import lenses_of
 from core.errors import BadInput
 from core.scene.lens import Lens
@@ -36,7 +36,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     masks = {}
     for photo in collection.photos:
         folders = listed[relative_path(photo.name).parent], listed[Path()]
-        stems = _stems_of_masks(Path(photo.name))
+        stems = names_without_suffixes(Path(photo.name).name)  # the first one found counts
         mask, *others = next((found[stem] for found in folders for stem in stems if stem in found), (None,))
         if others:
             raise BadInput(f"{mask} and {others[0].name} are masks of one photo.", "Remove one of them.")
@@ -132,14 +132,6 @@ def with_same_masks(collection: Collection, before: Collection) -> Collection:
         mask, mask_lens = masks.get(photo.name, (None, None))
         photos.append(replace(photo, mask=mask, mask_lens=mask_lens))
     return replace(collection, photos=tuple(photos))
-
-
-def _stems_of_masks(photo: Path) -> list[str]:
-    """The stems that a mask of the photo may have; the first one found counts."""
-    stems = [photo.name, photo.stem]
-    if Path(photo.stem).suffix.lower() in SUFFIXES:  # 0001.png became 0001.png.jpg when its camera was found
-        stems.append(Path(photo.stem).stem)
-    return stems
 
 
 def _by_stem(folder: Path) -> dict[str, list[Path]]:

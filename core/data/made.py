@@ -1,5 +1,6 @@
 """Folders that wegs made (runs, scenes, points): made once, and recognised later by a mark that says what they were made of."""
 
+import hashlib
 import json
 import os
 from collections.abc import Callable
@@ -79,3 +80,9 @@ def is_of_wegs(folder: Path) -> bool:
 def stamp(path: Path) -> list[int]:
     """Size (bytes) and modification time (ns) of a file, which tell whether it has changed."""
     return [path.stat().st_size, path.stat().st_mtime_ns]
+
+
+def digest(path: Path, count: int = -1) -> str:
+    """The hash (SHA-256) of a file, or of its first `count` bytes."""
+    with path.open("rb") as file:
+        return hashlib.sha256(file.read(count)).hexdigest()

@@ -1,11 +1,10 @@
 """Which photos are held out for testing: as a .tsv or test.txt says, or else every eighth."""
 
-import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from core.data.made import read_mark
-from core.data.photos.folder import SUFFIXES
+from core.data.made import digest, read_mark
+from core.data.photos.folder import names_without_suffixes, without_suffix
 from core.data.phototourism import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
 from core.system.atomic import write_bytes, write_json
 from core.words import Note, list_names, name_them
@@ -53,11 +52,11 @@ def copy_lists(folders: Iterable[Path], scene: Path) -> None:
     found = {path.name: path for folder in folders for path in _lists_in(folder)}
     copied = read_mark(scene / COPIED)
     for name in copied.keys() - found.keys():
-        if (copy := scene / Path(name).name).is_file() and _digest(copy) == copied[name]:
+        if (copy := scene / Path(name).name).is_file() and digest(copy) == copied[name]:
             copy.unlink()
-    digests = {name: _digest(path) for name, path in found.items()}
+    digests = {name: digest(path) for name, path in found.items()}
     for name, path in found.items():
-        if not (scene / name).is_file() or _digest(scene / name) != digests[name]:
+        if not (scene / name).is_file() or digest(scene / name) != digests[name]:
             write_bytes(scene / name, path.read_bytes())
     if digests != copied:
         write_json(scene / COPIED, digests)
@@ -67,10 +66,6 @@ def _lists_in(folder: Path) -> list[Path]:
     """The split tables and the test list in a folder; other tables may be about anything."""
     tables = [path for path in find_tables(folder)[0] if columns_of(path) >= COLUMNS]
     return [path for path in (*tables, folder / TEST_LIST) if path.is_file()]
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
@@ -112,28 +107,18 @@ def rows_of(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dic
                 longer.setdefault(end, []).append(row)
     fitting: dict[str, list[str]] = {}
     for name in sorted(names):
-        shorter = [end for whole in _names_of(name) for end in _ends(whole) if end in listed]
+        shorter = [end for whole in names_without_suffixes(name) for end in _ends(whole) if end in listed]
         meant = shorter[:1] or longer.get(name, [])
         if len(meant) == 1:
             fitting.setdefault(meant[0], []).append(name)
     rows, unclear = {}, {}
     for row, those in fitting.items():
-        exactly = [name for name in those if name == row] or [name for name in those if _stem(name) == row] or those
+        exactly = [name for name in those if name == row] or [name for name in those if without_suffix(name) == row] or those
         if len(exactly) == 1:
             rows[exactly[0]] = row
         else:
             unclear[row] = those
     return rows, unclear
-
-
-def _names_of(name: str) -> list[str]:
-    """The name, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
-    stem = _stem(name)
-    return [name, stem, *([_stem(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
-
-
-def _stem(name: str) -> str:
-    return name[: len(name) - len(Path(name).suffix)]
 
 
 def _ends(name: str) -> list[str]:

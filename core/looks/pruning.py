@@ -12,7 +12,6 @@ from core.rasterizer import BLACK, Colour, Rasterizer
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.camera import Camera
-from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 
 HALF_STEP = 0.5 / 255  # a smaller change need not show in an 8-bit picture
@@ -74,9 +73,7 @@ class Pruner:
 
     def _weigh_little(self, splats: Splats, rows: Tensor) -> bool:
         """Whether the weights of these Gaussians add up to at most HALF_STEP in every pixel of every view."""
-        colours = torch.zeros(len(splats), 1, 3, device=splats.means.device)
-        colours[rows] = 1
-        shown = splats.with_sh(dc_of_colour(colours))
+        shown = splats.marked(rows)
         return all(self.rasterizer.render(shown, camera).image.max() <= HALF_STEP for camera in self.cameras)
 
     @torch.no_grad()

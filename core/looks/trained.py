@@ -20,7 +20,6 @@ from core.errors import BadInput
 from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
-from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 from core.system import device
 from core.training.background import background_of_figures
@@ -109,10 +108,8 @@ class TrainedRun:
         """How much of each pixel of the camera's view is sky, [0, 1]; None without a dome."""
         if not self.sky:
             return None
-        sh = torch.zeros_like(self.splats.sh)
-        sh[:, 0] = dc_of_colour(torch.zeros(3)).to(sh)
-        sh[len(sh) - self.sky :, 0] = dc_of_colour(torch.ones(3)).to(sh)
-        return self.rasterizer.render(self.splats.with_sh(sh), camera).image[..., 0].clamp(0, 1)
+        dome = slice(len(self.splats) - self.sky, None)
+        return self.rasterizer.render(self.splats.marked(dome), camera).image[..., 0].clamp(0, 1)
 
     @cached_property
     def smooth_sky(self) -> SmoothSky | None:

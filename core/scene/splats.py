@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.scene.frame import SceneFrame
-from core.scene.harmonics import coefficient_count, degree_of
+from core.scene.harmonics import coefficient_count, dc_of_colour, degree_of
 
 QUATERNION_MIN_NORM2 = 1e-12  # below: no rotation, so nothing to draw
 
@@ -58,6 +58,13 @@ class Splats:
     def with_sh(self, sh: Float[Tensor, "n c 3"]) -> "Splats":
         """The same Gaussians in another look."""
         return replace(self, sh=sh)
+
+    def marked(self, rows) -> "Splats":
+        """The same Gaussians, white in `rows` (an index tensor, mask or slice) and black elsewhere: a picture of them over black is what these
+        rows weigh in each pixel."""
+        colours = torch.zeros_like(self.sh[:, :1])
+        colours[rows] = 1
+        return self.with_sh(dc_of_colour(colours))
 
     def detached(self) -> "Splats":
         return self.map(torch.Tensor.detach)

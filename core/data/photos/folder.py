@@ -1,12 +1,11 @@
 """Which photos a folder holds: by suffix, without copies, and where else to look when there are none."""
 
-import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from core.data.made import is_of_run, is_of_wegs
+from core.data.made import digest, is_of_run, is_of_wegs
 from core.errors import BadInput
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe")
@@ -31,12 +30,23 @@ def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
 
 
+def names_without_suffixes(name: str) -> list[str]:
+    """The name of a photo, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
+    stem = without_suffix(name)
+    return [name, stem, *([without_suffix(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
+
+
+def without_suffix(name: str) -> str:
+    """The name of a photo, which may be a path, without its suffix."""
+    return name[: len(name) - len(Path(name).suffix)]
+
+
 def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
     """The files that equal an earlier one of `paths` byte for byte -> that one. Only files that begin alike are read to the end."""
     copies = {}
     for same_size in _alike(paths, lambda path: path.stat().st_size):
-        for same_start in _alike(same_size, lambda path: _digest(path, START_BYTES)):
-            for original, *others in _alike(same_start, _digest):
+        for same_start in _alike(same_size, lambda path: digest(path, START_BYTES)):
+            for original, *others in _alike(same_start, digest):
                 copies |= dict.fromkeys(others, original)
     return copies
 
@@ -48,12 +58,6 @@ def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Pa
         with suppress(OSError):  # reported when it is read as a photo
             groups.setdefault(key(path), []).append(path)
     return [group for group in groups.values() if len(group) > 1]
-
-
-def _digest(path: Path, count: int = -1) -> bytes:
-    """The hash of a file, or of its first `count` bytes."""
-    with path.open("rb") as file:
-        return hashlib.sha256(file.read(count)).digest()
 
 
 def no_photos(folder: Path, what: str = "no photos") -> BadInput:

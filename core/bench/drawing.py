@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 DPI = 130
 PANEL_INCHES = 5.4, 4.2
 MARGIN_INCHES = 1.0  # for title and footer
-NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 and 5 name hardly anything
 LEGEND_INCHES = 2.2  # where no cell is free for it
+NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 and 5 name hardly anything
 # Paul Tol's `bright` and `muted` qualitative colours (personal.sron.nl/~pault): told apart by colour-blind readers too.
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#882255", "#44aa99", "#999933", "#332288")
 MARKERS = "osD^vPX<>h"

@@ -43,7 +43,8 @@ def evaluate(
     views, rows, scales = [], [], []
     paths = png_paths(photo.name for photo in photos)
     through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
-    with pictures_kept(trained.folder / PICTURES / protocol, protocol) if keep_pictures else nullcontext() as work:
+    kept = trained.folder / PICTURES / protocol
+    with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:
         for photo, (measured, pictures) in through:
             views.append(measured)
             scales.append(measured.width / photo.camera.width)
@@ -68,8 +69,8 @@ def evaluate(
     )
     if distance is not None and (small := sum(view.scores["photo"]["zero_shot"].lpips is None for view in views)):
         report.say(f"LPIPS: {counted(small, 'photo')} too small for it")
-    if not keep_pictures and (trained.folder / PICTURES / protocol).exists():
-        report.warn(f"{trained.folder / PICTURES / protocol} is of an earlier call: --pictures replaces it")
+    if not keep_pictures and kept.exists():
+        report.warn(f"{kept} is of an earlier call: --pictures replaces it")
     results.save(trained.folder)
     write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))
     report.table(f"Held-out quality, protocol {protocol}", results.rows())

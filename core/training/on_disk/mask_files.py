@@ -16,15 +16,17 @@ def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> in
     """FOLDER/masks/NAME.png for every photo that has a mask, at its training size: white is used, black is hidden, by the network or by the mask
     that the user gave. Returns how many."""
     paths = png_paths(sized.photo.name for sized in photos)
-    written = 0
+    learns_masks, written = model.settings.transients == "on", 0
     for index in range(len(photos)):
         sized = photos[index]
-        with torch.no_grad():
-            mask = model.look(sized.encoder_input, index).mask
-        if mask is None and sized.photo.mask is None:
+        if not (learns_masks or sized.photo.mask):
             continue
         width, height = sized.camera.width, sized.camera.height
-        shown = np.ones((height, width), np.float32) if mask is None else cv2.resize(mask[0].cpu().numpy(), (width, height))
+        shown = np.ones((height, width), np.float32)
+        if learns_masks:
+            with torch.no_grad():
+                mask = model.look(sized.encoder_input, index).mask
+            shown = cv2.resize(mask[0].cpu().numpy(), (width, height))
         if sized.photo.mask is not None and sized.valid is not None:
             shown = shown * sized.valid
         target = folder / "masks" / paths[sized.photo.name]

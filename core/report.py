@@ -10,8 +10,11 @@ class Report:
     def warn(self, line: str) -> None:
         """Something dropped or suspicious, one line."""
 
-    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
-        """`done` of `total` parts of `what` are through; `note` holds figures for the end of the bar."""
+    def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
+        """`done` of `total` parts of `what` are through; `note` holds figures for the end of the bar.
+
+        share: of the time for all of them that is through, in [0, 1]; None if they all take as long.
+        """
 
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         """Names and values, at the end of something; with a header, columns of any number."""

@@ -16,7 +16,7 @@ class Heard(Report):
     def warn(self, line: str) -> None:
         self.lines.append(f"! {line}")
 
-    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
+    def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
         self.steps.append((done, total))
 
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:

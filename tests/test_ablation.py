@@ -78,7 +78,7 @@ def test_figures_are_taken_once_and_killed_runs_go_on(small_scene, tmp_path, mon
         pass
 
     class Killer(Heard):
-        def progress(self, what, done, total, note=""):
+        def progress(self, what, done, total, note="", share=None):
             if what == "Training" and done == 2:
                 raise Killed
 

@@ -2,10 +2,12 @@
 
 import shutil
 
+import numpy as np
 import pytest
 
 from core import pipeline
 from core.errors import BadInput
+from core.export.pictures import write_png
 from core.looks.trained import load_run
 from core.training.on_disk import run_config
 from tests.data.small_scene import SmallScene
@@ -18,7 +20,8 @@ def test_masks_of_what_is_else_held_out_hide_as_well(tmp_path, monkeypatch):
     give_to_pipeline(collection, monkeypatch)
     (tmp_path / "masks").mkdir()
     for photo in collection.photos:
-        shutil.copy(photo.path, tmp_path / "masks" / photo.name)
+        size = photo.camera.height, photo.camera.width
+        write_png(tmp_path / "masks" / photo.name, np.full(size, 255, np.uint8))
     masks = [
         [photo.mask is not None for photo in run_config.read_config(folder)[2].split("train")]
         for folder in (
@@ -31,7 +34,7 @@ def test_masks_of_what_is_else_held_out_hide_as_well(tmp_path, monkeypatch):
 
 def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):
     class Impatient(Heard):
-        def progress(self, what, done, total, note=""):
+        def progress(self, what, done, total, note="", share=None):
             super().progress(what, done, total, note)
             if what == "Training" and done == 2:
                 raise OSError  # nobody listens any more

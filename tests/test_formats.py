@@ -55,7 +55,7 @@ def test_points_are_triangulated_beside_the_run(trained, corner):
 
 def test_a_stopped_run_goes_on_with_the_same_points(trained, corner, tmp_path):
     class Stopping(Heard):
-        def progress(self, what, done, total, note=""):
+        def progress(self, what, done, total, note="", share=None):
             if (what, done) == ("Training", STEPS // 2):
                 raise KeyboardInterrupt
 

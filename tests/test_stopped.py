@@ -28,7 +28,7 @@ def scene(tmp_path, monkeypatch):
 class Gone(Heard):
     """The terminal is closed at step 5."""
 
-    def progress(self, what, done, total, note=""):
+    def progress(self, what, done, total, note="", share=None):
         super().progress(what, done, total, note)
         if done == 5:
             signal.raise_signal(HANG_UP)
@@ -37,7 +37,7 @@ class Gone(Heard):
 class Full(Heard):
     """What is said goes to a disk that is full from step 5 on."""
 
-    def progress(self, what, done, total, note=""):
+    def progress(self, what, done, total, note="", share=None):
         super().progress(what, done, total, note)
         if done == 5:
             raise OSError(errno.ENOSPC, "No space left on device")

@@ -1,5 +1,6 @@
 """wegs doctor"""
 
+import sys
 from pathlib import Path
 
 import click
@@ -8,7 +9,7 @@ import click
 @click.command(short_help="Check a .ply, a run or a scene.")
 @click.argument("what", required=False, type=click.Path(path_type=Path))
 def doctor(what) -> None:
-    """Check WHAT and print one line per finding: what was found, what it means and what to do.
+    """Check WHAT and print one line per finding: what was found, what it means and what to do. Exit code 1 if anything needs doing.
 
     WHAT is a .ply of Gaussians (of any program), a run, a scene or a folder of photos; without it, the newest run.
 
@@ -22,4 +23,5 @@ def doctor(what) -> None:
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        examine(what, terminal)
+        findings = examine(what, terminal)
+    sys.exit(any(finding.advice for finding in findings))

@@ -6,12 +6,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import timedelta
+from math import ceil
 from typing import NoReturn, Self
 
 import click
 from rich.console import Console
 from rich.measure import Measurement
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from core.report import Report
@@ -48,7 +50,6 @@ class Terminal(Report):
     def __init__(self):
         self.console = Pipe(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
         self.bar: Progress | None = None
-        self.task = None
         self.what = ""
         self.told = 0.0
 
@@ -68,12 +69,13 @@ class Terminal(Report):
         self.console.print(line, style="yellow", soft_wrap=True)
 
     @_whoever_listens()
-    def progress(self, what: str, done: int, total: int, note: str = "") -> None:
-        if self.console.is_terminal:
-            self._advance_bar(what, done, total, note)
-        elif done == total or time.monotonic() - self.told >= PLAIN_SECONDS:
+    def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
+        self._advance_bar(what, done, total, note, done / max(total, 1) if share is None else share)
+        if not self.console.is_terminal and (done == total or time.monotonic() - self.told >= PLAIN_SECONDS):
             self.told = time.monotonic()
-            click.echo(f"{what} {done}/{total}  {note}".rstrip())
+            left = self.bar.tasks[0].time_remaining
+            estimate = f", {timedelta(seconds=ceil(left))} left" if left else ""
+            click.echo(f"{what} {done}/{total}{estimate}  {note}".rstrip())
             sys.stdout.flush()
 
     @_whoever_listens()
@@ -96,17 +98,19 @@ class Terminal(Report):
         else:
             self.console.print(grid)
 
-    def _advance_bar(self, what: str, done: int, total: int, note: str) -> None:
+    def _advance_bar(self, what: str, done: int, total: int, note: str, share: float) -> None:
+        """Begin or move the bar, which counts time and only shows how many parts are through; in a log file it is not drawn."""
         if self.bar is None or what != self.what:
             self._end_bar()
-            columns = [TextColumn("{task.description}", markup=False), MofNCompleteColumn(), TextColumn("left"), TimeRemainingColumn()]
+            text, count, note_column = (TextColumn(f"{{task.{name}}}", markup=False) for name in ("description", "fields[count]", "fields[note]"))
+            columns = [text, count, TextColumn("left"), TimeRemainingColumn()]
             if self.console.width >= WIDE:
-                columns = [columns[0], BarColumn(), columns[1], TimeElapsedColumn(), *columns[2:], TextColumn("{task.fields[note]}", markup=False)]
-            self.bar = Progress(*columns, console=self.console)
+                columns = [text, BarColumn(), count, TimeElapsedColumn(), *columns[2:], note_column]
+            self.bar = Progress(*columns, console=self.console, get_time=time.monotonic, disable=not self.console.is_terminal)
             self.bar.start()
-            self.task = self.bar.add_task(what, total=total, note=note)
+            self.bar.add_task(what, total=1.0, count="", note="")
             self.what = what
-        self.bar.update(self.task, completed=done, total=total, note=note)
+        self.bar.update(self.bar.task_ids[0], completed=share, count=f"{done}/{total}", note=note)
 
     def _end_bar(self) -> None:
         if self.bar is not None:

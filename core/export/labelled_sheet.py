@@ -8,6 +8,9 @@ from jaxtyping import UInt8
 
 LABEL_PX = 28  # height of a line of text, which stands in its upper part: it belongs to the pictures above
 GAP_PX = 4
+MARGIN_PX = 4  # beside a text
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+SIZES = (0.3, 0.42)  # the smallest that can be read, and the usual
 TEXT = (230, 230, 230)
 
 
@@ -32,10 +35,12 @@ def _side_by_side(tiles: Sequence[np.ndarray], step: int) -> np.ndarray:
 
 
 def line_of_text(step: int, texts: Sequence[str]) -> UInt8[np.ndarray, "label_h sheet_w 3"]:
-    """One line, white on black: each text at the start of its own `step` pixels, and cut where these end."""
+    """One line, white on black: each text at the start of its own `step` pixels, smaller if it is too long for them, and at last cut."""
     canvas = np.zeros((LABEL_PX, step * len(texts), 3), dtype=np.uint8)
     for column, text in enumerate(texts):
-        window = np.zeros((LABEL_PX, step, 3), dtype=np.uint8)  # a text too long for its column ends there
-        cv2.putText(window, text, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.42, TEXT, 1, cv2.LINE_AA)
+        window = np.zeros((LABEL_PX, step, 3), dtype=np.uint8)
+        (usual_px, _), _ = cv2.getTextSize(text, FONT, SIZES[1], 1)
+        size = np.clip(SIZES[1] * (step - 2 * MARGIN_PX) / max(usual_px, 1), *SIZES)
+        cv2.putText(window, text, (MARGIN_PX, 15), FONT, size, TEXT, 1, cv2.LINE_AA)
         canvas[:, column * step : (column + 1) * step] = window
     return canvas

@@ -60,7 +60,7 @@ def train(
 
 
 def resume(folder: Path | None, report: Report = QUIET) -> Path:
-    """Go on with a stopped run (default: the newest), as if it had never stopped."""
+    """Go on with a stopped run (default: the newest), as if it had never stopped; a finished one is left as it is."""
     folder = run_folders.find_run(folder)
     with held(folder):
         return _go_on(folder, report)
@@ -72,10 +72,9 @@ def _go_on(folder: Path, report: Report) -> Path:
     saved = None if path is None else checkpoint.load(path)
     done = saved.facts["step"] if saved else 0
     if done >= settings.steps and (clouds := list(folder.glob(run_folders.CLOUDS))):  # else it was stopped just before its last file
-        raise BadInput(
-            f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.",
-            f"For more, train a new run with --steps. To use this one: {next_step(folder, settings, clouds[0])}",
-        )
+        report.say(f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread. For more, train a new run with --steps.")
+        report.say(f"Next: {next_step(folder, settings, clouds[0])}")
+        return folder
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
     if not before.root.is_dir():
@@ -102,7 +101,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
     with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():
             try:
-                tell_step(step, settings.steps, report)
+                tell_step(step, settings, report)
             except OSError:  # such as a log on a full disk
                 trainer.save()
                 raise

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from core.errors import FULL, BadInput, WegsError, command, disk_full, not_made
 from core.system.lock import taken
 
 TEMPORARY = ".wegs-"  # in the names of temporary folders
+NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
 FRESH_S = 5  # one that is younger may be about to be held
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
@@ -111,8 +112,9 @@ def temporary_folder(path: Path) -> Iterator[Path]:
     the disk knows locks."""
     parent = path if path.is_dir() else path.parent
     with made(parent):
-        prefix = f".{path.resolve().name}{TEMPORARY}"
-        _sweep(parent, prefix)
+        prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
+        for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix)]:
+            swept(left, shutil.rmtree)
         work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
             with taken(work):
@@ -121,12 +123,13 @@ def temporary_folder(path: Path) -> Iterator[Path]:
             shutil.rmtree(work, ignore_errors=True)
 
 
-def _sweep(parent: Path, prefix: str) -> None:
-    """Remove the temporary folders whose processes were killed: those that nobody holds."""
-    for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix)]:
-        with suppress(OSError), taken(left) as ours:
-            if ours and time.time() - left.stat().st_mtime > FRESH_S:
-                shutil.rmtree(left)
+def swept(folder: Path, remove: Callable[[Path], None]) -> bool:
+    """Whether the process of `folder` was killed (nobody holds it, or is about to) and `remove` could remove it."""
+    with suppress(OSError), taken(folder) as ours:
+        if ours and time.time() - folder.stat().st_mtime > FRESH_S:
+            remove(folder)
+            return True
+    return False
 
 
 @contextmanager

@@ -6,6 +6,7 @@ MEAN_RATE_DECAY = 0.01
 NETWORK_RATE_DECAY = 0.1
 CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth
 COARSEST = 4  # coarse-to-fine starts at a quarter of the size
+STEP_TIMES = (1 / 3, 1 / 2)  # of a step at a quarter and at half of the size; medians of runs of plaza, Liberty and Sacré-Cœur
 
 
 def decayed(rate: float, progress: float, final_share: float) -> float:
@@ -18,6 +19,18 @@ def shrink_factor(settings: Settings, progress: float) -> int:
     if progress >= settings.coarse_until:
         return 1
     return COARSEST if progress < settings.coarse_until / 2 else COARSEST // 2
+
+
+def time_through(settings: Settings, step: int) -> float:
+    """The share of a run's time, in [0, 1], that has passed after `step` steps: early ones, on shrunk photos, take less."""
+    coarse = settings.coarse_until
+
+    def time(progress: float) -> float:
+        coarsest = min(progress, coarse / 2)
+        coarser = min(progress, coarse) - coarsest
+        return STEP_TIMES[0] * coarsest + STEP_TIMES[1] * coarser + (progress - coarsest - coarser)
+
+    return time(step / settings.steps) / time(1.0)
 
 
 def densification_steps(settings: Settings) -> list[int]:

@@ -7,6 +7,7 @@ from core.data.collection import Collection
 from core.errors import command
 from core.report import Report
 from core.system import device
+from core.training import schedule
 from core.training.on_disk import run_folders
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless
@@ -42,13 +43,14 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     report.say(f"It learns {', '.join(parts)}; harmonics of degree {settings.sh_degree}")
 
 
-def tell_step(step: StepReport, steps: int, report: Report) -> None:
+def tell_step(step: StepReport, settings: Settings, report: Report) -> None:
     """How far it is, and what befell it."""
     for message in step.messages:
         report.warn(message)
     if step.held_out_psnr is not None:
         report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
-    report.progress("Training", step.step, steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians")
+    share = schedule.time_through(settings, step.step)
+    report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians", share)
 
 
 def tell_how_to_look(folder: Path, look: Path, has_sky: bool, report: Report) -> None:

@@ -34,6 +34,16 @@ def test_a_log_file_gets_a_line_now_and_then_and_the_last_one(clock, capsys):
     assert not any("\x1b" in line for line in lines)
 
 
+def test_a_log_file_says_what_time_is_left_also_where_parts_differ(clock, capsys):
+    with Terminal() as plain:
+        for step in range(1, 101):
+            clock[0] += 1.0 if step <= 50 else 3.0
+            plain.progress("Training", step, 100, share=step / 200 if step <= 50 else (3 * step - 100) / 200)
+    lines = [line for line in capsys.readouterr().out.splitlines() if "left" in line]
+    assert lines[0] == "Training 16/100, 0:03:04 left" and lines[2] == "Training 46/100, 0:02:34 left"
+    assert lines[-1] == "Training 99/100, 0:00:04 left"
+
+
 @pytest.mark.parametrize("width", [40, 79, 80])
 def test_a_narrow_terminal_gets_what_is_done_and_the_time_left(width):
     screen = io.StringIO()

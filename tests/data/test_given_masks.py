@@ -241,6 +241,14 @@ def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
         read_light(path, mask)
 
 
+def test_what_is_neither_black_nor_white_is_no_mask(tmp_path):
+    path, photo = save(tmp_path / "a.png", noise()), save(tmp_path / "m.png", noise())
+    red = save(tmp_path / "r.png", np.full((30, 44, 3), (0, 0, 255), np.uint8))
+    for mask in (photo, red):
+        with pytest.raises(BadInput, match=rf"The mask .*{mask.name} is none: \d+% .* neither black nor white. White \(255\)"):
+            load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
+
+
 @pytest.mark.parametrize(("rows", "is_mistake"), [(1, True), (3, False)])
 def test_a_mask_that_leaves_less_than_a_hundredth_is_a_mistake(tmp_path, rows, is_mistake):
     path, mask = save(tmp_path / "a.png", noise(200, 20)), save_mask(tmp_path / "m.png", 200, 20, np.s_[rows:])

@@ -311,11 +311,13 @@ def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
 # --- the command line
 
 
-def test_the_command_says_findings_and_leaves_with_0(trained, tmp_path):
+@pytest.mark.parametrize(("advice", "code", "mark"), [("", 0, "ok"), ("Copy it again.", 1, "!!")])
+def test_the_command_says_findings_and_leaves_with_1_if_anything_needs_doing(monkeypatch, trained, advice, code, mark):
+    monkeypatch.setattr("core.doctor.examine_run", lambda *_: [Finding("steps", "30 of 30", "complete", advice)])
     result = CliRunner().invoke(wegs, ["doctor", str(trained)])
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == code, result.output
     lines = result.output.strip().splitlines()
-    assert any(line.startswith("ok steps: 30 of 30") for line in lines) and "Verdict: " in lines[-1]
+    assert lines[0].startswith(f"{mark} steps: 30 of 30") and "Verdict: " in lines[-1]
 
 
 A_LIST = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 2\n"

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from core.errors import BadInput, WegsError
-from core.export.labelled_sheet import LABEL_PX
+from core.export.labelled_sheet import LABEL_PX, line_of_text
 from core.export.pictures import TILE_PX, contact_sheet, to_8_bit, write_png, write_video
 from core.system import lock
 from core.system.atomic import check_file, check_folder, files_in, filling, replacing, write_json
@@ -46,6 +46,18 @@ def test_a_sheet_reads_row_by_row_in_even_rows(frames, rows):
     sheet = sheet[LABEL_PX:]
     assert sheet[10::20, 15::30, 0].tolist() == rows
     assert sheet.shape == (20 * len(rows), 30 * len(rows[0]), 3)
+
+
+def test_a_long_text_is_written_smaller_before_it_is_cut():
+    def reach(text, step):
+        columns = np.flatnonzero(line_of_text(step, [text]).any(axis=(0, 2)))
+        return columns.max()
+
+    text = "half: right halves, refined"
+    usual = reach(text, 1000)
+    assert reach("half", 200) == reach("half", 1000)
+    assert usual * 0.7 <= reach(text, int(usual * 0.8)) <= usual * 0.8 - 2  # all of it, up to its margin
+    assert reach(text, 60) == 59
 
 
 def test_large_frames_are_shrunk_on_the_sheet():
@@ -149,6 +161,12 @@ def test_what_the_system_refuses_is_named(tmp_path, number, kind, words):
     with pytest.raises(kind, match=words), replacing(tmp_path / "a.ply"):
         raise OSError(number, "refused")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
+    path = tmp_path / ("ö" * 125 + ".json")
+    write_json(path, {})
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_folder_is_filled_whole_or_not_at_all(tmp_path):

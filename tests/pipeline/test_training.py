@@ -33,7 +33,7 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
 
 def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(trained, small_scene, tmp_path):
     class Impatient(Heard):
-        def progress(self, what, done, total, note=""):
+        def progress(self, what, done, total, note="", share=None):
             super().progress(what, done, total, note)
             if done == 5:
                 signal.raise_signal(signal.SIGINT)
@@ -54,8 +54,10 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
     resumed = load_run(folder)
     for name, tensor in whole.splats.tensors().items():
         assert torch.equal(getattr(resumed.splats, name), tensor), name
-    with pytest.raises(BadInput, match="is finished: 12 steps.* train a new run with --steps"):
-        pipeline.resume(folder)
+    written = (folder / "history.csv").stat().st_mtime_ns
+    assert pipeline.resume(folder, heard) == folder
+    assert "is finished: 12 steps" in heard.lines[-2] and "--appearance PHOTO" in heard.lines[-1]
+    assert (folder / "history.csv").stat().st_mtime_ns == written
     shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
     pipeline.resume(folder)
     assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()

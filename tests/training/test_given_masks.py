@@ -100,7 +100,7 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
         pass
 
     class Impatient(Heard):
-        def progress(self, what, done, total, note=""):
+        def progress(self, what, done, total, note="", share=None):
             if done == 8:
                 raise Stopped
 

@@ -237,6 +237,10 @@ def test_schedules_are_fractions_of_the_steps():
     assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until * 0.6, 0.9)] == [4, 2, 1]
     assert schedule.evenly(4, 100) == {25, 50, 75, 100}
     assert schedule.contribution_steps(short) == {65, 85}
+    through = [schedule.time_through(short, step) for step in range(101)]
+    times = np.diff(through)
+    assert (through[0], through[-1]) == (0.0, pytest.approx(1.0))
+    assert times[5] / times[50] == pytest.approx(1 / 3) and times[15] / times[50] == pytest.approx(1 / 2)
     late = whole_settings(steps=100, densify_until=0.9)
     assert min(schedule.contribution_steps(late)) > schedule.densification_steps(late)[-1]
 

@@ -16,7 +16,10 @@ REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: c
 MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
 LIGHT_PX = 2000  # a side; more than enough for light, as the encoder sees a square of 144
+GREY = (32, 224)  # between black and white
+MOST_GREY = 0.5  # of a mask; one with more is a photo or a map of classes
 LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake, such as a white of 1 instead of 255
+MEANING = "White (255) marks what is to be used, black what is not."  # in a mask
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
 
@@ -114,13 +117,16 @@ def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) ->
     """(H, W) bool: where the mask of a photo of this `size` is white, both as displayed; resized by nearest pixel.
 
     photo: of a collection; if its mask_lens says so, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
-    Transparent is not white: many programs save selections like that.
+    Transparent is not white: many programs save selections like that. Raises BadInput like `read_pixels`, and for what is grey or coloured.
     """
     try:
         header, pixels, alpha = _read_file(path)
     except BadInput as problem:
         raise BadInput(f"The mask {problem.what}", problem.fix) from None
     shade = pixels.mean(axis=2) if alpha is None else pixels.mean(axis=2) * (alpha / 255)
+    grey = ((shade > GREY[0]) & (shade < GREY[1])).mean()
+    if grey > MOST_GREY:
+        raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
     white = upright((shade >= 128).astype(np.uint8), header.orientation)
     if photo is not None and photo.mask_lens is not None:
         found, seen = distortion.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(*size[::-1]))
@@ -133,7 +139,7 @@ def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path | None) 
         if mask is None:
             raise bad_photo(path, f"shows something in {use.mean():.1%} of its pixels: the others are transparent")
         why = f"is left with {use.mean():.1%} of its pixels by its mask {mask}"
-        raise BadInput(f"{path} {why}.", "White (255) marks what is to be used, black what is not.")
+        raise BadInput(f"{path} {why}.", MEANING)
     return fill(pixels, use)
 
 

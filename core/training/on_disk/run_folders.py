@@ -15,7 +15,7 @@ from core.data.collection import Collection
 from core.data.made import CONFIG, is_of_run, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput, not_made
-from core.system.atomic import check_folder, write_text
+from core.system.atomic import check_folder, swept, write_text
 from core.training.decisions import Decision
 from core.training.on_disk import checkpoint, viewer_files
 from core.training.on_disk.run_config import write_config
@@ -77,8 +77,8 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     """
     if output is None:
         number = 1
-        # A link to nothing takes its name as well.
-        while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")):
+        # A link to nothing takes its name as well; a folder that a killed training left empty does not.
+        while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")) and not swept(path, Path.rmdir):
             number += 1
         check_folder(path)
         return path

@@ -31,7 +31,7 @@ class Listener(Report):
 
     warn = say
 
-    def progress(self, what, done, total, note=""):
+    def progress(self, what, done, total, note="", share=None):
         self.stages.append((what, done, total))
 
 
@@ -175,7 +175,7 @@ def test_photos_in_formats_of_phones_are_named(tmp_path):
 @pytest.mark.parametrize("stage", ["Features", "Matches"])
 def test_an_interrupted_run_leaves_nothing(tmp_path, stage):
     class Impatient(Report):
-        def progress(self, what, done, total, note=""):
+        def progress(self, what, done, total, note="", share=None):
             if what == stage:
                 raise KeyboardInterrupt
 

@@ -1,5 +1,7 @@
 """One training a run folder: who comes second takes another, or is told."""
 
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -37,6 +39,19 @@ def test_a_link_to_nothing_takes_its_name():
         assert folder == Path("runs/plaza-2")
     with pytest.raises(BadInput, match="runs/plaza is not a folder. Write to another folder"), new_run(Path("runs/plaza"), "plaza"):
         pass
+
+
+@locks
+def test_a_folder_that_a_killed_training_left_empty_is_used_again():
+    (Path("runs/plaza")).mkdir(parents=True)
+    with new_run(None, "plaza") as folder:  # so young, it may be one that another training is about to hold
+        assert folder == Path("runs/plaza-2")
+    long_ago = time.time() - 60
+    os.utime("runs/plaza", (long_ago, long_ago))
+    with held(Path("runs/plaza")), new_run(None, "plaza") as folder:
+        assert folder == Path("runs/plaza-2")
+    with new_run(None, "plaza") as folder:
+        assert folder == Path("runs/plaza")
 
 
 def test_where_runs_is_a_link_to_nothing_it_is_said():

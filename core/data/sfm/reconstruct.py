@@ -14,6 +14,7 @@ from core.data.made import write_mark
 from core.data.photos.distortion import lens_of
 from core.data.photos.file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
 from core.data.photos.folder import copies_among, list_photos, list_unreadable, no_photos
+from core.data.photos.lookalikes import Lookalikes
 from core.data.photos.pixels import read_pixels
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
 from core.data.sfm.likely_pairs import likely_pairs
@@ -82,13 +83,16 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     """
     folder.mkdir()
     by_length = sorted(paths, key=lambda path: (len(path.name), path.name))  # of a.jpg and "a (1).jpg" the copy is the latter
-    copies, turned, twins = {}, 0, copies_among(by_length)
-    for done, path in enumerate(paths, 1):
-        copy = f"{done:06d}.jpg"
+    copies, turned, twins, lookalikes = {}, 0, copies_among(by_length), Lookalikes()
+    fullest_first = sorted(enumerate(paths, 1), key=lambda item: -item[1].stat().st_size)  # of lookalikes this one is kept
+    for done, (number, path) in enumerate(fullest_first, 1):
+        copy = f"{number:06d}.jpg"
         try:
             if path in twins:
                 raise BadInput(f"{path.name} is a copy of {twins[path].name}.")
             header, pixels = probe(path), read_pixels(path)  # always decoded: some damage shows only then
+            if twin := lookalikes.earlier(path.name, pixels):
+                raise BadInput(f"{path.name} shows the same picture as {twin}, whose file is larger.")
             if header.kind == "jpeg" and header.orientation == 1:
                 shutil.copyfile(path, folder / copy)
             else:
@@ -96,13 +100,13 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
             turned += header.orientation != 1
             name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
             name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
-            copies[copy] = f"{done}-{name}" if name in copies.values() else name
+            copies[copy] = f"{number}-{name}" if name in copies.values() else name
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")
         report.progress("Photos", done, len(paths))
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
-    return copies
+    return dict(sorted(copies.items()))
 
 
 def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:

@@ -43,8 +43,8 @@ def aligned(found, truth):
     return (a @ (u @ sign @ v).T) * np.trace(np.diag(s) @ sign) / (a**2).sum() + truth.mean(axis=0)
 
 
-def noise_photo(path, seed):
-    noise = np.random.default_rng(seed).integers(0, 256, (60, 80, 3), np.uint8)
+def noise_photo(path, seed, cells=(60, 80)):
+    noise = np.random.default_rng(seed).integers(0, 256, (*cells, 3), np.uint8)
     assert cv2.imwrite(str(path), cv2.resize(noise, (WIDTH, HEIGHT)))
 
 
@@ -234,3 +234,14 @@ def test_copies_of_a_photo_are_left_out(tmp_path):
     copies = _copy_upright(list_photos(tmp_path), tmp_path / "upright", heard)
     assert list(copies.values()) == ["a.jpg", "b.jpg"]
     assert any("Left out: a (1).jpg is a copy of a.jpg." in line for line in heard.lines)
+
+
+def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
+    for name, seed in (("b.jpg", 1), ("c.jpg", 2)):
+        noise_photo(tmp_path / name, seed, cells=(6, 8))
+    half = cv2.resize(cv2.imread(str(tmp_path / "b.jpg")), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(tmp_path / "a.webp"), half, [cv2.IMWRITE_WEBP_QUALITY, 70])
+    heard = Listener()
+    copies = _copy_upright(list_photos(tmp_path), tmp_path / "upright", heard)
+    assert copies == {"000002.jpg": "b.jpg", "000003.jpg": "c.jpg"}
+    assert "Left out: a.webp shows the same picture as b.jpg, whose file is larger." in heard.lines

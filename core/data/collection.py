@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from core.data.photos.folder import names_without_suffixes
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -89,7 +90,7 @@ class Collection:
     def called(self, name: str) -> Photo | None:
         """The photo called `name`, or the only one called so without its suffix (or both: structure from motion makes a.png.jpg of a.png)."""
         exactly = [photo for photo in self.photos if photo.name == name]
-        nearly = exactly or [photo for photo in self.photos if name in names_of(photo.name)]
+        nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(photo.name)]
         return nearly[0] if len(nearly) == 1 else None
 
     def view(self, name: str | None) -> Photo:
@@ -122,11 +123,6 @@ def png_paths(names: Iterable[str]) -> dict[str, Path]:
             png = path.with_name(f"{path.name}-{number}.png")
         taken[png] = name
     return {name: png for png, name in taken.items()}
-
-
-def names_of(name: str) -> tuple[str, str, str]:
-    """What a photo may be called: its name, without its last suffix, and without its last two."""
-    return name, Path(name).with_suffix("").as_posix(), Path(name).with_suffix("").with_suffix("").as_posix()
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from core.data.collection import names_of
+from core.data.photos.folder import names_without_suffixes
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Appearance
 from core.system.atomic import write_json
@@ -33,7 +33,7 @@ def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) ->
     photos: names of the run's photos. BadSetting for one of them: its own look could no longer be asked for by name.
     """
     path = path_of(folder, name)
-    if path.stem in {name for photo in photos for name in names_of(photo)}:
+    if path.stem in {name for photo in photos for name in names_without_suffixes(photo)}:
         raise BadSetting(f"{path.stem!r} is the name of a photo of this run.", "Choose another name.")
     check_writable(path.parent)
     if path.exists() and not force:

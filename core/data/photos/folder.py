@@ -31,7 +31,7 @@ def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
 
 
 def names_without_suffixes(name: str) -> list[str]:
-    """The name of a photo, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
+    """What a photo may be called: its name, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
     stem = without_suffix(name)
     return [name, stem, *([without_suffix(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
 

@@ -123,10 +123,11 @@ def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) ->
         header, pixels, alpha = _read_file(path)
     except BadInput as problem:
         raise BadInput(f"The mask {problem.what}", problem.fix) from None
-    shade = pixels.mean(axis=2) if alpha is None else pixels.mean(axis=2) * (alpha / 255)
+    shade = pixels.mean(axis=2)
     grey = ((shade > GREY[0]) & (shade < GREY[1])).mean()
     if grey > MOST_GREY:
         raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
+    shade = shade if alpha is None else shade * (alpha / 255)
     white = upright((shade >= 128).astype(np.uint8), header.orientation)
     if photo is not None and photo.mask_lens is not None:
         found, seen = distortion.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(*size[::-1]))

@@ -23,6 +23,7 @@ COMMANDS = {
     "doctor": "wegs_cli.doctor:doctor",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
+OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
@@ -93,9 +94,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
     # torch has no exception of its own for a CPU out of memory, only these words.
-    if isinstance(problem, MemoryError) or (
-        isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
-    ):
+    no_room = isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
+    if isinstance(problem, MemoryError) or no_room or getattr(problem, "code", None) == OPENCV_NO_MEMORY:
         return "There is not enough memory. Lower -r/--resolution or --max-gaussians, or raise --memory if it is set.", 1
     return None
 

@@ -84,19 +84,20 @@ def settings_from(
 ) -> Settings:
     """Settings: command line beats file beats preset beats default. typed: options, None where not typed. The file may name a preset."""
     written = {} if config is None else _read_toml(config)
-    named = str(written.pop("preset", "default"))
-    _no_options_among((*written, *(assignment.partition("=")[0].strip() for assignment in assignments)))
-    try:
-        settings = preset(preset_name or named).changed(**written)
-    except BadSetting as problem:
-        raise BadSetting(f"{config}: {problem.what}" if config else problem.what, problem.fix) from None
-    values = {name: value for name, value in typed.items() if value is not None}
+    _no_options_among((*(written.keys() - {"preset"}), *(assignment.partition("=")[0].strip() for assignment in assignments)))
+    values = {name: value for name, value in {"preset": preset_name, **typed}.items() if value is not None}
     for assignment in assignments:
         name, value = _parse(assignment)
         if name in values:
             raise BadSetting(f"{name} is given twice on the command line.", "Give it once.")
         values[name] = value
-    return settings.changed(**values)
+    chosen = {"preset": "default", **written, **values}
+    try:
+        return preset(str(chosen.pop("preset"))).changed(**chosen)
+    except BadSetting as problem:
+        if any(name in problem.what for name in written.keys() - values.keys()):
+            raise BadSetting(f"{config}: {problem.what}", problem.fix) from None
+        raise
 
 
 def _no_options_among(names: Iterable[str]) -> None:

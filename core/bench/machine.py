@@ -8,13 +8,14 @@ from pathlib import Path
 import torch
 
 import core
+from core.system.threads import cores
 
 PACKAGES = ("torch", "numba", "numpy")
 
 
 def made_on(*seeds: int) -> dict[str, str]:
     """Machine, threads, versions and seeds, in words, in the order in which they are shown."""
-    facts = {"cpu": cpu_model(), "cores": str(os.cpu_count() or 1), "threads": str(torch.get_num_threads())}
+    facts = {"cpu": cpu_model(), "cores": str(cores()), "threads": str(torch.get_num_threads())}
     if torch.cuda.is_available():
         facts["gpu"] = torch.cuda.get_device_name()
     if hasattr(os, "getloadavg"):  # what else ran: the reason for many a wide spread

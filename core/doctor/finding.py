@@ -6,12 +6,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check. figure: what was found. meaning: why it matters. advice: what to do, empty if nothing needs doing."""
+    """The result of a check. figure: what was found. meaning: why it matters. advice: what to do, empty if nothing needs doing.
+
+    elsewhere: the advice on a file that wegs did not write, where wegs' own commands and settings are of no use; empty if it is the same.
+    """
 
     name: str
     figure: str
     meaning: str
     advice: str = ""
+    elsewhere: str = ""
 
     def line(self) -> str:
         """The finding in one line, marked `ok` or `!!`."""

@@ -42,7 +42,7 @@ def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int = 0) -> list[F
 def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
     count = int(flags.sum())
     advice = "Export the file again; `wegs bake` leaves them out." if count else ""
-    return Finding(name, part(count, len(flags)), meaning, advice)
+    return Finding(name, part(count, len(flags)), meaning, advice, "Remove those rows, or export the file again.")
 
 
 def _opacities(splats: Splats) -> list[Finding]:
@@ -87,6 +87,7 @@ def _shapes(splats: Splats) -> list[Finding]:
             part(needles, len(splats)),
             f"longest axis over {NEEDLE:.0f} times the middle one: spikes from new places, if many",
             more if needles > NEEDLES_SHARE * len(splats) else "",
+            "Add photos from other sides, or train with a lower learning rate of scales.",
         ),
     ]
 
@@ -102,7 +103,7 @@ def _sizes(splats: Splats) -> Finding:
     if near + beyond > len(splats) / 2:
         fix = "Check that they are natural logarithms, in the units of the centres, and export it again."
         return Finding("scales", figure, "longer than half the scene's radius, most of all: nothing but haze", fix)
-    return Finding("giants", figure, "longer than half the scene's radius: haze inside, background outside", advice)
+    return Finding("giants", figure, "longer than half the scene's radius: haze inside, background outside", advice, "Remove them.")
 
 
 def _extent(splats: Splats, frame: SceneFrame) -> Finding:
@@ -132,11 +133,13 @@ def _colours(splats: Splats) -> list[Finding]:
             f"{low:.2f} to {high:.2f} (1 to 99 %); {part(burnt, len(dc))} beyond {COLOURS[0]} to {COLOURS[1]}",
             "without view dependence; what lies outside 0 to 1 is cut or burns",
             slower if burnt > BURNT_SHARE * len(dc) else "",
+            "Train with a lower learning rate of colours.",
         ),
         Finding(
             "harmonics",
             f"degree {used} used of {splats.degree}, coefficients up to {most:.3g}",
             f"how colours follow the view; {part(wild, len(dc))} above {SH_RANGE:g} flash as one moves",
             f"{slower[:-1]}, or a lower --sh-degree." if wild else "",
+            "Train with a lower learning rate of colours, or a lower SH degree.",
         ),
     ]

@@ -19,17 +19,6 @@ from core.scene.splats import Splats
 
 MOST_CAMERAS = 100  # evenly spread over those known
 AGAIN = "Copy or export it again."
-# Advice on a file that wegs did not write, in place of wegs' own commands and settings.
-ELSEWHERE = {
-    "not finite": "Remove those rows, or export the file again.",
-    "zero quaternions": "Remove those rows, or export the file again.",
-    "needles": "Add photos from other sides, or train with a lower learning rate of scales.",
-    "giants": "Remove them.",
-    "colours": "Train with a lower learning rate of colours.",
-    "harmonics": "Train with a lower learning rate of colours, or a lower SH degree.",
-    "float32 positions": "Recentre the file.",
-    "never seen": "Remove them.",
-}
 
 
 def examine_ply(path: Path, report: Report) -> list[Finding]:
@@ -39,7 +28,7 @@ def examine_ply(path: Path, report: Report) -> list[Finding]:
     findings = [*_file(path, splats, said or 0), *_findings(path, splats, sky, report)]
     if said is not None:
         return findings
-    return [replace(found, advice=ELSEWHERE.get(found.name, found.advice)) if found.advice else found for found in findings]
+    return [replace(found, advice=found.elsewhere or found.advice) if found.advice else found for found in findings]
 
 
 def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:

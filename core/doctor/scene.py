@@ -123,8 +123,10 @@ def _shown(photo: Photo, points: np.ndarray) -> float:
 
 def _points(collection: Collection) -> list[Finding]:
     photos, count = collection.photos, len(collection.points)
-    if not count:
-        return []  # a note of the reader says so
+    if not count:  # a note of the reader says so; training triangulates them
+        training = len(collection.split("train"))
+        fix = f"Add photos: at least {LEAST_PHOTOS} to train on are needed to triangulate points." if training < LEAST_PHOTOS else ""
+        return [Finding("points", "none", f"training triangulates them from {counted(training, 'photo')}", fix)]
     seen = {photo.name: len(photo.points) for photo in photos}
     few = [f"{name}: {points}" for name, points in seen.items() if points < FEW_POINTS]
     farthest = np.linalg.norm(collection.points, axis=1).max()

@@ -32,7 +32,7 @@ def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -
     most = f", {max(sizes):.2g} px at most" if sizes else ""
     advice = "Recentre the file; what `wegs bake` writes is." if pixels > VISIBLE_PX else ""
     figure = f"{frame.rounding:.2g} units, {pixels:.2g} px {where}{most}"
-    return Finding("float32 positions", figure, "how far coordinates of this size are rounded", advice)
+    return Finding("float32 positions", figure, "how far coordinates of this size are rounded", advice, "Recentre the file.")
 
 
 def _depth(camera: Camera, means: np.ndarray) -> float | None:
@@ -52,7 +52,7 @@ def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) 
     unseen = int((largest[:solid] < ALPHA_MIN).sum())
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
     meaning = f"below 1/255 of every pixel of {counted(len(cameras), 'camera')}: no photo holds them in place"
-    return Finding("never seen", part(unseen, solid), meaning, advice)
+    return Finding("never seen", part(unseen, solid), meaning, advice, "Remove them.")
 
 
 def cameras_beside(path: Path) -> list[Camera]:

@@ -101,9 +101,8 @@ def find_view(trained: TrainedRun, word: str | None) -> Photo:
 def _left_out(trained: TrainedRun, word: str) -> Path | None:
     """The file called `word`, with or without suffix, that structure from motion was given but could not place."""
     root = trained.collection.root
-    names = read_mark(root / originals.NAMES)
-    known = {photo.name for photo in trained.collection.photos}
-    lost = [Path(path) for path in read_mark(root / originals.FILES) if names and names.get(path) not in known]
+    names, placed = read_mark(root / originals.NAMES), originals.lenses_of(root)
+    lost = [Path(path) for path in read_mark(root / originals.FILES) if names and names.get(path) not in placed]
     return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
 
 

@@ -1,6 +1,5 @@
 """Refines a look against the photo it was read from, if that was not trained on and its camera is known or can be found."""
 
-from contextlib import suppress
 from dataclasses import replace
 from math import sqrt
 from pathlib import Path
@@ -73,8 +72,10 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
         raise BadInput(f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again.")
     report.say("Photos are located by the features of the training photos, which are searched for once")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
-    with suppress(WegsError):  # the folder cannot be written to: they are found again next time
+    try:
         found.save(path)
+    except WegsError as problem:
+        report.warn(f"{problem} They will be searched for again.")
     return found
 
 

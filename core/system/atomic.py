@@ -114,7 +114,7 @@ def temporary_folder(path: Path) -> Iterator[Path]:
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
         for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix)]:
-            swept(left, shutil.rmtree)
+            swept(left, remove)
         work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
             with taken(work):
@@ -123,12 +123,15 @@ def temporary_folder(path: Path) -> Iterator[Path]:
             shutil.rmtree(work, ignore_errors=True)
 
 
-def swept(folder: Path, remove: Callable[[Path], None]) -> bool:
-    """Whether the process of `folder` was killed (nobody holds it, or is about to) and `remove` could remove it."""
-    with suppress(OSError), taken(folder) as ours:
-        if ours and time.time() - folder.stat().st_mtime > FRESH_S:
-            remove(folder)
-            return True
+def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
+    """Whether the process of `folder` was killed (nobody holds it, or is about to) and `discard` could remove it."""
+    with suppress(OSError):
+        if time.time() - folder.stat().st_mtime <= FRESH_S:  # asked first: whoever made it could not hold it while it is held here
+            return False
+        with taken(folder) as ours:
+            if ours:
+                discard(folder)
+                return True
     return False
 
 
@@ -193,11 +196,19 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
             yield work
         except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
             raise type(problem)(problem.what.replace(str(work), str(folder)), problem.fix) from None
-        for path in old:
-            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
         folder.mkdir(exist_ok=True)
-        for path in work.iterdir():
-            os.replace(path, folder / path.name)
+        fresh = [folder / path.name for path in work.iterdir()]
+        for path in fresh:  # before the old ones go, so that a kill never leaves neither
+            if path.is_dir():
+                remove(path)
+            os.replace(work / path.name, path)
+        for path in set(old).difference(fresh):
+            remove(path)
+
+
+def remove(path: Path) -> None:
+    """Delete a file, a link or a folder with all that it holds."""
+    shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
 
 def write_bytes(path: Path, data: bytes) -> None:

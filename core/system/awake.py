@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from core.system.threads import threads
+from core.system.threads import cores, threads
 
 FEW = 4  # cores: more would burn more than a step can use
 PROCESSOR = Path("/proc/cpuinfo")
@@ -52,7 +52,7 @@ def worthwhile(wanted: int) -> bool:
 
     Not in a container whose processor time is limited to less than its cores have: the busy loops would use up time for work.
     """
-    if not hasattr(os, "SCHED_IDLE") or not 1 < wanted <= FEW or len(os.sched_getaffinity(0)) != wanted:
+    if not hasattr(os, "SCHED_IDLE") or not 1 < wanted <= FEW or cores() != wanted:
         return False
     return _virtual() and not _allowed() < wanted
 

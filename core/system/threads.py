@@ -46,6 +46,11 @@ def threads_for_blocks() -> Iterator[None]:
         _calling_thread.threads = before
 
 
+def cores() -> int:
+    """How many cores this process may use (`taskset` and clusters allow some of them only)."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class _CallingThread(threading.local):
     """The calling thread's number of threads for blocks, where it is not that of torch."""
 
@@ -115,4 +120,4 @@ def beside(work: Callable[[], Result]) -> Callable[[], Result]:
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1), thread_name_prefix="wegs")
+    return ThreadPoolExecutor(max(1, cores() - 1), thread_name_prefix="wegs")

@@ -144,7 +144,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
                 pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
                 if valid is not None:
                     cover = cv2.resize(valid.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-                    valid = cover > min(0.5, cover.max() / 2)  # where nothing is covered by half, what is covered most
+                    valid = cover > (0.5 if cover.max() > 0.5 else cover.max() / 2)  # where nothing is covered by half, what is covered most
                 if empty is not None:
                     empty = cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA)
             shown = shown_on(self.device, pixels, valid)

@@ -7,12 +7,19 @@ import sys
 from pathlib import Path
 
 import click
+import cv2
 import pytest
 from click.testing import CliRunner
 
 from core.errors import BadInput, BadSetting, TrainingStopped, command
 from wegs_cli import main
 from wegs_cli.main import Group
+
+
+def opencv_error(code: int) -> cv2.error:
+    problem = cv2.error("resize")
+    problem.code = code
+    return problem
 
 
 def outcome_of(problem: BaseException):
@@ -43,6 +50,7 @@ def outcome_of(problem: BaseException):
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long.", 1),
         (UnicodeEncodeError("utf-8", "photos \udcfe", 7, 8, "no"), r"'photos \udcfe' cannot be written as utf-8", 1),
         (MemoryError(), "not enough memory", 1),
+        (opencv_error(cv2.Error.StsNoMem), "not enough memory", 1),
         (RuntimeError("cannot cache function 'f': no locator available for file 'f.py'"), "Set NUMBA_CACHE_DIR", 1),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes"), "not enough memory", 1),
     ],

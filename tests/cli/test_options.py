@@ -15,6 +15,16 @@ def write_toml(tmp_path, text: str):
     return path
 
 
+def test_what_the_command_line_replaces_in_a_file_is_not_judged(tmp_path):
+    path = write_toml(tmp_path, "densify_from = 0.7\nsteps = 0\n")
+    settings = settings_from(None, path, ("densify_until=0.8",), {"steps": 100})
+    assert (settings.densify_from, settings.densify_until, settings.steps) == (0.7, 0.8, 100)
+    with pytest.raises(BadSetting, match="^.*x.toml: densify_from=0.7 is after densify_until=0.6"):
+        settings_from(None, path, (), {"steps": 100})
+    with pytest.raises(BadSetting, match="^sky_radius="):
+        settings_from(None, write_toml(tmp_path, "seed = 1\n"), ("sky_radius=-1",), {})
+
+
 def test_without_anything_the_defaults_stand():
     assert settings_from(None, None, (), NOTHING) == Settings()
 

@@ -1,5 +1,6 @@
 """A run and a scene on the table: sound ones are sound, what is wrong is named."""
 
+import json
 from dataclasses import replace
 
 import cv2
@@ -235,6 +236,15 @@ def test_photos_without_points_or_cameras(tmp_path):
     (tmp_path / "scene" / "images" / "IMG_1.HEIC").write_bytes(b"x")
     other = examined(tmp_path / "scene" / "images")[0]["photos in other formats"]
     assert other.figure == "1 of 5 (IMG_1.HEIC)" and "JPEG" in other.advice
+
+
+@pytest.mark.parametrize(("photos", "needed"), [(1, True), (3, False)])
+def test_points_to_be_triangulated_need_two_photos(tmp_path, photos, needed):
+    frames = [{"file_path": f"{number}.png", "transform_matrix": np.eye(4).tolist()} for number in range(photos)]
+    (tmp_path / "transforms.json").write_text(json.dumps({"fl_x": 150, "w": WIDTH, "h": HEIGHT, "frames": frames}))
+    save_photos(tmp_path, photos)
+    points = examined(tmp_path)[0]["points"]
+    assert points.figure == "none" and bool(points.advice) == needed
 
 
 def save_photos(folder, count):

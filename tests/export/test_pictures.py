@@ -187,6 +187,24 @@ def test_a_folder_is_filled_whole_or_not_at_all(tmp_path):
     assert list(tmp_path.iterdir()) == [folder]
 
 
+def test_a_folder_is_never_left_empty_while_it_is_filled_anew(tmp_path, monkeypatch):
+    folder = tmp_path / "pictures"
+    for text in ("one", "two"):
+        with filling(folder, ("*",), True) as work:
+            (work / "0.txt").write_text(text)
+            (work / "sub").mkdir()
+            (work / "sub" / text).touch()
+    assert (folder / "0.txt").read_text() == "two" and [path.name for path in (folder / "sub").iterdir()] == ["two"]
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), filling(folder, ("*",), True) as work:
+        (work / "0.txt").write_text("three")
+        monkeypatch.setattr("core.system.atomic.os.replace", interrupt)
+    assert (folder / "0.txt").read_text() == "two" and (folder / "sub").is_dir()
+
+
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
 def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_path):
     def old(name):

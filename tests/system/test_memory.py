@@ -72,7 +72,7 @@ def test_a_lower_limit_of_the_shell_is_told(monkeypatch):
 
 
 def test_features_are_matched_on_as_many_threads_as_fit(soft_limit_put_back, monkeypatch):
-    monkeypatch.setattr(features.os, "cpu_count", lambda: 4)
+    monkeypatch.setattr(features.threads, "cores", lambda: 4)
     assert features._matching_threads() == 4
     for gib, fitting in ((2, 0), (4, 1), (6, 2), (50, 4)):
         memory.hold_to(gib)

@@ -100,10 +100,12 @@ class _Reading:
                 rotation, centre = _pose(frame)
                 lens = _Lens.of(facts | frame)
                 mask = frame.get("mask_path")
+                if not isinstance(mask, str | None):
+                    self.faults.add("with a mask_path that is no name, used whole", label)
                 mask = self.find(mask) if isinstance(mask, str) else None
                 photos[path] = PosedPhoto(str(path), path, lens.camera, rotation, centre, mask=mask)
-                if isinstance(number := frame.get("colmap_im_id"), int):
-                    self.image_ids[path] = number
+                if isinstance(image_id := frame.get("colmap_im_id"), int):
+                    self.image_ids[path] = image_id
             except Fault as fault:
                 self.faults.add(f"{fault}, not used", label)
         if photos:
@@ -153,6 +155,7 @@ class _Reading:
             return points
         name = facts.get("ply_file_path")
         if not isinstance(name, str):
+            self.notes += [f"The ply_file_path {name!r} is no name of a file."] * (name is not None)
             return None
         path = self.find(name)
         if not os.path.isfile(path):

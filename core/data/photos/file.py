@@ -96,7 +96,7 @@ def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as problem:
         if problem.code == cv2.Error.StsNoMem:
-            raise MemoryError from None
+            raise
         pixels = None  # such as more than 2^30 pixels
     if pixels is None:
         raise bad_photo(path, "is not a photo that can be read")

@@ -1,6 +1,5 @@
 """SIFT features of photos and their matches, by pycolmap on a CPU, in parts that tell of progress."""
 
-import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +13,7 @@ from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
-from core.system import memory
+from core.system import memory, threads
 
 LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
 FEATURES = 8192  # at most, of a photo whose camera is known
@@ -131,8 +130,8 @@ def match(
 
 
 def _matching_threads() -> int:
-    """A thread for each core, or as many as fit below the limit on memory, which may be none."""
-    cores, room = os.cpu_count() or 1, memory.limit()
+    """A thread for each core that may be used, or as many as fit below the limit on memory, which may be none."""
+    cores, room = threads.cores(), memory.limit()
     return cores if room is None else max(0, min(cores, (room - MATCHING_BYTES) // MATCHING_BYTES_A_THREAD))
 
 

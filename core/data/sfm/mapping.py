@@ -1,6 +1,6 @@
 """From matches to cameras and points, by COLMAP's incremental mapping; if that loses most photos, once more with focal lengths refined last."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pycolmap
@@ -35,9 +35,10 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
                 f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
                 f"not {found} as with focal lengths refined along the way."
             )
-    if models:
-        _drop_folded(models[0], report)
-    if not models or not models[0].num_reg_images():
+    for model in models:
+        _drop_folded(model)
+    models = _largest_first(model for model in models if model.num_reg_images())
+    if not models:
         raise BadInput(
             f"No cameras could be found: the {len(names)} photos do not overlap enough.",
             "Add photos of the same place from nearby viewpoints.",
@@ -45,10 +46,16 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
     if len(models) > 1:
         sizes = ", ".join(str(part.num_reg_images()) for part in models)
         report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
+    if folded := sum(not image.has_pose for image in models[0].images.values()):
+        report.warn(f"{counted(folded, 'photo')} could be placed only through a lens that no camera has, and not at all without it.")
     return models[0]
 
 
-def _drop_folded(model: pycolmap.Reconstruction, report: Report) -> None:
+def _largest_first(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    return sorted(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
+
+
+def _drop_folded(model: pycolmap.Reconstruction) -> None:
     """Take photos out whose lens formula folds over inside them: undistorted, they would become swirls.
 
     COLMAP finds such lenses where a photo shares few points with others. As a pinhole it fits them no better.
@@ -56,8 +63,6 @@ def _drop_folded(model: pycolmap.Reconstruction, report: Report) -> None:
     folded = [image for image in model.images.values() if image.has_pose and folds_over(image.camera)]
     for image in folded:
         model.deregister_frame(image.frame_id)
-    if folded:
-        report.warn(f"{counted(len(folded), 'photo')} could be placed only through a lens that no camera has, and not at all without it.")
 
 
 def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:
@@ -77,7 +82,7 @@ def _models(work: Path, names: list[str], report: Report, refined: bool) -> list
         initial_image_pair_callback=_counter(report, len(names), 2),
         next_image_callback=_counter(report, len(names), 3),
     )
-    return sorted(models.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
+    return _largest_first(models.values())
 
 
 def _refine(models: list[pycolmap.Reconstruction]) -> None:

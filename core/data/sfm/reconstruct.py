@@ -131,7 +131,7 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
         image.name = copies[image.name]
     chosen.mkdir()
     model.write(str(chosen))
-    lenses = {image.name: asdict(lens_of(model.cameras[image.camera_id])) for image in model.images.values()}
+    lenses = {image.name: asdict(lens_of(model.cameras[image.camera_id])) for image in model.images.values() if image.has_pose}
     pycolmap.undistort_images(undistorted, chosen, named, jpeg_quality=JPEG_QUALITY)
     (scene / "sparse").mkdir(parents=True)
     os.replace(undistorted / "images", scene / "images")

@@ -5,7 +5,6 @@ history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results
 """
 
 import os
-import shutil
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -15,7 +14,7 @@ from core.data.collection import Collection
 from core.data.made import CONFIG, is_of_run, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput, not_made
-from core.system.atomic import check_folder, swept, write_text
+from core.system.atomic import check_folder, remove, swept, write_text
 from core.training.decisions import Decision
 from core.training.on_disk import checkpoint, viewer_files
 from core.training.on_disk.run_config import write_config
@@ -124,7 +123,7 @@ def _clear(folder: Path) -> None:
     """Delete what a run wrote into `folder`, and nothing else."""
     for pattern in OURS:
         for path in folder.glob(pattern):
-            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+            remove(path)
 
 
 def rewind_history(folder: Path, step: int) -> None:

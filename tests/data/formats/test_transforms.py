@@ -312,6 +312,13 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     assert not load_photo(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
 
 
+def test_names_of_files_that_are_none_are_told(scene):
+    changed(scene, lambda facts: (facts.update(ply_file_path=["x"]), facts["frames"][1].update(mask_path=7)))
+    collection = load_collection(scene)
+    assert notes_with(collection, "The ply_file_path ['x'] is no name of a file") and len(collection.points) == 0
+    assert notes_with(collection, "with a mask_path that is no name, used whole: photo_1.png")
+
+
 def test_other_files_of_frames_beside_a_transforms_json_are_named(scene):
     shutil.copy(scene / "transforms.json", scene / "transforms_test.json")
     assert notes_with(load_collection(scene), "holds transforms_test.json as well; transforms.json is used")

@@ -2,13 +2,16 @@
 
 import shutil
 
+import cv2
 import numpy as np
 import pycolmap
 import pytest
 
+from core.data.made import write_mark
 from core.data.sfm import mapping
-from core.data.sfm.originals import placed_of, shortfall
-from core.data.sfm.reconstruct import reconstruct
+from core.data.sfm.features import PHOTOS
+from core.data.sfm.originals import FILES, NAMES, placed_of, shortfall
+from core.data.sfm.reconstruct import _write_scene, reconstruct
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.real_data import real
@@ -87,15 +90,43 @@ def test_half_the_photos_are_enough(mapped):
     assert mapped([first], [model(8, 150.0)]) == (first, [], [True])
 
 
-def test_photos_whose_lens_folds_over_are_dropped(mapped):
-    found = model(6, 100)
+def fold(found: pycolmap.Reconstruction, *numbers: int) -> None:
+    """Give these cameras a lens formula that folds over inside their photos."""
     lens = pycolmap.Camera(model="SIMPLE_RADIAL", width=160, height=120, params=[100, 80, 60, -1.6])
-    for number in (2, 5):
+    for number in numbers:
         found.cameras[number].model = lens.model
         found.cameras[number].params = lens.params
+
+
+def test_photos_whose_lens_folds_over_are_dropped(mapped):
+    found = model(6, 100)
+    fold(found, 2, 5)
     chosen, lines, _ = mapped([found], [])
     assert {image.image_id for image in chosen.images.values() if image.has_pose} == {1, 3, 4, 6}
     assert lines == ["! 2 photos could be placed only through a lens that no camera has, and not at all without it."]
+
+
+@pytest.mark.parametrize(("folded", "apart"), [((1, 2, 3, 4, 5), "2 places (4, 1 photos)"), ((1, 2, 3, 4, 5, 6), None)])
+def test_the_model_that_is_largest_without_them_is_kept(mapped, folded, apart):
+    largest, other = model(6, 100), model(4, 100)
+    fold(largest, *folded)
+    chosen, lines, _ = mapped([largest, other], [])
+    assert chosen is other
+    assert lines == ([f"! The photos fall apart into {apart}; the largest is kept."] if apart else [])
+
+
+def test_photos_that_were_dropped_count_as_lost(tmp_path):
+    found = model(6, 100)
+    for number in (2, 3, 4, 5):
+        found.deregister_frame(number)
+    (tmp_path / PHOTOS).mkdir()
+    for index in range(6):
+        assert cv2.imwrite(str(tmp_path / PHOTOS / f"{index}.jpg"), np.full((120, 160, 3), 99, np.uint8))
+    _write_scene(tmp_path, found, {f"{index}.jpg": f"photo {index}.jpg" for index in range(6)})
+    scene = tmp_path / "scene"
+    write_mark(scene / FILES, {f"/{index}.jpg": [0, 0] for index in range(6)})
+    write_mark(scene / NAMES, {f"/{index}.jpg": f"photo {index}.jpg" for index in range(6)})
+    assert placed_of(scene) == (6, 2, 2) and shortfall(scene).startswith("Only 2 of 6 photos could be placed")
 
 
 def test_real_photos_that_are_lost_at_first(tmp_path):

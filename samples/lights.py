@@ -28,9 +28,9 @@ from core.data.photos.pixels import read_pixels
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.export.pictures import to_8_bit
-from core.looks.find_look import find_appearance, look_of_photo
+from core.looks.find_look import find_look, look_of_photo
 from core.looks.refined_look import refined
-from core.looks.trained import TrainedRun, bake, blend, load_run
+from core.looks.trained import Look, TrainedRun, bake, blend, load_run
 from core.report import QUIET, Report
 from core.system.atomic import write_bytes
 from core.training.on_disk import run_folders
@@ -64,12 +64,12 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
             styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
             if output is None:
                 from_left = trained.collection.view(PLAZA_VIEWS[0])
-                looks = [find_appearance(trained, word, report=terminal) for word in PLAZA_LOOKS]
+                looks = [find_look(trained, word, report=terminal) for word in PLAZA_LOOKS]
                 shots = [tile(rendered(trained, look, from_left), 240) for look in looks]
                 write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]], terminal)
         seen_from = [trained.collection.view(view) for view in views or (None,)]
         if renders:
-            looks = [find_appearance(trained, word, report=terminal) for word in ("neutral", *styles)]
+            looks = [find_look(trained, word, report=terminal) for word in ("neutral", *styles)]
             rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
         else:
             rows = sheet(trained, styles, seen_from[0], terminal)
@@ -81,7 +81,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
 
 def sheet(trained: TrainedRun, styles: tuple[str, ...], photo: Photo, report: Report = QUIET) -> list[list[np.ndarray]]:
     """Rows of pictures: one for each style, then a strip of looks from the first to the last."""
-    neutral, *looks = (find_appearance(trained, word, report=report) for word in ("neutral", *styles))
+    neutral, *looks = (find_look(trained, word, report=report) for word in ("neutral", *styles))
     rows = []
     for style, look in zip(styles, looks, strict=True):
         if not Path(style).is_file():
@@ -96,10 +96,10 @@ def sheet(trained: TrainedRun, styles: tuple[str, ...], photo: Photo, report: Re
     return [*rows, [tile(frame, height) for frame in strip]]
 
 
-def rendered(trained: TrainedRun, appearance, photo: Photo) -> np.ndarray:
+def rendered(trained: TrainedRun, look: Look, photo: Photo) -> np.ndarray:
     """A look from the camera of a photo, 8 bit."""
     rasterizer = trained.rasterizer
-    return to_8_bit(rasterizer.render(bake(trained, appearance), trained.camera(photo), trained.background).image)
+    return to_8_bit(rasterizer.render(bake(trained, look), trained.camera(photo), trained.background).image)
 
 
 def tile(picture: np.ndarray, height: int) -> np.ndarray:
@@ -131,20 +131,20 @@ def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | N
     known = truths(trained, style)
     if not known:
         return None
-    own = find_appearance(trained, style, report=report)
+    own = find_look(trained, style, report=report)
     seen = {photo.name: look_of_photo(trained, photo) for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}
     for name, path in known.items():
         camera = trained.camera(trained.collection.view(name))
         pixels = cv2.resize(read_pixels(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         truth = torch.from_numpy(pixels).to(trained.device).float() / 255
-        looks = {"own": own, "neutral": find_appearance(trained, "neutral")} | seen
+        looks = {"own": own, "neutral": find_look(trained, "neutral")} | seen
         fitted = refined(trained, own, camera, truth, None)
         looks |= {} if fitted is None else {"fitted": fitted}
-        for look, appearance in looks.items():
-            picture = metrics.quantised(trained.rasterizer.render(bake(trained, appearance), camera, trained.background).image)
-            found.setdefault(look, []).append(metrics.psnr(picture, truth))
-    means = {look: sum(values) / len(values) for look, values in found.items()}
+        for which, look in looks.items():
+            picture = metrics.quantised(trained.rasterizer.render(bake(trained, look), camera, trained.background).image)
+            found.setdefault(which, []).append(metrics.psnr(picture, truth))
+    means = {which: sum(values) / len(values) for which, values in found.items()}
     nearest = max(seen, key=means.__getitem__)
     return (
         f"{Path(style).name}: {means['own']:.2f} dB from the truth in {len(found['own'])} views; the nearest of {len(seen)} looks of "

@@ -67,7 +67,7 @@ def test_every_variant_trains_and_is_measured(runs):
 def test_a_table_of_embeddings_starts_from_its_mean(runs):
     _, folder = runs
     live = load_run(next(folder.glob("embedding-by-GLO*/")))
-    look = live.model.look(torch.rand(3, 24, 32))
+    look = live.model.read(torch.rand(3, 24, 32))
     assert torch.equal(look.embedding, live.model.mean_embedding) and look.embedding.abs().max() > 0
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.report import QUIET
 from samples import lights
@@ -25,9 +25,9 @@ def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
 
     def heard(*given, report, **options):
         reports.append(report)
-        return find_appearance(*given, report=report, **options)
+        return find_look(*given, report=report, **options)
 
-    monkeypatch.setattr(lights, "find_appearance", heard)
+    monkeypatch.setattr(lights, "find_look", heard)
     styles = []
     for name, colour in (("red", (0, 0, 200)), ("blue", (200, 0, 0))):
         styles.append(str(tmp_path / f"{name}.png"))
@@ -46,7 +46,7 @@ def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
     # The strip begins with the first look and ends with the last.
     live = load_run(folder)
     photo = live.collection.view("photo_5.png")
-    frame = lights.rendered(live, find_appearance(live, styles[1]), photo)
+    frame = lights.rendered(live, find_look(live, styles[1]), photo)
     shown = lights.sheet(live, tuple(styles), photo)[-1]
     np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
 
@@ -62,7 +62,7 @@ def test_a_sheet_without_photos(folder, tmp_path):
     live = load_run(folder)
     for row, view in enumerate(("photo_5.png", "photo_1.png")):
         for column, word in enumerate(("neutral", str(style))):
-            frame = lights.rendered(live, find_appearance(live, word), live.collection.view(view))
+            frame = lights.rendered(live, find_look(live, word), live.collection.view(view))
             drawn = pixels[row * lights.TILE_PX :, column * wide :][: lights.TILE_PX, :wide]
             assert abs(drawn[..., ::-1] - lights.tile(frame, lights.TILE_PX)).mean() < 4  # JPEG
 

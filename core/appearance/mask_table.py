@@ -26,14 +26,14 @@ class MaskTable(nn.Module):
             self.last.weight *= LAST_LAYER_GAIN
         nn.init.constant_(self.last.bias, STATIC_LOGIT)
 
-    def forward(self, photo: int, height: int, width: int) -> Float[Tensor, "1 {height} {width}"]:
-        """The mask of a photo (its row) at a size in pixels."""
+    def forward(self, row: int, height: int, width: int) -> Float[Tensor, "1 {height} {width}"]:
+        """The mask of the photo in this row at a size in pixels."""
         rows, columns = (
             (torch.arange(size, device=self.photos.device, dtype=self.photos.dtype) * 2 + 1) / size - 1
             for size in (height, width)
         )
         positions = torch.cartesian_prod(rows, columns)
-        code = self.photos[photo].expand(len(positions), -1)
+        code = self.photos[row].expand(len(positions), -1)
         values = torch.cat([code, encode(positions, OCTAVES)], dim=1)
         for layer in self.hidden:
             values = torch.relu(layer(values))

@@ -1,4 +1,4 @@
-"""The appearance model: a photo's look, the Gaussians in that look, and the bake after which appearance is over."""
+"""The appearance model: what a photo tells of its look, the Gaussians in that look, and the bake after which appearance is over."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ LEAST_WINDOW = 64  # and this many steps: over fewer, the exposure jitter of sin
 
 
 @dataclass(frozen=True)
-class Look:
-    """A photo's embedding, and its mask: 1 = static, 0 = transient, at 1/4 of the shrunk photo's size, rounded up."""
+class Reading:
+    """What is read in a photo: its embedding, and its mask: 1 = static, 0 = transient, at 1/4 of the shrunk photo's size, rounded up."""
 
     embedding: Float[Tensor, " e"]
     mask: Float[Tensor, "1 h w"] | None
@@ -71,30 +71,30 @@ class AppearanceModel(nn.Module):
         self.remembered = self.remembered.cpu()
         return self
 
-    def look(self, picture: Float[Tensor, "3 h w"], photo: int | None = None) -> Look:
-        """The look of a photo of the collection ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
+    def read(self, picture: Float[Tensor, "3 h w"], row: int | None = None) -> Reading:
+        """What a photo of the collection tells of its look ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
 
-        photo: its row in `photo_names`, or None for one that was not trained on. The embedding of such a photo is held
+        row: its place in `photo_names`, or None for one that was not trained on. The embedding of such a photo is held
         within `reach`. A GLO table knows nothing of it: its embedding is the mean, the place to start a refinement. Without
         appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
         """
-        if photo is not None and not 0 <= photo < len(self.photo_names):
-            raise BadInput(f"There is no photo {photo} among {len(self.photo_names)}.", "Count from 0.")
+        if row is not None and not 0 <= row < len(self.photo_names):
+            raise BadInput(f"There is no photo {row} among {len(self.photo_names)}.", "Count from 0.")
         picture = shrink(picture, self.settings.encoder_side_px)
         embedding = mask = None
         with one_torch_thread():  # a few ms of work: more threads cost more than they save, and would round differently
             if self.encoder is not None:
                 embedding, mask = self.encoder(picture, masked=True)
-                if embedding is not None and photo is None:
+                if embedding is not None and row is None:
                     embedding = self.reach.nearest(embedding)
-            if self.embedding_table is not None and photo is not None:
-                embedding = self.embedding_table[photo]
+            if self.embedding_table is not None and row is not None:
+                embedding = self.embedding_table[row]
             if isinstance(self.mask_network, PlainMask):
                 mask = self.mask_network(picture)
-            elif self.mask_network is not None and photo is not None:
+            elif self.mask_network is not None and row is not None:
                 height, width = (-(-side // 4) for side in picture.shape[1:])
-                mask = self.mask_network(photo, height, width)
-        return Look(self.mean_embedding if embedding is None else embedding, mask)
+                mask = self.mask_network(row, height, width)
+        return Reading(self.mean_embedding if embedding is None else embedding, mask)
 
     @torch.no_grad()
     def embedding_from_outside(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
@@ -114,7 +114,7 @@ class AppearanceModel(nn.Module):
 
         `met_embeddings` are those of the steps that met the photos: of other weights, and of other exposures.
         """
-        both = [(self.look(picture, row).embedding, self.embedding_from_outside(picture)) for row, picture in enumerate(pictures)]
+        both = [(self.read(picture, row).embedding, self.embedding_from_outside(picture)) for row, picture in enumerate(pictures)]
         masked, unmasked = zip(*both)
         return torch.stack(masked), torch.stack(unmasked)
 
@@ -163,8 +163,8 @@ class AppearanceModel(nn.Module):
         return Reach.of(self.met_embeddings if self.remembered else self.met_embeddings[:0])
 
     @torch.no_grad()
-    def remember(self, embedding: Float[Tensor, " e"], photo: int) -> None:
-        """Let the embedding of a training photo (its row) enter `met_embeddings` and `mean_embedding`.
+    def remember(self, embedding: Float[Tensor, " e"], row: int) -> None:
+        """Let the embedding of a training photo enter `met_embeddings` and `mean_embedding`.
 
         The mean is an exponential moving average corrected for its start. With decay d the t-th embedding enters with weight
         (1 - d) / (1 - d^t), 1 for the first: Adam's correction of the start (its section 3), written for the corrected mean.
@@ -172,7 +172,7 @@ class AppearanceModel(nn.Module):
         if not self.remembered:
             self.met_embeddings[:] = embedding
         if len(self.met_embeddings):
-            self.met_embeddings[photo] = embedding
+            self.met_embeddings[row] = embedding
         self.remembered += 1
         decay = 1 - 1 / max(MEAN_WINDOW_ROUNDS * len(self.photo_names), LEAST_WINDOW)
         weight = (1 - decay) / (1 - decay ** int(self.remembered))

@@ -60,13 +60,13 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
     with scratch() as folder:
         path = folder / "look.ply"
 
-        def written(look: Splats) -> Splats:
-            core.export.write(path, look.in_world(trained.collection.frame), "bench")
-            return look
+        def written(baked: Splats) -> Splats:
+            core.export.write(path, baked.in_world(trained.collection.frame), "bench")
+            return baked
 
         def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
-            look, seconds = timed(lambda: written(make()), budget)
-            pictures, drawing = timed(lambda: [rasterizer.render(look, camera, trained.background).image for camera in cameras], budget)
+            baked, seconds = timed(lambda: written(make()), budget)
+            pictures, drawing = timed(lambda: [rasterizer.render(baked, camera, trained.background).image for camera in cameras], budget)
             apart = errors([picture.clamp(0, 1) for picture in pictures], truth)
             values = {
                 "megabytes": Spread.exactly(path.stat().st_size / 1e6),

@@ -27,13 +27,12 @@ from core.scene.splats import Splats
 
 @dataclass(frozen=True)
 class Levers:
-    """alpha_min, stop_transmittance: see the contract. tile_px: side of the tiles that get a list of splats of their own,
-    or None for one list for the whole picture."""
+    """alpha_min, stop_transmittance: see the contract. tile_px: side of the tiles that get a list of splats of their own."""
 
     dtype: torch.dtype = torch.float64
     alpha_min: float = contract.ALPHA_MIN
     stop_transmittance: float = contract.STOP_TRANSMITTANCE
-    tile_px: int | None = 16
+    tile_px: int = 16
     sh_degree: int = MAX_DEGREE
 
 
@@ -56,7 +55,7 @@ def draw(splats: Splats, camera: Camera, levers: Levers) -> Float[Tensor, "h w 3
     drawable = reference.is_ellipse(projection)
 
     image = colours.new_zeros(camera.height, camera.width, 3)
-    side = levers.tile_px or max(camera.width, camera.height)
+    side = levers.tile_px
     for top in range(0, camera.height, side):
         for left in range(0, camera.width, side):
             width, height = min(side, camera.width - left), min(side, camera.height - top)

@@ -1,6 +1,5 @@
 """Training: held-out quality over seconds and over steps, from the history.csv that every run records."""
 
-import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +7,8 @@ from pathlib import Path
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.errors import BadInput, command
-from core.training.on_disk import checkpoint
+from core.training.on_disk import checkpoint, history
 from core.training.on_disk.run_config import read_config
-from core.training.on_disk.run_folders import HISTORY
 
 QUANTITIES = (
     Quantity("seconds", "s of training", "log"),
@@ -24,7 +22,7 @@ COLUMNS = {
     "steps": "step",
     "seconds": "seconds",
     "gaussians": "gaussians",
-    "psnr": "held_out_psnr",
+    "psnr": history.HELD_OUT,
     "ssim": "held_out_ssim",
 }
 NOTES = (
@@ -53,17 +51,10 @@ def training_figure(courses: list[Course], title: str, notes: tuple[str, ...] = 
 
 def checks(folder: Path) -> list[dict[str, float]]:
     """The rows of a run's history at which held-out quality was measured; what was not recorded is absent."""
-    path = folder / HISTORY
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = [row for row in csv.DictReader(file) if row.get("held_out_psnr")]
-        found = [{name: float(row[column]) for name, column in COLUMNS.items() if row.get(column)} for row in rows]
-    except FileNotFoundError:  # stopped before its first line
-        found = []
-    except (OSError, ValueError, KeyError) as problem:
-        raise BadInput(f"{path} cannot be read: {problem}.", "Train the run again.") from None
+    rows = history.checks(folder)
+    found = [{name: row[column] for name, column in COLUMNS.items() if column in row} for row in rows]
     if not found:
-        raise BadInput(f"{path} holds no held-out quality.", _how_to_check(folder))
+        raise BadInput(f"{folder / history.FILE} holds no held-out quality.", _how_to_check(folder))
     return found
 
 

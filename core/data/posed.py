@@ -95,9 +95,8 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     notes += name_them("without any SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
     notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
-    name = root.resolve().name
     collection = Collection(
-        name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)
+        root.resolve().name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)
     )
     masks = {name: photo.mask for name, photo in named.items() if photo.mask is not None}
     collection = with_masks_by_name(collection, masks, posed.source) if masks else collection

@@ -1,6 +1,5 @@
 """Checks of a run: its Gaussians in the neutral look, its looks, its masks, and how its training went."""
 
-import csv
 from dataclasses import fields
 from pathlib import Path
 
@@ -18,8 +17,7 @@ from core.export.ply import BYTES_A_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
 from core.training.losses.mask_weights import COLLAPSED
-from core.training.on_disk import checkpoint
-from core.training.on_disk.run_folders import HISTORY
+from core.training.on_disk import checkpoint, history
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread
 NEAR_BOUND = 0.95  # of the residual's bound: beyond, the transfer has hardly any gradient
@@ -69,7 +67,7 @@ def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
             slower if skipped > OFTEN * steps else "",
         ),
     ]
-    course = _held_out(trained.folder / HISTORY)
+    course = [row[history.HELD_OUT] for row in history.checks(trained.folder)]
     if course:
         best, last = max(course), course[-1]
         fell = last < best - FELL_DB
@@ -77,19 +75,6 @@ def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
         figure = f"{last:.2f} dB, {best:.2f} at best"
         findings.append(Finding("held-out quality", figure, "of a few test photos, by history.csv", advice))
     return findings
-
-
-def _held_out(path: Path) -> list[float]:
-    """The held-out PSNRs (dB) of a history.csv, in order; garbled rows are ignored, and without a file there are none."""
-    values = []
-    if path.is_file():
-        with path.open(encoding="utf-8", errors="replace", newline="") as file:
-            for row in csv.DictReader(file):
-                try:
-                    values.append(float(row["held_out_psnr"]))
-                except (KeyError, TypeError, ValueError):
-                    continue
-    return values
 
 
 def _settings(settings: Settings) -> Finding:
@@ -114,10 +99,10 @@ def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
         with torch.no_grad():
-            look = trained.model.look(sized.encoder_input, names.index(photo.name) if photo.name in names else None)
-            residual = trained.model.transfer(splats.sh, splats.means, look.embedding, latents)[1]
-        if look.mask is not None:
-            masks[photo.name] = float(look.mask.mean())
+            reading = trained.model.read(sized.encoder_input, names.index(photo.name) if photo.name in names else None)
+            residual = trained.model.transfer(splats.sh, splats.means, reading.embedding, latents)[1]
+        if reading.mask is not None:
+            masks[photo.name] = float(reading.mask.mean())
         if residual is not None and residual.numel():
             added.add(residual)
     findings = []

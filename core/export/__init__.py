@@ -1,13 +1,13 @@
 """Files for other programs, by suffix. A new format takes a module and a line in FORMATS."""
 
-from importlib import import_module
 from pathlib import Path
 
 from core.errors import BadInput
+from core.export.ply import write_ply
 from core.scene.splats import Splats
 
-# Suffix -> writer(path, splats_in_world, comment) -> Gaussians dropped. Imported only when asked for.
-FORMATS = {".ply": "core.export.ply:write_ply"}
+# Suffix -> writer(path, splats_in_world, comment) -> Gaussians dropped.
+FORMATS = {".ply": write_ply}
 
 
 def check_format(path: Path) -> None:
@@ -20,8 +20,7 @@ def check_format(path: Path) -> None:
 def write(path: Path, splats_in_world: Splats, comment: str) -> int:
     """Write Gaussians (world units) in the format of the suffix of `path`; returns how many had to be dropped."""
     check_format(path)
-    module, attribute = FORMATS[path.suffix.lower()].split(":")
-    return getattr(import_module(module), attribute)(path, splats_in_world, comment)
+    return FORMATS[path.suffix.lower()](path, splats_in_world, comment)
 
 
 __all__ = ["FORMATS", "check_format", "write"]

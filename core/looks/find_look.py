@@ -18,16 +18,16 @@ from core.errors import BadInput
 from core.looks import saved_look
 from core.looks.outside import light_in_words, read_from_outside
 from core.looks.refined_look import refined_held_out, refined_outside
-from core.looks.trained import NEUTRAL, Appearance, TrainedRun, neutral_look
+from core.looks.trained import NEUTRAL, Look, TrainedRun, neutral_look
 from core.report import QUIET, Report
 
 SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not be told from noise
 
 
 @torch.no_grad()
-def find_appearance(
+def find_look(
     trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
-) -> Appearance:
+) -> Look:
     """The look that `word` stands for.
 
     mask: a picture, white where the photo is to be used; what it hides does not enter the look at all. refine: refine the encoder's look
@@ -88,7 +88,7 @@ def _moved(collection: Collection, path: Path) -> Photo | None:
 
 
 def find_view(trained: TrainedRun, word: str | None) -> Photo:
-    """The photo of the collection that `word` stands for, as in `find_appearance`; for None the first held-out one, or the first of all.
+    """The photo of the collection that `word` stands for, as in `find_look`; for None the first held-out one, or the first of all.
 
     Raises BadInput if there is none.
     """
@@ -106,8 +106,8 @@ def _left_out(trained: TrainedRun, word: str) -> Path | None:
     return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
 
 
-def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Appearance:
-    """The look of a photo of the collection; the rest as in `find_appearance`."""
+def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
+    """The look of a photo of the collection; the rest as in `find_look`."""
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
     if row is None:
@@ -117,15 +117,15 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
         photo = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, size_for_mask(photo))
     kind = "training" if row is not None else "held-out"
-    look = partial(Appearance, Path(photo.name).stem, f"{kind} photo {photo.name}")
+    look = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
     if row is not None and mask is None and trained.encoded is not None:
         return look(trained.encoded[row])
     sized = trained.sized_photo(photo)
-    found = look(trained.model.look(sized.encoder_input, row).embedding)
+    found = look(trained.model.read(sized.encoder_input, row).embedding)
     return refined_held_out(trained, found, sized, report) if refine and row is None else found
 
 
-def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Appearance:
+def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:
     _refuse_unknown_to_table(trained, str(path))
     if mask is not None:
         check_fits(mask, probe(mask).displayed, probe(path).displayed)
@@ -138,7 +138,7 @@ def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Appearanc
     source = f"photo {path.name} from outside the collection"
     if tone is not None and (light := light_in_words(tone)):
         source += f", lit unlike any photo of the place ({light})"
-    return Appearance(path.stem, source, embedding, tone)
+    return Look(path.stem, source, embedding, tone)
 
 
 def _refuse_unknown_to_table(trained: TrainedRun, name: str) -> None:

@@ -5,18 +5,18 @@ from pathlib import Path
 import core.export
 from core.export.ply import maker_of
 from core.looks.pruning import Pruned, Pruner
-from core.looks.trained import Appearance, TrainedRun, bake
+from core.looks.trained import Look, TrainedRun, bake
 from core.report import Report
 from core.words import counted
 
 
-def write_look(trained: TrainedRun, appearance: Appearance, path: Path, report: Report, pruner: Pruner | None, sky: bool = True) -> int:
+def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, pruner: Pruner | None, sky: bool = True) -> int:
     """Bake and write one look, with or without its sky; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
-    look = bake(trained, appearance)
-    pruned = Pruned(look, 0, 0, 0.0) if pruner is None else pruner(look)
+    baked = bake(trained, look)
+    pruned = Pruned(baked, 0, 0, 0.0) if pruner is None else pruner(baked)
     splats = pruned.splats if sky else pruned.splats[: len(pruned.splats) - trained.sky]
     frame = trained.collection.frame
-    maker = maker_of(trained.identity, trained.sky if sky else 0, appearance.name)
+    maker = maker_of(trained.identity, trained.sky if sky else 0, look.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
     if dropped:
         report.warn(

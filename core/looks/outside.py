@@ -55,8 +55,8 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
 
 def _shares(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
     """What place and sky each contribute to the mean colours of the bands of the training views, in the neutral look."""
-    look = bake(trained, neutral_look(trained))
-    alone = [toned(look, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
+    neutral = bake(trained, neutral_look(trained))
+    alone = [toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
     shares = []
     for photo in spread_over(trained.collection.split("train"), VIEWS):
         camera = trained.camera(photo)

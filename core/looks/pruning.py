@@ -77,34 +77,34 @@ class Pruner:
         return all(self.rasterizer.render(shown, camera).image.max() <= HALF_STEP for camera in self.cameras)
 
     @torch.no_grad()
-    def __call__(self, look: Splats) -> Pruned:
+    def __call__(self, baked: Splats) -> Pruned:
         """The pruned look: all in all, no pixel of any view changes by more than HALF_STEP.
 
         Proved by rendering: the lowest degree that keeps the bound in every view is taken. If the look is too bright for the bound at any
         degree, only Gaussians that no view draws are left out, which changes nothing.
         """
         if not self.drawn.any():
-            return Pruned(look, 0, 0, 0.0)
-        kept = look[self.kept]
-        options = [kept.up_to_degree(degree) for degree in range(look.degree + 1)]
+            return Pruned(baked, 0, 0, 0.0)
+        kept = baked[self.kept]
+        options = [kept.up_to_degree(degree) for degree in range(baked.degree + 1)]
         if torch.equal(self.kept, self.drawn):
             options.pop()  # needs no proof: it is what remains
         largest = [0.0] * len(options)
         for camera in self.cameras:
             if min(largest, default=1.0) > HALF_STEP:
                 break
-            whole = self._shown(look, camera)
+            whole = self._shown(baked, camera)
             for number, option in enumerate(options):
                 if largest[number] <= HALF_STEP:
                     change = (self._shown(option, camera) - whole).abs().max()
                     largest[number] = max(largest[number], float(change))
         for option, change in zip(options, largest, strict=True):
             if change <= HALF_STEP:
-                return Pruned(option, len(look) - len(option), look.degree - option.degree, change * 255)
-        return Pruned(look[self.drawn], int((~self.drawn).sum()), 0, 0.0)
+                return Pruned(option, len(baked) - len(option), baked.degree - option.degree, change * 255)
+        return Pruned(baked[self.drawn], int((~self.drawn).sum()), 0, 0.0)
 
-    def _shown(self, look: Splats, camera: Camera) -> Tensor:
-        return self.rasterizer.render(look, camera, self.background).image.clamp(0, 1)
+    def _shown(self, baked: Splats, camera: Camera) -> Tensor:
+        return self.rasterizer.render(baked, camera, self.background).image.clamp(0, 1)
 
 
 def pruner_of(trained: TrainedRun, report: Report) -> Pruner:

@@ -15,20 +15,20 @@ from core.data.sfm import landmarks
 from core.data.sfm.landmarks import Landmarks, landmarks_of
 from core.data.sfm.locate import locate
 from core.errors import BadInput, WegsError
-from core.looks.trained import Appearance, TrainedRun
+from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
 from core.scene.camera import Camera
 from core.training.sized_photos import SizedPhoto, shown_on
 
 
-def refined_held_out(trained: TrainedRun, look: Appearance, sized: SizedPhoto, report: Report) -> Appearance:
+def refined_held_out(trained: TrainedRun, look: Look, sized: SizedPhoto, report: Report) -> Look:
     """The look of a held-out photo, refined. (A training photo's would gain nothing: the encoder has learnt it by heart.)"""
     pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
     better = refined(trained, look, sized.camera, pixels, valid, report)
     return look if better is None else replace(better, source=f"{look.source}, refined")
 
 
-def refined_outside(trained: TrainedRun, look: Appearance, path: Path, mask: Path | None, report: Report) -> Appearance:
+def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report: Report) -> Look:
     """The look of a photo file from outside the collection, refined; unchanged if the photo cannot be located, with the reason in `source`.
 
     The photo is compared at its own size, or the mean size of a training photo if that is smaller. mask: white where it is to be used.
@@ -36,7 +36,7 @@ def refined_outside(trained: TrainedRun, look: Appearance, path: Path, mask: Pat
     if trained.settings.appearance == "off":
         return look
 
-    def as_read(why: str) -> Appearance:
+    def as_read(why: str) -> Look:
         return replace(look, source=f"{look.source}, not refined: {why}")
 
     try:
@@ -81,12 +81,12 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
 
 def refined(
     trained: TrainedRun,
-    look: Appearance,
+    look: Look,
     camera: Camera,
     pixels: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w"] | None,
     report: Report = QUIET,
-) -> Appearance | None:
+) -> Look | None:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
     best = None
     steps = refinement(trained.seen_by(camera), trained.bound, look.embedding, pixels, valid, look.tone, trained.sky_in(camera))

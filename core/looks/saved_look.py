@@ -9,7 +9,7 @@ import torch
 
 from core.data.photos.folder import names_without_suffixes
 from core.errors import BadInput, BadSetting
-from core.looks.trained import NEUTRAL, Appearance
+from core.looks.trained import NEUTRAL, Look
 from core.system.atomic import write_json
 from core.training.on_disk.run_folders import check_writable
 from core.words import counted
@@ -33,7 +33,7 @@ def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) ->
     photos: names of the run's photos. BadSetting for one of them: its own look could no longer be asked for by name.
     """
     path = path_of(folder, name)
-    if path.stem in {name for photo in photos for name in names_without_suffixes(photo)}:
+    if path.stem in {called for photo in photos for called in names_without_suffixes(photo)}:
         raise BadSetting(f"{path.stem!r} is the name of a photo of this run.", "Choose another name.")
     check_writable(path.parent)
     if path.exists() and not force:
@@ -45,7 +45,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.stem for path in (folder / FOLDER).glob("*.json"))
 
 
-def save(folder: Path, look: Appearance, identity: str, step: int) -> Path:
+def save(folder: Path, look: Look, identity: str, step: int) -> Path:
     """Write the look into a run folder, replacing an older one of that name.
 
     identity: the run's (config.json); only its SH transfer after `step` steps understands the embedding.
@@ -58,7 +58,7 @@ def save(folder: Path, look: Appearance, identity: str, step: int) -> Path:
     return path
 
 
-def load(path: Path, identity: str, size: int, step: int) -> Appearance:
+def load(path: Path, identity: str, size: int, step: int) -> Look:
     """Read a look of the run `identity` after `step` steps; a file from a version that did not save the step is accepted.
 
     Raises BadInput if it is anything else, or its embedding is not `size` finite numbers, or its tone, if any, not six gains >= 0.
@@ -82,4 +82,4 @@ def load(path: Path, identity: str, size: int, step: int) -> Appearance:
         raise BadInput(f"{path} does not hold {counted(size, 'finite number')}.", "Save the look again.")
     if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
-    return Appearance(path.stem, str(source), embedding, tone)
+    return Look(path.stem, str(source), embedding, tone)

@@ -70,7 +70,7 @@ class SmoothSky:
             colours = self.weights[discs] @ (self.basis[..., None] * sh).sum(dim=1) + 0.5
         return torch.cat([dc_of_colour(colours)[:, None], sh.new_zeros(len(colours), sh.shape[1] - 1, 3)], dim=1)
 
-    def over(self, look: Splats) -> Splats:
+    def over(self, baked: Splats) -> Splats:
         """The Gaussians of a look under this sky."""
-        place, dome = look.sh.split((len(look) - len(self.weights), len(self.weights)))
-        return look.with_sh(torch.cat([place, self.sh(dome[self.shown])]))
+        place, dome = baked.sh.split((len(baked) - len(self.weights), len(self.weights)))
+        return baked.with_sh(torch.cat([place, self.sh(dome[self.shown])]))

@@ -69,12 +69,12 @@ class TrainedRun:
     @torch.no_grad()
     def embed(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
         """The embedding of a picture ([0, 1], any size) that was not trained on."""
-        return self.model.look(picture).embedding
+        return self.model.read(picture).embedding
 
     @torch.no_grad()
     def mask(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "h4 w4"] | None:
         """The mask of a picture, 1 = static; None if the run has no mask network."""
-        mask = self.model.look(picture).mask
+        mask = self.model.read(picture).mask
         return None if mask is None else mask[0]
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
@@ -155,7 +155,7 @@ class TrainedRun:
 
 
 @dataclass(frozen=True)
-class Appearance:
+class Look:
     """A look by name. source: where it comes from, in words. tone: gains of place and sky, for what the embedding cannot express."""
 
     name: str
@@ -188,24 +188,24 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     return TrainedRun(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, encoded.get("masked"))
 
 
-def bake(trained: TrainedRun, appearance: Appearance, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:
+def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:
     """The Gaussians of the run in one look, scene frame: one pass of the SH transfer; appearance is over after it.
 
     rows: of those wanted, all by default; ascending, the whole dome among them.
     """
     latents = None if trained.latents is None else trained.latents[rows]
-    look = trained.model.bake(trained.splats[rows], appearance.embedding, latents)
+    baked = trained.model.bake(trained.splats[rows], look.embedding, latents)
     if trained.smooth_sky is not None:
-        look = trained.smooth_sky.over(look)
-    return look if appearance.tone is None else toned(look, appearance.tone, trained.sky)
+        baked = trained.smooth_sky.over(baked)
+    return baked if look.tone is None else toned(baked, look.tone, trained.sky)
 
 
-def neutral_look(trained: TrainedRun) -> Appearance:
+def neutral_look(trained: TrainedRun) -> Look:
     """The look that every run has."""
-    return Appearance(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
+    return Look(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
 
 
-def blend(first: Appearance, last: Appearance, share: float) -> Appearance:
+def blend(first: Look, last: Look, share: float) -> Look:
     """The look `share` of the way from `first` to `last`; at 0 and 1 exactly these, so that their bakes are equal."""
     if share in (0.0, 1.0):
         return last if share else first
@@ -214,4 +214,4 @@ def blend(first: Appearance, last: Appearance, share: float) -> Appearance:
     if first.tone is not None or last.tone is not None:
         one = torch.ones(2, 3, device=first.embedding.device)
         tone = torch.lerp(*(one if end.tone is None else end.tone for end in (first, last)), share)
-    return Appearance(name, name, torch.lerp(first.embedding, last.embedding, share), tone)
+    return Look(name, name, torch.lerp(first.embedding, last.embedding, share), tone)

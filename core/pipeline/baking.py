@@ -7,7 +7,7 @@ from pathlib import Path
 import core.export
 from core.errors import BadInput
 from core.looks import saved_look
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run
@@ -45,16 +45,16 @@ def bake_to_file(
     trained = load_run(run_folders.find_run(folder))
     if save_as is not None:
         saved_look.check_free(trained.folder, save_as, force, [photo.name for photo in trained.collection.photos])
-    appearance = find_appearance(trained, word, mask, refine, report)
-    report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {appearance.source}")
+    look = find_look(trained, word, mask, refine, report)
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {look.source}")
     for note in trained.collection.frame.offset_notes():
         report.warn(note)
     if trained.settings.appearance == "off":
         report.warn(ONE_LOOK)
     start = time.perf_counter()
-    written = write_look(trained, appearance, output, report, pruner_of(trained, report) if prune else None, sky)
+    written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, sky)
     if save_as is not None:
-        kept = saved_look.save(trained.folder, replace(appearance, name=save_as), trained.identity, trained.step)
+        kept = saved_look.save(trained.folder, replace(look, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
     report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
     tell_how_to_look(trained.folder, output, sky and trained.sky > 0, report)

@@ -6,7 +6,7 @@ from core.data.made import FADE
 from core.data.photos.folder import SUFFIXES
 from core.errors import BadSetting, WegsError
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
-from core.looks.find_look import find_appearance, find_view
+from core.looks.find_look import find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake, blend, load_run
@@ -43,7 +43,7 @@ def interpolate(
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
     check_fillable(output, FADE, force)
-    ends = [find_appearance(trained, word, refine=refine, report=report) for word in (first, last)]
+    ends = [find_look(trained, word, refine=refine, report=report) for word in (first, last)]
     camera = trained.camera(photo)
     rasterizer = trained.rasterizer
     report.say(f"{trained.folder}{trained.where}: {steps} steps, seen from {photo.name}")
@@ -55,10 +55,10 @@ def interpolate(
         pruner = pruner_of(trained, report) if ply else None
         frames = []
         for step in range(steps):
-            appearance = blend(*ends, step / (steps - 1))
+            look = blend(*ends, step / (steps - 1))
             if ply:
-                write_look(trained, appearance, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
-            frames.append(to_8_bit(rasterizer.render(bake(trained, appearance), camera, trained.background).image))
+                write_look(trained, look, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
+            frames.append(to_8_bit(rasterizer.render(bake(trained, look), camera, trained.background).image))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))

@@ -18,7 +18,7 @@ from core.system import device
 from core.system.atomic import check_apart
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
-from core.training.on_disk import checkpoint, run_config, run_folders
+from core.training.on_disk import checkpoint, history, run_config, run_folders
 from core.training.on_disk.claim import held, new_run
 from core.training.on_disk.mask_files import write_masks
 from core.training.sized_photos import check_resolution
@@ -87,7 +87,7 @@ def _go_on(folder: Path, report: Report) -> Path:
         raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
     why = "" if saved else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
-    run_folders.rewind_history(folder, done)
+    history.rewind(folder, done)
     if saved:
         with checkpoint.fitting(path):
             trainer.resume(saved)

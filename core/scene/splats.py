@@ -1,5 +1,6 @@
 """Splats: the Gaussians of one look, which is all that rasterizers, exporters and viewers ever see."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -77,14 +78,12 @@ class Splats:
 
     def in_world(self, frame: SceneFrame) -> "Splats":
         """The Gaussians in world units; the sum is formed in float64 and returned in this dtype."""
-        means = torch.from_numpy(frame.to_world(self.means.detach().double().cpu().numpy()))
-        return replace(
-            self, means=means.to(self.means), log_scales=self.log_scales + float(np.log(frame.radius))
-        )
+        return self._moved(frame.to_world, np.log(frame.radius))
 
     def in_scene(self, frame: SceneFrame) -> "Splats":
         """The inverse of `in_world`."""
-        means = torch.from_numpy(frame.to_scene(self.means.detach().double().cpu().numpy()))
-        return replace(
-            self, means=means.to(self.means), log_scales=self.log_scales - float(np.log(frame.radius))
-        )
+        return self._moved(frame.to_scene, -np.log(frame.radius))
+
+    def _moved(self, move: Callable[[np.ndarray], np.ndarray], log_growth: float) -> "Splats":
+        means = torch.from_numpy(move(self.means.detach().double().cpu().numpy()))
+        return replace(self, means=means.to(self.means), log_scales=self.log_scales + float(log_growth))

@@ -23,13 +23,13 @@ ALL_GONE = (
 )
 
 
-def usual_loss(photo: int, last_losses: list[float | None]) -> float:
+def usual_loss(row: int, last_losses: list[float | None]) -> float:
     """The picture loss that a photo usually has: its own last one or, if larger, the median of all; infinity if none is known.
 
     last_losses: the picture loss of each photo when it was last trained on, None where it was not yet.
     """
     known = [loss for loss in last_losses if loss is not None]
-    return max(median(known), last_losses[photo] or 0.0) if known else math.inf
+    return max(median(known), last_losses[row] or 0.0) if known else math.inf
 
 
 def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: float) -> Bool[Tensor, ""]:

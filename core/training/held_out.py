@@ -25,8 +25,8 @@ def quality(
     decibels, similarities = [], []
     for index in range(len(photos)):
         sized = photos[index]
-        look = model.look(sized.encoder_input)
-        splats = model.bake(gaussians.splats, look.embedding, gaussians.latents)
+        reading = model.read(sized.encoder_input)
+        splats = model.bake(gaussians.splats, reading.embedding, gaussians.latents)
         image = rasterizer.render(splats, sized.camera, background).image.clamp(0, 1)
         photo, valid = shown_on(image.device, sized.pixels, sized.valid)
         errors = (image - photo) ** 2

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from core.appearance.model import AppearanceModel, Look
+from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
 from core.rasterizer import Rasterizer, Visible
 from core.scene.splats import Splats
@@ -38,11 +38,11 @@ class Step:
     rasterizer: Rasterizer
     generator: torch.Generator
 
-    def take(self, gaussians: Gaussians, index: int, done: int, usual: float, mask_mean: float, foreseen: Visible | None) -> tuple[Look, OnTheWay]:
+    def take(self, gaussians: Gaussians, index: int, done: int, usual: float, mask_mean: float, foreseen: Visible | None) -> tuple[Reading, OnTheWay]:
         """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
         index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights.pixel_weights`.
-        foreseen: what the photo shows, where that is known. Returns the photo's look, and the step's StepFacts on their way from the device.
+        foreseen: what the photo shows, where that is known. Returns what was read in the photo, and the step's StepFacts on their way from the device.
         """
         settings, model, objective = self.settings, self.model, self.objective
         progress = done / settings.steps
@@ -50,19 +50,19 @@ class Step:
         camera, photo = self.photos.target(index, schedule.shrink_factor(settings, progress))
         gain, background = draw_gain(settings, self.generator), background_of_step(transparent_is_empty(settings), self.generator)
 
-        # The photo's look, by the encoder. Meanwhile, which Gaussians its camera shows, and the gauge.
-        def look_at_photo() -> tuple[Look, Target]:
+        # The photo, read by the encoder. Meanwhile, which Gaussians its camera shows, and the gauge.
+        def read_photo() -> tuple[Reading, Target]:
             shown, target = jittered(self.photos[index].encoder_input, photo, gain)
-            return model.look(shown, index), target.over(background)
+            return model.read(shown, index), target.over(background)
 
-        look_later = beside(look_at_photo)
+        read_later = beside(read_photo)
         visible = foreseen or self.rasterizer.visible(gaussians.splats, camera)
         leaves = gaussians.leaves(visible.rows)
         gauge_loss = objective.gauge(model, gaussians, self.generator)
-        look, target = look_later()
+        reading, target = read_later()
 
         # The visible Gaussians in that look, and their picture. Gradients end in embedding, leaves and probe: zeros added to the centres (px).
-        embedding = look.embedding.detach().requires_grad_()
+        embedding = reading.embedding.detach().requires_grad_()
         sh, residual = model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
         residual_loss_later = beside(lambda: objective.residual(residual))
         splats = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
@@ -70,9 +70,9 @@ class Step:
         image = self.rasterizer.render(splats, camera, background, probe, visible.pairs).image
 
         # What the step minimises.
-        mask_loss_later = beside(lambda: objective.mask(image, target, look.mask, progress))
-        picture_loss = objective.picture(image, target, look.mask, progress, mask_mean)
-        rendered_loss = picture_loss + objective.transient(splats, camera, visible.pairs, look.mask, progress, done)
+        mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
+        picture_loss = objective.picture(image, target, reading.mask, progress, mask_mean)
+        rendered_loss = picture_loss + objective.transient(splats, camera, visible.pairs, reading.mask, progress, done)
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach()
@@ -80,7 +80,7 @@ class Step:
 
         # The gradients, then the updates: of the networks beside that of the Gaussians.
         def teach_encoder() -> None:
-            backward((look.embedding, embedding.grad), (mask_loss, None))
+            backward((reading.embedding, embedding.grad), (mask_loss, None))
 
         taken = learnt = sound
         if not guards.refused(sound):
@@ -95,6 +95,6 @@ class Step:
                 gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
             learnt = learnt_later()
 
-        shown_share = objective.zero if look.mask is None else look.mask.detach().mean()
+        shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
         facts = StepFacts(loss, gauge_loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learnt)
-        return look, OnTheWay(torch.stack([fact.float() for fact in facts]))
+        return reading, OnTheWay(torch.stack([fact.float() for fact in facts]))

@@ -1,6 +1,5 @@
 """The training loop: photos in, Gaussians and an appearance model out."""
 
-import csv
 import dataclasses
 import time
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from pathlib import Path
 import torch
 
 import core.rasterizer
-from core.appearance.model import AppearanceModel, Look
+from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
@@ -28,8 +27,7 @@ from core.training.gaussians.initialisation import initial_gaussians
 from core.training.guards import StepFacts
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
-from core.training.on_disk import checkpoint
-from core.training.on_disk.run_folders import HISTORY
+from core.training.on_disk import checkpoint, history
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import Step
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
@@ -115,10 +113,7 @@ class Trainer:
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
         awake = cores_awake() if self.device.type == "cpu" else nullcontext()
-        with awake, (self.folder / HISTORY).open("a", newline="") as file:
-            history = csv.DictWriter(file, COLUMNS)
-            if not file.tell():
-                history.writeheader()
+        with awake, history.appended(self.folder, COLUMNS) as add_row:
             while self.done < settings.steps:
                 start = time.perf_counter()
                 report = self.step()
@@ -128,8 +123,7 @@ class Trainer:
                 now = {"seconds": self.seconds, "gaussians": self.gaussians.solid, "held_out_psnr": psnr, "held_out_ssim": ssim}
                 report = dataclasses.replace(report, **now, messages=told)
                 if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
-                    history.writerow({name: getattr(report, name) for name in COLUMNS})
-                    file.flush()
+                    add_row(vars(report))
                 if self.done in saves:
                     self.save()
                 yield report
@@ -142,7 +136,7 @@ class Trainer:
         self.order.pop()
         usual = guards.usual_loss(index, self.last_losses)
         foreseen, self.foreseen = self.foreseen, None
-        look, on_the_way = self.one_step.take(self.gaussians, index, self.done, usual, self.mask_mean, foreseen)
+        reading, on_the_way = self.one_step.take(self.gaussians, index, self.done, usual, self.mask_mean, foreseen)
         self.done += 1
         self._look_ahead()
         facts = StepFacts(*on_the_way.arrived())
@@ -150,7 +144,7 @@ class Trainer:
         if fault is None:
             self.skipped_in_a_row = 0
             self.last_losses[index] = facts.picture_loss
-            messages = self._remember(look, index, facts.shown_share, progress)
+            messages = self._remember(reading, index, facts.shown_share, progress)
         else:
             messages = [self._skip(index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
         return StepReport(
@@ -171,9 +165,9 @@ class Trainer:
             camera, _ = self.photos.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
-    def _remember(self, look: Look, photo: int, shown_share: float, progress: float) -> list[str]:
-        self.model.remember(look.embedding.detach(), photo)
-        if look.mask is None or progress < self.settings.mask_start:
+    def _remember(self, reading: Reading, row: int, shown_share: float, progress: float) -> list[str]:
+        self.model.remember(reading.embedding.detach(), row)
+        if reading.mask is None or progress < self.settings.mask_start:
             return []
         self.mask_mean += MASK_MEAN_SHARE * (shown_share - self.mask_mean)
         hides = progress >= self.settings.mask_apply

@@ -69,7 +69,7 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer.rasterizer, "visible", "visible, gather")
     watch(trainer.gaussians, "leaves", "visible, gather")
     watch(trainer.objective, "gauge", "mask, regularisers")
-    watch(trainer.model, "look", "encoder forward")
+    watch(trainer.model, "read", "encoder forward")
     watch(trainer.model, "transfer", "SH transfer forward", lambda result: result[0], "rasterizer backward")
     watch(trainer.rasterizer, "render", "rasterizer forward", lambda result: result.image, "picture loss")
     watch(trainer.objective, "picture", "picture loss", lambda loss: loss, "mask, regularisers")

@@ -73,7 +73,7 @@ def test_any_photo_has_an_embedding_a_mask_and_finite_gradients(height, width, l
     """Black, white, of one pixel, brightened beyond 1."""
     chosen = MODELS["full"]
     photo = level + noise * torch.rand(3, height, width, generator=torch.Generator().manual_seed(height * 40 + width))
-    look = chosen.look(photo, 0)
+    look = chosen.read(photo, 0)
     assert torch.isfinite(look.embedding).all() and torch.isfinite(chosen.embedding_from_outside(photo)).all()
     assert ((look.mask >= 0) & (look.mask <= 1)).all()
     (look.embedding.square().sum() + look.mask.square().sum()).backward()
@@ -90,4 +90,4 @@ def test_photos_of_any_spread_start_with_embeddings_of_order_one(levels):
     photos = [torch.full((3, 16, 20), level) for level in levels]
     chosen.encoder.start_apart(photos)
     for photo in (*photos, photos[0] * 0.9, torch.full((3, 16, 20), 0.5)):
-        assert chosen.look(photo, 0).embedding.abs().max() < 100
+        assert chosen.read(photo, 0).embedding.abs().max() < 100

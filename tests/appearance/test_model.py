@@ -68,7 +68,7 @@ def test_only_what_is_needed_is_built(changes, expected):
     model = model_of(**changes)
     assert parts(model) == expected
     # What is built is used: every parameter gets a gradient from a look and a transfer (tables: from their own row).
-    look = model.look(torch.rand(3, 40, 50), 2)
+    look = model.read(torch.rand(3, 40, 50), 2)
     loss = 0.0 if look.mask is None else look.mask.square().sum()
     splats = splats_of(30)
     output, _ = model.transfer(splats.sh, splats.means, look.embedding)
@@ -92,7 +92,7 @@ def test_parameter_counts_of_the_default_transfer():
 )
 def test_looks_of_every_combination(appearance, embedding, transients, mask):
     model = model_of(appearance=appearance, embedding=embedding, transients=transients, mask=mask)
-    inside, outside = (model.look(torch.rand(3, 37, 81), photo) for photo in (0, None))
+    inside, outside = (model.read(torch.rand(3, 37, 81), photo) for photo in (0, None))
     assert inside.embedding.shape == outside.embedding.shape == (6,)
     assert (inside.mask is None) == (transients == "off")
     assert (outside.mask is None) == (transients == "off" or mask == "mlp")  # a table knows no photo from outside
@@ -103,7 +103,7 @@ def test_looks_of_every_combination(appearance, embedding, transients, mask):
 def test_look_shrinks_alike_for_everyone():
     model = model_of()
     photo = torch.rand(3, 90, 70)
-    assert torch.equal(model.look(photo, 1).embedding, model.look(shrink(photo, 32), 1).embedding)
+    assert torch.equal(model.read(photo, 1).embedding, model.read(shrink(photo, 32), 1).embedding)
 
 
 @pytest.mark.parametrize("mask", ["attention", "cnn", "mlp"])
@@ -115,7 +115,7 @@ def test_look_does_not_depend_on_the_number_of_threads(mask):
     try:
         for threads in (1, 2, 4):
             torch.set_num_threads(threads)
-            found.append(model.look(photo, 1))
+            found.append(model.read(photo, 1))
             assert torch.get_num_threads() == threads
     finally:
         torch.set_num_threads(before)
@@ -126,14 +126,14 @@ def test_look_does_not_depend_on_the_number_of_threads(mask):
 def test_glo_gives_rows_inside_and_the_mean_outside():
     model = model_of(embedding="glo", transients="off")
     model.remember(torch.arange(6.0), 0)
-    assert torch.equal(model.look(torch.rand(3, 9, 9), 3).embedding, model.embedding_table[3])
-    assert torch.equal(model.look(torch.rand(3, 9, 9)).embedding, torch.arange(6.0))
+    assert torch.equal(model.read(torch.rand(3, 9, 9), 3).embedding, model.embedding_table[3])
+    assert torch.equal(model.read(torch.rand(3, 9, 9)).embedding, torch.arange(6.0))
 
 
 @pytest.mark.parametrize("photo", [-1, 5])
 def test_a_photo_that_is_not_there_is_refused(photo):
     with pytest.raises(BadInput, match=f"no photo {photo} among 5"):
-        model_of().look(torch.rand(3, 8, 8), photo)
+        model_of().read(torch.rand(3, 8, 8), photo)
 
 
 def test_transfer_honours_residual_and_detach_sh():
@@ -210,7 +210,7 @@ def test_photos_not_met_yet_stand_where_the_first_one_does():
 def test_remember_leaves_older_looks_alone():
     model = model_of(embedding="glo", transients="off")
     model.remember(torch.ones(6), 0)
-    look = model.look(torch.rand(3, 8, 8))
+    look = model.read(torch.rand(3, 8, 8))
     model.remember(torch.zeros(6), 0)
     assert torch.equal(look.embedding, torch.ones(6))
 
@@ -224,7 +224,7 @@ def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypa
 
     def given(embedding, photo=None):
         monkeypatch.setattr(model.encoder, "forward", lambda picture, masked: (embedding, None))
-        return model.look(torch.rand(3, 8, 8), photo).embedding
+        return model.read(torch.rand(3, 8, 8), photo).embedding
 
     assert torch.equal(given(outside), outside)  # before anything was met
     model.remember(met[0], 0)
@@ -264,7 +264,7 @@ def test_state_survives_a_safetensors_file(changes):
     other = AppearanceModel(model.settings, PHOTOS)
     other.load_state_dict(saved)
     photo = torch.rand(3, 40, 33)
-    mine, theirs = (each.look(photo, 1) for each in (model, other))
+    mine, theirs = (each.read(photo, 1) for each in (model, other))
     assert torch.equal(mine.embedding, theirs.embedding) and torch.equal(mine.mask, theirs.mask)
     assert torch.equal(model.mean_embedding, other.mean_embedding)
     assert model.remembered == other.remembered

@@ -6,7 +6,7 @@ import core.rasterizer
 from core.bench import baking
 from core.bench.baking import baking_figure
 from core.bench.errors import errors
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake
 from core.rasterizer.views import largest_contributions
@@ -28,7 +28,7 @@ def test_bytes_fall_and_errors_grow_along_each_curve(trained, monkeypatch):
     assert whole.label == "everything (--prune off)" and whole.values["rms_steps"].median == whole.values["max_steps"].median == 0
     assert bare.values["rms_steps"].median > 0
     assert [point for point in made.points if point.is_default] == [as_it_bakes]
-    left = pruner_of(trained, Report())(bake(trained, find_appearance(trained, "neutral")))
+    left = pruner_of(trained, Report())(bake(trained, find_look(trained, "neutral")))
     assert as_it_bakes.values["max_steps"].median <= 0.5
     assert (as_it_bakes.values["megabytes"].median < whole.values["megabytes"].median) == (left.gaussians > 0)
 

@@ -15,7 +15,7 @@ from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
 from core.config import PRESETS
 from core.errors import BadInput
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
 from core.report import Report
 from core.system import lock
@@ -88,7 +88,7 @@ def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypa
     trained = load_run(small_run)
     suite._rendering_of(trained, replace(TINY, cameras=1), False, Report())
     splats, cameras, name, title = asked[0][:4]
-    assert torch.equal(splats.sh, bake(trained, find_appearance(trained, "neutral")).sh)
+    assert torch.equal(splats.sh, bake(trained, find_look(trained, "neutral")).sh)
     assert (cameras[0].width, cameras[0].height) == (WIDTH, HEIGHT)
     assert name == suite.OF_RUN and small_run.name in title
 

@@ -10,7 +10,7 @@ import torch
 from core.data.made import write_mark
 from core.data.sfm import originals
 from core.errors import BadInput
-from core.looks.find_look import find_appearance, find_view
+from core.looks.find_look import find_look, find_view
 from core.looks.outside import light_in_words
 from core.looks.trained import TrainedRun
 from tests.small import finished, small_collection, small_settings
@@ -22,7 +22,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 
 
 def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained):
-    assert find_appearance(trained, "photo_1").source == "training photo photo_1.png"
+    assert find_look(trained, "photo_1").source == "training photo photo_1.png"
     assert find_view(trained, "photo_1").name == trained.collection.view("photo_1").name == "photo_1.png"
     first, second, *rest = trained.collection.photos
     twins = replace(trained.collection, photos=(first, replace(second, name="photo_0.jpg"), replace(rest[0], name="photo_0")))
@@ -32,7 +32,7 @@ def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained
     made = replace(trained.collection, photos=tuple(replace(photo, name=f"{photo.name}.jpg") for photo in trained.collection.photos))
     assert made.called("photo_1").name == made.called("photo_1.png").name == "photo_1.png.jpg"
     with pytest.raises(BadInput, match="photo_0 is neither a photo file.* such as photo_0"):
-        find_appearance(replace(trained, collection=twins), "photo_0")
+        find_look(replace(trained, collection=twins), "photo_0")
 
 
 def test_photos_that_were_moved_are_known_by_name_and_size(trained, tmp_path):
@@ -40,11 +40,11 @@ def test_photos_that_were_moved_are_known_by_name_and_size(trained, tmp_path):
     moved = replace(trained, collection=replace(trained.collection, photos=tuple(photos)))
     for number in (0, 2):  # a training photo and a held-out one
         there = trained.collection.photos[number]
-        here, known = find_appearance(moved, str(there.path), refine=False), find_appearance(trained, str(there.path), refine=False)
+        here, known = find_look(moved, str(there.path), refine=False), find_look(trained, str(there.path), refine=False)
         assert here.source == known.source and torch.equal(here.embedding, known.embedding)
     pixels = cv2.imread(str(there.path))
     cv2.imwrite(str(tmp_path / there.name), pixels[:-2])
-    assert "from outside" in find_appearance(moved, str(tmp_path / there.name), refine=False).source
+    assert "from outside" in find_look(moved, str(tmp_path / there.name), refine=False).source
 
 
 def test_a_view_is_called_as_a_look_is(trained):
@@ -63,14 +63,14 @@ def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
     for word, name in (("lost.jpg", "lost.jpg"), ("lost", "lost.jpg"), ("elsewhere/lost.jpg", "lost.jpg"), ("garbled.jpg", "garbled.jpg")):
         said = f"{name} was left out when the cameras were found."
         with pytest.raises(BadInput, match=f"{said} Give its path, as of a photo from outside: /photos/{name}"):
-            find_appearance(made, word)
+            find_look(made, word)
         with pytest.raises(BadInput, match=f"{said} Choose another, such as photo_0.png"):
             find_view(made, word)
     with pytest.raises(BadInput, match="lust.jpg is neither a photo file"):
-        find_appearance(made, "lust.jpg")
+        find_look(made, "lust.jpg")
     Path(tmp_path / originals.NAMES).unlink()  # by a version that did not keep it: nothing can be told
     with pytest.raises(BadInput, match="lost.jpg is neither a photo file"):
-        find_appearance(made, "lost.jpg")
+        find_look(made, "lost.jpg")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from core.export.ply import read_ply
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import TrainedRun
@@ -36,7 +36,7 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     faded = trained.splats.map(torch.clone)
     faded.logit_opacities[:7] = -20
     trained = replace(trained, splats=faded)
-    heard, neutral = Heard(), find_appearance(trained, "neutral")
+    heard, neutral = Heard(), find_look(trained, "neutral")
     paths = [tmp_path / "all.ply", tmp_path / "fewer.ply"]
     assert write_look(trained, neutral, paths[0], heard, None) == len(trained.splats)
     assert heard.lines == []
@@ -52,7 +52,7 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
 
 
 def test_a_look_can_be_written_without_the_sky(trained, tmp_path):
-    paths, neutral = [tmp_path / "all.ply", tmp_path / "place.ply"], find_appearance(trained, "neutral")
+    paths, neutral = [tmp_path / "all.ply", tmp_path / "place.ply"], find_look(trained, "neutral")
     counts = [write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)]
     assert trained.sky > 0 and counts == [len(trained.splats), len(trained.splats) - trained.sky]
     whole, place = (read_ply(path) for path in paths)

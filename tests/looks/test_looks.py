@@ -17,7 +17,7 @@ from core.data.sfm import originals
 from core.errors import BadInput
 from core.export.pictures import to_8_bit, write_png
 from core.looks import saved_look
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.outside import _shares
 from core.looks.trained import TrainedRun, bake, blend
 from tests.small import finished, whole_settings
@@ -49,10 +49,10 @@ def trained(tmp_path_factory) -> TrainedRun:
     return train(tmp_path_factory.mktemp("looks"))
 
 
-def rendered(trained: TrainedRun, appearance) -> torch.Tensor:
+def rendered(trained: TrainedRun, look) -> torch.Tensor:
     """The look from a held-out camera, in 8-bit steps."""
     camera = trained.camera(trained.collection.view(None))
-    image = core.rasterizer.create("auto").render(bake(trained, appearance), camera).image
+    image = core.rasterizer.create("auto").render(bake(trained, look), camera).image
     return 255 * image.clamp(0, 1)
 
 
@@ -78,7 +78,7 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
         outside.write_bytes(photo.path.read_bytes())
         crowd, mask = with_crowd(photo, tmp_path, ORANGE)
         wanted, hidden, seen = (
-            rendered(trained, find_appearance(trained, str(path), hiding))
+            rendered(trained, find_look(trained, str(path), hiding))
             for path, hiding in ((outside, None), (crowd, mask), (crowd, None))
         )
         moved.append(float((hidden - wanted).abs().mean()))
@@ -88,16 +88,16 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
 
 def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_path):
     photo = trained.collection.photos[3]
-    looks = [find_appearance(trained, str(crowd), mask) for crowd, mask in (with_crowd(photo, tmp_path, c) for c in (ORANGE, BLUE))]
+    looks = [find_look(trained, str(crowd), mask) for crowd, mask in (with_crowd(photo, tmp_path, c) for c in (ORANGE, BLUE))]
     assert torch.equal(looks[0].embedding, looks[1].embedding)
     # For a photo of the collection as well, by its name.
-    plain_look, masked = (find_appearance(trained, photo.name, mask) for mask in (None, tmp_path / "mask.png"))
+    plain_look, masked = (find_look(trained, photo.name, mask) for mask in (None, tmp_path / "mask.png"))
     assert not torch.equal(plain_look.embedding, masked.embedding)
     with pytest.raises(BadInput, match="neutral is not read from a photo"):
-        find_appearance(trained, "neutral", tmp_path / "mask.png")
+        find_look(trained, "neutral", tmp_path / "mask.png")
     table = replace(trained, settings=trained.settings.changed(embedding="glo"))
     with pytest.raises(BadInput, match=f"{photo.name} is not read from a photo"):
-        find_appearance(table, photo.name, tmp_path / "mask.png")
+        find_look(table, photo.name, tmp_path / "mask.png")
 
 
 def darkened(photo, folder, gain: float):
@@ -111,7 +111,7 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     """No look within reach is that dark: a gain brings the rest, and is saved, mixed and told with the look."""
     photo = trained.collection.view("photo_03.png")
     night = darkened(photo, tmp_path, 0.15)
-    look = find_appearance(trained, str(night))
+    look = find_look(trained, str(night))
     wanted = torch.from_numpy(cv2.imread(str(night))[..., ::-1].copy())
     shown, without = (rendered(trained, each) for each in (look, replace(look, tone=None)))
     assert (shown - wanted).abs().mean() < 0.25 * (without - wanted).abs().mean()
@@ -120,10 +120,10 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
 
     kept = saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
     assert torch.equal(torch.tensor(json.loads(kept.read_text())["tone"]), look.tone)  # the gains in numbers
-    assert torch.equal(rendered(trained, find_appearance(trained, "night")), shown)
+    assert torch.equal(rendered(trained, find_look(trained, "night")), shown)
     with pytest.raises(BadInput, match="Save the look again"):  # what its numbers mean was still being learnt
-        find_appearance(replace(trained, step=trained.step + 1), "night")
-    frames = [rendered(trained, blend(find_appearance(trained, "neutral"), look, share)) for share in np.linspace(0, 1, 10)]
+        find_look(replace(trained, step=trained.step + 1), "night")
+    frames = [rendered(trained, blend(find_look(trained, "neutral"), look, share)) for share in np.linspace(0, 1, 10)]
     steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
     assert torch.equal(frames[-1], shown) and max(steps) <= 2 * np.mean(steps)
 
@@ -132,7 +132,7 @@ def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
     """None for a photo like those of the collection; the less, the nearer it is to them, and all for a black one."""
     photo = trained.collection.view("photo_03.png")
     paths = [darkened(photo, tmp_path, gain) for gain in (1.0, 0.3, 0.15, 0.05, 0.0)]
-    looks = [find_appearance(trained, str(path)) for path in paths]
+    looks = [find_look(trained, str(path)) for path in paths]
     assert looks[0].tone is None
     assert all(trained.reach.distance(look.embedding) <= 1 + 1e-5 for look in looks)
     strengths = [1.0 if look.tone is None else float(look.tone.mean()) for look in looks]
@@ -148,14 +148,14 @@ def test_no_training_photo_lies_beyond_reach_as_a_file_from_outside_either(train
     pictures = [trained.sized_photo(trained.collection.view(name)).encoder_input for name in names]
     seen = [trained.model.embedding_from_outside(picture) for picture in pictures]
     assert max(map(trained.reach.distance, seen)) <= 1 + 1e-5
-    assert torch.equal(trained.encoded, torch.stack([trained.model.look(picture, row).embedding for row, picture in enumerate(pictures)]))
+    assert torch.equal(trained.encoded, torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]))
 
 
 def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_path):
     """What the neutral look shows there is no light to compare a photo's with."""
     night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)
     of_renders = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
-    look = find_appearance(of_renders, str(night), refine=False)
+    look = find_look(of_renders, str(night), refine=False)
     assert look.tone is None and trained.reach.distance(look.embedding) <= 1 + 1e-5
     assert look.source == "photo 0.15.png from outside the collection"
 
@@ -170,12 +170,12 @@ def test_what_is_sky_in_a_view_is_what_place_and_dome_leave_to_the_dome(trained)
 
 
 def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
-    neutral = bake(trained, find_appearance(trained, "neutral"))
+    neutral = bake(trained, find_look(trained, "neutral"))
     night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)
     photo = trained.collection.view(None)
     path = tmp_path / "lit.png"
     write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo)).image))
-    place, sky = find_appearance(trained, str(path)).tone.mean(dim=1)
+    place, sky = find_look(trained, str(path)).tone.mean(dim=1)
     assert place > 0.7 and sky < 0.5
 
 
@@ -185,7 +185,7 @@ def test_the_largest_step_of_a_fade_is_at_most_twice_the_mean_one(trained, tmp_p
     bends more (1.5 here), and is held to the same bound."""
     live = trained if enters == "output" else train(tmp_path, embedding_enters=enters)
     for words in (("neutral", "photo_09.png"), ("photo_05.png", "photo_09.png"), ("photo_01.png", "photo_20.png")):
-        ends = [find_appearance(live, word) for word in words]
+        ends = [find_look(live, word) for word in words]
         frames = [rendered(live, blend(*ends, share)) for share in np.linspace(0, 1, 10)]
         steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
         assert np.mean(steps) > 0.5 and max(steps) <= 2 * np.mean(steps)
@@ -200,10 +200,10 @@ def test_the_file_that_a_training_photo_was_made_of_has_its_look(trained, tmp_pa
     write_mark(root / originals.FILES, originals.files_of(tmp_path))
     write_mark(root / originals.NAMES, {str(original.resolve()): photo.name})
     made = replace(trained, collection=replace(trained.collection, root=root))
-    look, by_name = find_appearance(made, str(original)), find_appearance(made, photo.name)
+    look, by_name = find_look(made, str(original)), find_look(made, photo.name)
     assert look.source == by_name.source and torch.equal(look.embedding, by_name.embedding)
     (tmp_path / "moved").mkdir()
     original = original.rename(tmp_path / "moved" / original.name)
-    assert find_appearance(made, str(original)).source == by_name.source
+    assert find_look(made, str(original)).source == by_name.source
     os.utime(original, (0, 0))
-    assert "from outside" in find_appearance(made, str(original)).source
+    assert "from outside" in find_look(made, str(original)).source

@@ -145,7 +145,7 @@ def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_p
     splats, cameras = trainer.gaussians.splats, [sized.camera for sized in trainer.photos]
     pruner = Pruner(splats, cameras, trainer.rasterizer)
     for index in range(2):
-        look = trainer.model.bake(splats, trainer.model.look(trainer.photos[index].encoder_input, index).embedding)
+        look = trainer.model.bake(splats, trainer.model.read(trainer.photos[index].encoder_input, index).embedding)
         pruned = pruner(look)
         assert 0 < pruned.gaussians < len(look)
         assert torch.equal(pruned.splats.means, splats.means[pruner.kept])

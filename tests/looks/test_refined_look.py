@@ -11,7 +11,7 @@ from core.data.prepare import prepared
 from core.data.sfm.landmarks import Landmarks
 from core.errors import BadInput
 from core.looks import refined_look
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import TrainedRun, bake
 from core.report import Report
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
@@ -41,29 +41,29 @@ def off(trained: TrainedRun, look) -> float:
 
 def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it_was_learnt(trained):
     heard = Heard()
-    encoded, refined = (find_appearance(trained, "0.png", refine=refine, report=heard) for refine in (False, True))
+    encoded, refined = (find_look(trained, "0.png", refine=refine, report=heard) for refine in (False, True))
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
     assert heard.steps[-1] == (128, 128)
     assert trained.reach.distance(encoded.embedding) <= 1 + 1e-5 and trained.reach.distance(refined.embedding) <= 2 + 1e-5
-    twice = [find_appearance(trained, "1.png", refine=refine) for refine in (False, True)]
+    twice = [find_look(trained, "1.png", refine=refine) for refine in (False, True)]
     assert torch.equal(twice[0].embedding, twice[1].embedding) and twice[0].source == twice[1].source
 
 
 def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_path):
     outside = tmp_path / "outside.png"
     outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
-    encoded, refined = (find_appearance(trained, str(outside), refine=refine) for refine in (False, True))
+    encoded, refined = (find_look(trained, str(outside), refine=refine) for refine in (False, True))
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training
     assert "from outside the collection, refined from where it was taken (" in refined.source
-    again = find_appearance(trained, str(outside), refine=True)
+    again = find_look(trained, str(outside), refine=True)
     assert torch.equal(again.embedding, refined.embedding)
 
 
 def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path):
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), (90, 120, 150), np.uint8))
-    encoded, kept = (find_appearance(trained, str(wall), refine=refine) for refine in (False, True))
+    encoded, kept = (find_look(trained, str(wall), refine=refine) for refine in (False, True))
     assert torch.equal(kept.embedding, encoded.embedding)
     assert kept.source == f"{encoded.source}, not refined: where it was taken was not found"
 
@@ -74,13 +74,13 @@ def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without
     (tmp_path / "run").mkdir()
     new = replace(trained, folder=tmp_path / "run")
     gone = replace(new, collection=replace(trained.collection, root=tmp_path / "gone"))
-    assert find_appearance(gone, str(outside)).source.endswith("not refined: the scene is gone, or its cameras were found anew, since the training")
+    assert find_look(gone, str(outside)).source.endswith("not refined: the scene is gone, or its cameras were found anew, since the training")
     photos = tuple(replace(photo, camera=replace(photo.camera, centre=photo.camera.centre + 0.01)) for photo in trained.collection.photos)
     anew = replace(new, collection=replace(trained.collection, photos=photos))
-    assert find_appearance(anew, str(outside)).source.endswith("or its cameras were found anew, since the training")
+    assert find_look(anew, str(outside)).source.endswith("or its cameras were found anew, since the training")
     assert not list(new.folder.iterdir())
     heard = [Heard(), Heard()]
-    looks = [find_appearance(run, str(outside), report=report) for run, report in zip((new, gone), heard, strict=True)]
+    looks = [find_look(run, str(outside), report=report) for run, report in zip((new, gone), heard, strict=True)]
     assert torch.equal(looks[0].embedding, looks[1].embedding) and "refined from where it was taken" in looks[1].source
     assert any("searched for once" in line for line in heard[0].lines) and not heard[1].lines
 
@@ -99,7 +99,7 @@ def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_pat
     cv2.imwrite(str(tmp_path / "large.png"), pixels)
     drawn = []
     monkeypatch.setattr(refined_look, "refined", lambda trained, look, camera, *rest: drawn.append(camera))
-    find_appearance(trained, str(tmp_path / "large.png"), refine=True)
+    find_look(trained, str(tmp_path / "large.png"), refine=True)
     assert (drawn[0].width, drawn[0].height) == (WIDTH, HEIGHT)
 
 
@@ -111,7 +111,7 @@ def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_re
     for name, picture in (("photo.png", pixels), ("mask.png", mask)):
         cv2.imwrite(str(tmp_path / name), picture)
     words = str(tmp_path / "photo.png"), tmp_path / "mask.png"
-    encoded, kept = (find_appearance(trained, *words, refine=refine) for refine in (False, True))
+    encoded, kept = (find_look(trained, *words, refine=refine) for refine in (False, True))
     assert torch.equal(kept.embedding, encoded.embedding)
     assert kept.source == f"{encoded.source}, not refined: too little of it is left at the size at which it is drawn"
 
@@ -124,13 +124,13 @@ def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path
     for colour in ((20, 120, 240), (230, 60, 20)):
         pixels[HEIGHT // 2 :] = colour
         cv2.imwrite(str(tmp_path / "photo.png"), pixels)
-        looks.append(find_appearance(trained, str(tmp_path / "photo.png"), tmp_path / "mask.png", refine=True))
+        looks.append(find_look(trained, str(tmp_path / "photo.png"), tmp_path / "mask.png", refine=True))
     assert torch.equal(looks[0].embedding, looks[1].embedding)
 
 
 def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     """float32, and a sum over fewer Gaussians where those out of view are left out."""
-    look, camera = find_appearance(trained, "1.png"), trained.camera(trained.collection.view("0.png"))
+    look, camera = find_look(trained, "1.png"), trained.camera(trained.collection.view("0.png"))
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
         shown = replace(look, tone=tone)
         baked = trained.rasterizer.render(bake(trained, shown), camera, trained.background).image

@@ -7,11 +7,11 @@ import torch
 
 from core.errors import BadInput, BadSetting
 from core.looks import saved_look
-from core.looks.trained import Appearance
+from core.looks.trained import Look
 
 
 def test_a_look_comes_back_bit_for_bit(tmp_path):
-    look = Appearance("dusk", "dusk.jpg", torch.randn(16, generator=torch.Generator().manual_seed(0)))
+    look = Look("dusk", "dusk.jpg", torch.randn(16, generator=torch.Generator().manual_seed(0)))
     back = saved_look.load(saved_look.save(tmp_path, look, "abc", 7), "abc", 16, 7)
     assert torch.equal(back.embedding, look.embedding)
     assert (back.name, back.source, back.tone) == (look.name, look.source, None)

@@ -10,8 +10,8 @@ import torch
 
 from core import pipeline
 from core.doctor.views import cameras_beside
-from core.looks.find_look import find_appearance
-from core.looks.trained import Appearance, TrainedRun, blend
+from core.looks.find_look import find_look
+from core.looks.trained import Look, TrainedRun, blend
 from core.scene.frame import SceneFrame
 from tests.small import HEIGHT, WIDTH, finished, small_collection, small_settings
 
@@ -27,7 +27,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 def test_a_training_photo_is_known_by_a_link_to_it(trained, tmp_path):
     link = tmp_path / "link.png"
     link.symlink_to(trained.collection.view("photo_1.png").path)
-    found, named = (find_appearance(trained, word) for word in (str(link), "photo_1.png"))
+    found, named = (find_look(trained, word) for word in (str(link), "photo_1.png"))
     assert found.source == named.source == "training photo photo_1.png"
     assert torch.equal(found.embedding, named.embedding)
 
@@ -36,8 +36,8 @@ def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_pa
     own = trained.collection.view("photo_2.png")
     outside = shutil.copy(own.path, tmp_path / "outside.png")
     picture = torch.from_numpy(cv2.imread(str(own.path))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
-    whole, masked = trained.model.embedding_from_outside(picture), trained.model.look(picture).embedding
-    found = find_appearance(trained, str(outside)).embedding
+    whole, masked = trained.model.embedding_from_outside(picture), trained.model.read(picture).embedding
+    found = find_look(trained, str(outside)).embedding
     torch.testing.assert_close(found, whole)
     assert not torch.allclose(found, masked)
 
@@ -45,7 +45,7 @@ def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_pa
 def test_looks_mix_in_shares_and_end_as_themselves():
     """One without a tone is one whose gains are 1."""
     embeddings = torch.randn(2, 6, generator=torch.Generator().manual_seed(0))
-    day, night = Appearance("day", "a photo", embeddings[0]), Appearance("night", "a photo", embeddings[1], torch.full((2, 3), 0.2))
+    day, night = Look("day", "a photo", embeddings[0]), Look("night", "a photo", embeddings[1], torch.full((2, 3), 0.2))
     assert blend(day, night, 0.0) is day and blend(day, night, 1.0) is night
     mixed = blend(day, night, 0.25)
     torch.testing.assert_close(mixed.embedding, 0.75 * day.embedding + 0.25 * night.embedding)

@@ -11,7 +11,7 @@ import core.rasterizer
 from core import pipeline
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from tests.small import small_settings
 
@@ -23,7 +23,7 @@ def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
     camera = live.sized_photo(photo).camera
     for word in ("neutral", "photo_0.png", "photo_2.png"):
         path = pipeline.bake_to_file(trained[0], word, tmp_path / f"{word}.ply")
-        look = find_appearance(live, word)
+        look = find_look(live, word)
         with torch.no_grad():
             expected = live.seen_by(camera)(look.embedding, look.tone)
         baked = rasterizer.render(read_ply(path).in_scene(live.collection.frame), camera).image
@@ -39,23 +39,23 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
     assert torch.equal(data["a"], data["b"]) and not torch.equal(data["a"], data["c"])
     live = load_run(folder)
     with pytest.raises(BadInput, match="a name such as noon"):
-        find_appearance(live, "Noo")
-    by_path = find_appearance(live, str(folder / "appearance" / "noon.json"))
+        find_look(live, "Noo")
+    by_path = find_look(live, str(folder / "appearance" / "noon.json"))
     assert by_path.source == "training photo photo_0.png"
     for elsewhere, words in (("gone/noon", "is neither a photo file"), ("gone/noon.json", "no saved look gone/noon.json")):
         with pytest.raises(BadInput, match=words):
-            find_appearance(live, elsewhere)
+            find_look(live, elsewhere)
 
 
 def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outside(trained, small_scene, tmp_path):
     live = load_run(trained[0])
-    known = find_appearance(live, str(small_scene / "photo_0.png"))
+    known = find_look(live, str(small_scene / "photo_0.png"))
     assert known.source == "training photo photo_0.png"
     copy = tmp_path / "copy.png"
     copy.write_bytes((small_scene / "photo_0.png").read_bytes())
-    outside = find_appearance(live, str(copy), refine=False)
+    outside = find_look(live, str(copy), refine=False)
     assert outside.source == "photo copy.png from outside the collection"
-    assert "held-out" in find_appearance(live, "photo_2.png").source
+    assert "held-out" in find_look(live, "photo_2.png").source
 
 
 @pytest.mark.parametrize(

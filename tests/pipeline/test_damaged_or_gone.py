@@ -9,7 +9,7 @@ import torch
 
 from core import pipeline
 from core.errors import BadInput
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.pipeline import training
 from tests.heard import Heard
@@ -48,7 +48,7 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.sized_photo(photo).camera))
     assert known == read  # one class of arrays: the very same numbers
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
-    assert torch.equal(*(find_appearance(live, photo.name).embedding for live in (before, after)))  # is in the checkpoint
+    assert torch.equal(*(find_look(live, photo.name).embedding for live in (before, after)))  # is in the checkpoint
     for need in (lambda: pipeline.evaluate(folder), lambda: after.sized_photo(gone)):
         with pytest.raises(BadInput, match="gone is gone. Move it back, or write where it is now into .*config.json"):
             need()

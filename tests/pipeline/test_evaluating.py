@@ -58,7 +58,7 @@ def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, m
 
 
 def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(baking, "find_appearance", None)  # as any work would fail
+    monkeypatch.setattr(baking, "find_look", None)  # as any work would fail
     monkeypatch.setattr(evaluating, "measure", None)
     monkeypatch.setattr("os.access", lambda path, mode: trained[0] not in (Path(path), Path(path).parent))
     for need in (

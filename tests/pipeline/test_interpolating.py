@@ -11,7 +11,7 @@ import core.rasterizer
 from core import pipeline
 from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
 from core.pipeline import interpolating
 from tests.heard import Heard
@@ -31,7 +31,7 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
     for word, step in zip(ends, (0, 2), strict=True):
         pipeline.bake_to_file(folder, word, tmp_path / "end.ply", force=True)
         assert (tmp_path / "end.ply").read_bytes() == (output / f"step_{step:03d}.ply").read_bytes()
-        baked = bake(live, find_appearance(live, word))
+        baked = bake(live, find_look(live, word))
         image = core.rasterizer.create("auto").render(baked, camera).image
         frame = cv2.imread(str(output / f"frame_{step:03d}.png"))[..., ::-1]
         np.testing.assert_array_equal(frame, (image.clamp(0, 1) * 255).round().byte().numpy())
@@ -51,7 +51,7 @@ def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatc
 
 
 def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(interpolating, "find_appearance", None)  # as any work would fail
+    monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
     monkeypatch.chdir(tmp_path)

@@ -10,7 +10,7 @@ import torch
 from core import pipeline
 from core.data.given_masks import with_masks_in
 from core.errors import BadInput
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.pipeline import training
 from core.training.on_disk import run_config
@@ -115,7 +115,7 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
     for name, tensor in first.splats.tensors().items():
         assert torch.equal(tensor, getattr(second.splats, name)), name
     # Looks are read as they were trained: what was hidden stays so.
-    looks = [find_appearance(live, "photo_0.png").embedding for live in (first, second)]
+    looks = [find_look(live, "photo_0.png").embedding for live in (first, second)]
     assert torch.equal(*looks)
 
 
@@ -123,7 +123,7 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     collection = crowded(tmp_path / "scene", (20, 120, 240))
     trainer = Trainer(with_masks_in(collection, tmp_path / "scene" / "masks"), small_settings(), tmp_path)
     target = trainer.photos.target(0, 1)[1]
-    mask = trainer.model.look(trainer.photos[0].encoder_input, 0).mask
+    mask = trainer.model.read(trainer.photos[0].encoder_input, 0).mask
     image = torch.full((HEIGHT, WIDTH, 3), 0.4)
     losses = []
     for value, place in ((0.4, HIDDEN), (1.0, HIDDEN), (1.0, np.s_[:10, :10])):

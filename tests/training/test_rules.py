@@ -157,7 +157,7 @@ def test_every_photo_is_written_with_its_own_mask(trainer_of, tmp_path):
     assert write_masks(tmp_path, trainer.model, trainer.photos) == 4
     for index, sized in enumerate(trainer.photos):
         written = cv2.imread(str(tmp_path / "masks" / sized.photo.name), cv2.IMREAD_GRAYSCALE)
-        mask = trainer.model.look(sized.encoder_input, index).mask[0].detach().numpy()
+        mask = trainer.model.read(sized.encoder_input, index).mask[0].detach().numpy()
         expected = cv2.resize(mask, written.shape[::-1]) * 255
         assert np.abs(written - expected).max() <= 1.5
     assert len({path.read_bytes() for path in (tmp_path / "masks").iterdir()}) == 4

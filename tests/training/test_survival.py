@@ -15,7 +15,7 @@ from core import pipeline
 from core.data import load_collection
 from core.errors import TrainingStopped
 from core.export.ply import read_ply
-from core.looks.find_look import find_appearance
+from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
 from core.rasterizer import create
 from core.training.guards import ALL_GONE
@@ -53,7 +53,7 @@ def trained_quality(scene: SmallScene, folder) -> float:
     settings = small_settings(steps=60, held_out_checks=1, prune_contribution=0.0)
     output = pipeline.train(root, settings, folder / "run")
     trained = load_run(output)
-    live = bake(trained, find_appearance(trained, "neutral"))
+    live = bake(trained, find_look(trained, "neutral"))
     frame, camera = trained.collection.frame.for_files(), trained.collection.photos[0].camera
     from_file = read_ply(output / f"point_cloud/iteration_{settings.steps}/point_cloud.ply").in_scene(frame)
     pictures = [
@@ -203,7 +203,7 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     (message,) = messages
     assert "masks hide" in message and "raise mask_regularisation" in message
     assert trainer.mask_mean < mask_weights.COLLAPSED
-    mask = trainer.model.look(trainer.photos[0].encoder_input, 0).mask
+    mask = trainer.model.read(trainer.photos[0].encoder_input, 0).mask
     weights = mask_weights.pixel_weights(mask, HEIGHT, WIDTH, float(mask.detach().mean()))
     assert float(weights.mean()) == pytest.approx(
         mask_weights.COLLAPSED, abs=0.02

@@ -98,12 +98,12 @@ def test_nothing_of_a_step_is_left_behind(collection, tmp_path, changes):
     trainer = Trainer(collection, small_settings(**changes), tmp_path)
     met = []
 
-    def look(*given, honest=trainer.model.look):
+    def read(*given, honest=trainer.model.read):
         found = honest(*given)
         met.append(weakref.ref(found))
         return found
 
-    trainer.model.look = look
+    trainer.model.read = read
     for _ in range(3):
         trainer.step()
     for _ in range(200):  # the thread that looked lets go a moment after it has handed over

@@ -16,14 +16,14 @@ from core.scene.camera import Camera
 from core.system import memory, threads
 
 LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
-FEATURES = 8192  # at most, of a photo whose camera is known
+MOST_FEATURES = 8192  # at most, of a photo whose camera is known
 LEAST_PHOTOS = 2
 JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undistorted photos
 SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
-# Of memory, for matching photos of up to FEATURES features. pycolmap ends the whole program where one of its threads finds none left.
+# Of memory, for matching photos of up to MOST_FEATURES features. pycolmap ends the whole program where one of its threads finds none left.
 MATCHING_BYTES, MATCHING_BYTES_A_THREAD = 1 << 30, 2 << 30
 FEATURES_IN_LITTLE_MEMORY = 3072  # for these one thread needs a quarter of that
 HALF = 128  # of 255: features are extracted where less of a pixel than this is empty
@@ -64,7 +64,7 @@ def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
     path.write_bytes(cv2.imencode(kind, pixels, flags)[1].tobytes())  # raises if the disk is full; imwrite would only return False
 
 
-def extract(work: Path, names: list[str], report: Report, masks: Path | None = None, most: int = FEATURES) -> None:
+def extract(work: Path, names: list[str], report: Report, masks: Path | None = None, most: int = MOST_FEATURES) -> None:
     """SIFT features of the photos in work/photos into the database, each photo with a camera of its own.
 
     masks: a folder of pictures NAME.png, black where no feature is wanted. most: features a photo.

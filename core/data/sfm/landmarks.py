@@ -17,7 +17,7 @@ from core.scene.frame import SceneFrame
 from core.system.atomic import replacing
 
 FILE = "landmarks.npz"  # in a run folder
-PHOTOS = 40  # of the collection, at most
+MOST_PHOTOS = 40  # of the collection, at most
 NEAR_PX = 2.0  # between a feature and the projection of the point it is taken for; features are hardly more exact
 LENGTH = 128  # numbers of a SIFT descriptor
 NO_POINT = -1
@@ -65,8 +65,8 @@ class Landmarks:
 
 
 def landmarks_of(collection: Collection, report: Report) -> Landmarks:
-    """The landmarks of up to PHOTOS training photos that see SfM points, spread over the collection; undecodable ones are left out."""
-    known = spread_over([photo for photo in collection.split("train") if len(photo.points)], PHOTOS)
+    """The landmarks of up to MOST_PHOTOS training photos that see SfM points, spread over the collection; undecodable ones are left out."""
+    known = spread_over([photo for photo in collection.split("train") if len(photo.points)], MOST_PHOTOS)
     descriptors, shows = [np.zeros((0, LENGTH), np.uint8)], [np.zeros(0, np.int64)]
     with TemporaryDirectory() as folder, quiet():
         work = Path(folder)

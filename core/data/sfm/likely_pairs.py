@@ -14,7 +14,7 @@ from core.report import Report
 
 # Statue of Liberty, 87 photos, of the ten that each shares most points with: 512 features find 74, 87, 91 % among 10, 20, 30 partners,
 # 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
-FEATURES = 512  # of a photo, the largest
+LARGEST_FEATURES = 512  # of a photo, the largest
 PARTNERS = 30  # of a photo
 PAIR_S = 0.5  # to match two photos of 1600 px or more that show the same, on two cores; a tenth of it if they do not
 RATIO = 0.85  # test of Lowe (2004, section 7.1): the angle to the nearest feature over that to the second nearest
@@ -24,7 +24,7 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     """The pairs of photos in the database to match: all, or each photo's PARTNERS likeliest, so that matching (not this search) is linear
     in the number of photos.
 
-    The more of their FEATURES largest features match, the likelier two photos overlap (Wu 2013, Towards linear-time incremental
+    The more of their LARGEST_FEATURES largest features match, the likelier two photos overlap (Wu 2013, Towards linear-time incremental
     structure from motion, section 3): these are few, and large features are seen from near and far.
     """
     total = len(names) * (len(names) - 1) // 2
@@ -68,7 +68,7 @@ def _largest_features(work: Path, names: list[str]) -> list[np.ndarray]:
         for name in names:
             number = database.read_image_with_name(name).image_id
             shapes = database.read_keypoints(number).reshape(-1, 6)[:, 2:]  # 2 x 2, its columns as long as the feature is large
-            order = np.argsort(-np.hypot(shapes[:, 0], shapes[:, 2]), kind="stable")[:FEATURES]
+            order = np.argsort(-np.hypot(shapes[:, 0], shapes[:, 2]), kind="stable")[:LARGEST_FEATURES]
             descriptors = database.read_descriptors(number).data[order].astype(np.float32)
             features.append(descriptors / np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1e-6))
     return features

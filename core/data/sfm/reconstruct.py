@@ -26,7 +26,7 @@ from core.system.atomic import files_in, replacing_folder
 from core.words import counted, name_them
 
 JPEG_SUFFIXES = (".jpg", ".jpeg")
-FEATURES = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
+FEATURES_TO_MAP = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
@@ -60,7 +60,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
                 f"{photos} holds {counted(len(names), 'photo')} that can be read; at least {LEAST_PHOTOS} are needed.",
                 "Add photos of the same place.",
             )
-        extract(work, names, report, most=FEATURES)
+        extract(work, names, report, most=FEATURES_TO_MAP)
         match(work, likely_pairs(work, names, report), report)
         model = map_photos(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}

@@ -25,7 +25,7 @@ def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> in
         shown = np.ones((height, width), np.float32)
         if learns_masks:
             with torch.no_grad():
-                mask = model.look(sized.encoder_input, index).mask
+                mask = model.read(sized.encoder_input, index).mask
             shown = cv2.resize(mask[0].cpu().numpy(), (width, height))
         if sized.photo.mask is not None and sized.valid is not None:
             shown = shown * sized.valid

@@ -6,28 +6,26 @@ history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results
 
 import os
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from core.config import Settings
 from core.data.collection import Collection
 from core.data.made import CONFIG, is_of_run, read_mark
 from core.data.sfm import landmarks
-from core.errors import BadInput, not_made
-from core.system.atomic import check_folder, remove, swept, write_text
+from core.errors import BadInput
+from core.system.atomic import check_folder, remove, swept
 from core.training.decisions import Decision
-from core.training.on_disk import checkpoint, viewer_files
+from core.training.on_disk import checkpoint, history, viewer_files
 from core.training.on_disk.run_config import write_config
 from core.training.transparency import transparent_is_empty
 
-HISTORY = "history.csv"
 PREVIEW = "preview.png"
 RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves",
-    HISTORY, landmarks.FILE, "masks", PREVIEW, "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png",
+    history.FILE, landmarks.FILE, "masks", PREVIEW, "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png",
 )  # fmt: skip
 
 
@@ -98,24 +96,14 @@ def check_writable(folder: Path) -> None:
 
 
 def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
-    """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
-
-    Where that fails, nothing is left.
-    """
-    is_new = not folder.exists()
+    """Make the folder of a new run, in place of an older run, and write all that is known before the first step. Where that fails, nothing is left in it."""
     _clear(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise not_made(folder, problem) from None
+    folder.mkdir(parents=True, exist_ok=True)
     try:
         viewer_files.write(folder, collection, transparent_is_empty(settings))
         write_config(folder, collection, settings, decisions)
     except BaseException:
         _clear(folder)
-        if is_new:
-            with suppress(OSError):
-                folder.rmdir()
         raise
 
 
@@ -124,21 +112,6 @@ def _clear(folder: Path) -> None:
     for pattern in OURS:
         for path in folder.glob(pattern):
             remove(path)
-
-
-def rewind_history(folder: Path, step: int) -> None:
-    """Take from history.csv what a killed run did after its last checkpoint, at `step`, and will do again."""
-    path = folder / HISTORY
-    if not path.is_file():
-        return
-    with path.open(encoding="utf-8", errors="replace", newline="") as file:
-        lines = file.readlines()
-
-    def is_done(line: str) -> bool:
-        number = line.partition(",")[0]  # none in a garbled line, which goes too
-        return line.endswith("\n") and number.isdecimal() and int(number) <= step
-
-    write_text(path, "".join([*lines[:1], *filter(is_done, lines[1:])]))
 
 
 def point_cloud_path(folder: Path, step: int) -> Path:

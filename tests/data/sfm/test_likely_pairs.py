@@ -56,7 +56,7 @@ def test_the_largest_features_of_a_photo_are_taken(tmp_path, monkeypatch):
         assert cv2.imwrite(str(tmp_path / "photos" / name), take_photo(rotation, centre, pictures))
     extract(tmp_path, names, Report())
     every = module._largest_features(tmp_path, names)
-    monkeypatch.setattr(module, "FEATURES", 50)
+    monkeypatch.setattr(module, "LARGEST_FEATURES", 50)
     largest = module._largest_features(tmp_path, names)
     assert all(len(part) == 50 and np.array_equal(part, whole[:50]) for part, whole in zip(largest, every, strict=True))
     assert np.linalg.norm(largest[0], axis=1) == pytest.approx(1, abs=1e-5)

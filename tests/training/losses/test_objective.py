@@ -17,7 +17,7 @@ def recorded(monkeypatch, owner, name: str) -> list[tuple]:
 def shown(trainer) -> tuple[torch.Tensor, Target, torch.Tensor]:
     """A grey picture, a photo, and its mask."""
     target = trainer.photos.target(0, 1)[1]
-    return torch.full((*target.planes.shape[1:], 3), 0.4), target, trainer.model.look(trainer.photos[0].encoder_input, 0).mask
+    return torch.full((*target.planes.shape[1:], 3), 0.4), target, trainer.model.read(trainer.photos[0].encoder_input, 0).mask
 
 
 def test_a_mask_is_taught_from_its_time_on(trainer_of):
@@ -38,13 +38,13 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
     """Beside what reaches it by the embedding."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0)
     bias = trainer.model.encoder.unet.up_2.bias
-    looks, transfers = (recorded(monkeypatch, trainer.model, name) for name in ("look", "transfer"))
+    readings, transfers = (recorded(monkeypatch, trainer.model, name) for name in ("read", "transfer"))
     masks = recorded(monkeypatch, trainer.objective, "mask")
     monkeypatch.setattr(trainer.optimizer, "step", lambda: None)
     picture = trainer.objective.picture  # made to weigh so much that both show in the sum
     monkeypatch.setattr(trainer.objective, "picture", lambda *call: 1e3 * picture(*call))
     trainer.step()
-    look, embedding = trainer.model.look(*looks[0]), transfers[-1][2]  # the gauge's transfer comes first
+    look, embedding = trainer.model.read(*readings[0]), transfers[-1][2]  # the gauge's transfer comes first
     (by_embedding,) = torch.autograd.grad(look.embedding, bias, embedding.grad, retain_graph=True)
     ((image, target, _, progress),) = masks
     (by_loss,) = torch.autograd.grad(trainer.objective.mask(image, target, look.mask, progress), bias)

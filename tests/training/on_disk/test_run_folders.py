@@ -1,4 +1,4 @@
-"""The run folder: naming, finding, replacing, and what of history.csv is kept."""
+"""The run folder: naming, finding, replacing."""
 
 import os
 from pathlib import Path
@@ -96,7 +96,7 @@ def test_a_run_that_cannot_be_begun_leaves_nothing(tmp_path, collection, monkeyp
     for folder in (tmp_path / "new", thesis.parent):
         with pytest.raises(BadInput, match="full"):
             run_folders.create(folder, collection, small_settings())
-    assert not (tmp_path / "new").exists() and list(thesis.parent.iterdir()) == [thesis]
+    assert list((tmp_path / "new").iterdir()) == [] and list(thesis.parent.iterdir()) == [thesis]
 
 
 def test_the_run_that_is_taken_when_none_is_named(here):
@@ -104,15 +104,6 @@ def test_the_run_that_is_taken_when_none_is_named(here):
     begin(Path("runs/a"), age_s=5)
     begin(Path("elsewhere"))
     assert run_folders.is_default(here / "runs" / "a") and not run_folders.is_default(Path("elsewhere"))
-
-
-@pytest.mark.parametrize("end", ["", "40,1", "40,1.0\r\n50,1.2\r\n50", "abc\r\n,\r\n\0\0"])
-def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
-    kept = "step,seconds\r\n10,0.5\r\n20,0.7\r\n"
-    (tmp_path / "history.csv").write_text(kept + end, newline="")
-    run_folders.rewind_history(tmp_path, 20)
-    assert (tmp_path / "history.csv").read_bytes() == kept.encode()
-    run_folders.rewind_history(tmp_path / "none", 20)  # killed before its first line
 
 
 def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):

@@ -1,0 +1,33 @@
+"""history.csv: written row by row, read without what a killed program garbled, and taken back to a checkpoint."""
+
+import pytest
+
+from core.training.on_disk import history
+
+
+def test_rows_are_on_disk_at_once_and_go_on_after_a_pause(tmp_path):
+    for step in (5, 10):
+        with history.appended(tmp_path, ("step", history.HELD_OUT)) as add:
+            add({"step": step, history.HELD_OUT: 20.5 if step == 10 else None, "messages": ()})
+            lines = (tmp_path / "history.csv").read_text().splitlines()
+            assert lines[-1] == ("5," if step == 5 else "10,20.5")
+    assert lines[0] == f"step,{history.HELD_OUT}" and len(lines) == 3
+
+
+def test_checks_are_the_rows_that_measured_and_can_be_read(tmp_path):
+    assert history.checks(tmp_path) == []
+    (tmp_path / "history.csv").write_bytes(b"step,held_out_psnr,held_out_ssim\n5,,\n6,20.5,0.5\n7,x,0.5\n8,21,0.5,7\n\xff,1\n9,22,\n10,2")
+    assert history.checks(tmp_path) == [
+        {"step": 6, "held_out_psnr": 20.5, "held_out_ssim": 0.5},
+        {"step": 9, "held_out_psnr": 22},
+        {"step": 10, "held_out_psnr": 2},
+    ]
+
+
+@pytest.mark.parametrize("end", ["", "40,1", "40,1.0\r\n50,1.2\r\n50", "abc\r\n,\r\n\0\0"])
+def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
+    kept = "step,seconds\r\n10,0.5\r\n20,0.7\r\n"
+    (tmp_path / "history.csv").write_text(kept + end, newline="")
+    history.rewind(tmp_path, 20)
+    assert (tmp_path / "history.csv").read_bytes() == kept.encode()
+    history.rewind(tmp_path / "none", 20)  # killed before its first line

@@ -140,7 +140,7 @@ class Settings:
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
     encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
-    sky_radius: float = setting(30.0, "Radius of the sky's dome.", low=2)
+    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras.", low=2)
 
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses")
     mask_loss: str = setting(
@@ -279,7 +279,7 @@ def check(item, value: Any) -> None:
 # later. Without, there is nothing to wait for: as in plain 3DGS.
 SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 SCHEDULE_WITHOUT = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
-DECIDABLE = ("appearance", "transients", "sh_degree", "sky", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
+DECIDABLE = ("appearance", "transients", "sh_degree", "sky", "transparency", *LEAST, *SCHEDULE_WITHOUT)  # what may be left to the data
 
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {

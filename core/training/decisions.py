@@ -47,9 +47,8 @@ def decide(
     points: SfM points (P, 3), scene frame. photos: the training photos, decoded at training size.
     """
     empty = transparent_is_empty(settings) or any(sized.empty is not None for sized in photos)
-    settings = settings.changed(transparency="empty" if empty else "unseen")
     pixels = sum(sized.camera.width * sized.camera.height for sized in photos)
-    settings = settings.decided(**budget(len(photos), pixels), sky="none" if empty else "dome")
+    settings = settings.decided(**budget(len(photos), pixels), sky="none" if empty else "dome", transparency="empty" if empty else "unseen")
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
         return settings.decided(), ()

@@ -16,7 +16,8 @@ STEP_GAUSSIANS, STEP_SIZE_PX, STEP_PHOTOS = 30_000, (324, 210), 10
 USUAL_SIZE_PX = (555, 360)  # as large as real photos are trained on a CPU, core.config.AUTO_PIXELS
 GARDEN_GAUSSIANS, GARDEN_SIZE_PX = 140_000, (648, 420)
 DEGREE, COEFFICIENTS = 3, 16  # of the garden and of what is baked; steps have the default degree
-BAKED = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", **LEAST)  # the defaults, for a scene that needs all
+# The defaults, for a scene that needs all.
+BAKED = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", transparency="unseen", **LEAST)
 
 
 def plaza(scale: float, size_px: tuple[int, int]) -> Collection:

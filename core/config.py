@@ -264,7 +264,8 @@ def check(item, value: Any) -> None:
     if item.type is float:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not good:
-        raise BadSetting(f"{item.name}={value!r} is not {KINDS[item.type]}.", rules["help"])
+        choices = f"Choose one of: {', '.join(rules['choices'])}." if rules["choices"] else rules["help"]
+        raise BadSetting(f"{item.name}={value!r} is not {KINDS[item.type]}.", choices)
     if rules["auto"] and value == UNDECIDED:
         return
     if rules["choices"] and value not in rules["choices"]:

@@ -12,6 +12,7 @@ From a photo to pixels, in `photos`: `folder` lists files, `file` reads headers,
 holes (`fill`).
 """
 
+import core.data.pycolmap_loaded  # noqa: F401 - before anything imports pycolmap
 from core.data.collection import Collection, Photo
 from core.data.load import find_kind, find_photos, load_collection
 

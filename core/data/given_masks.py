@@ -1,6 +1,7 @@
 """Masks that come with photos, from the user (`wegs train --masks DIR`) or from the scene: which photo each belongs to, and whether it fits."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from math import log
 from pathlib import Path
@@ -16,12 +17,22 @@ from core.words import Note, Reasons, counted, is_harmless
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
 
 
-def check_masks(folder: Path) -> None:
-    """Raise BadInput unless the folder is there and holds pictures: asked before cameras are found, which may take minutes."""
+def check_masks(folder: Path, photos: Sequence[str]) -> None:
+    """Raise BadInput unless the folder is there and holds pictures, one of them of a photo: asked before cameras are found, which may take minutes.
+
+    photos: the names of plain photos; none if they are not known yet.
+    """
     if not folder.is_dir():
         raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
-    if next((path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES), None) is None:
+    stems = {path.stem for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES}
+    if not stems:
         raise BadInput(f"{folder} holds no pictures.", "Give --masks a folder with one mask a photo.")
+    if photos and not any(stems.intersection(names_without_suffixes(name)) for name in photos):
+        raise _none_fits(folder, photos[0])
+
+
+def _none_fits(folder: Path, photo: str) -> BadInput:
+    return BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {relative_path(photo).with_suffix('.png')}.")
 
 
 def with_masks_in(collection: Collection, folder: Path) -> Collection:
@@ -45,8 +56,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     unused = sorted({path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values()))
     training = collection.split("train")
     if not any(photo.name in masks for photo in training):
-        example = relative_path(training[0].name).with_suffix(".png")
-        raise BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {example}.")
+        raise _none_fits(folder, training[0].name)
     found = with_masks_by_name(collection, masks, folder)
     if not any(photo.mask for photo in found.split("train")):
         why = "; ".join(note for note in found.notes[len(collection.notes) :] if not is_harmless(note))

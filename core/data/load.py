@@ -10,7 +10,7 @@ from core.data.formats.transforms import BLENDER_FILES, read_blender, read_trans
 from core.data.made import is_of_run
 from core.data.photos.folder import fuller_below, list_photos, no_photos
 from core.data.posed import Posed, collect
-from core.data.sfm.kept_points import home_of, read_kept, scene_of
+from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
 from core.report import Report
 from core.words import counted
@@ -64,7 +64,7 @@ def find_kind(path: Path) -> str:
     scene, kind = scene_of(path) or (None, None)
     if kind in POSED:
         if not scene.is_dir():
-            raise BadInput(f"{path} holds the points of {scene}, which is gone.", "Move it back.")
+            raise BadInput(f"{path} holds the points of {scene}, which is gone.", f"Move it back, or write where it is now into {path / MARK}, as its scene.")
         return kind
     if kind := kind_with_cameras(path):
         return kind

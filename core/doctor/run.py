@@ -17,7 +17,7 @@ from core.export.ply import BYTES_A_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
 from core.training.losses.mask_weights import COLLAPSED
-from core.training.on_disk import checkpoint, history
+from core.training.on_disk import checkpoint, history, run_folders
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread
 NEAR_BOUND = 0.95  # of the residual's bound: beyond, the transfer has hardly any gradient
@@ -55,11 +55,13 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
 def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
     """How far the run got, how many steps were skipped, and whether quality fell."""
     steps, wanted = trained.step, trained.settings.steps
-    advice = f"Type: {command('wegs', 'train', '--resume', '-o', trained.folder)}" if steps < wanted else ""
+    is_whole = steps == wanted and any(trained.folder.glob(run_folders.CLOUDS))
+    advice = "" if is_whole else f"Type: {command('wegs', 'train', '--resume', '-o', trained.folder)}"
+    asked = "what was asked for" if is_whole or steps < wanted else "what was asked for, but its results were not written"
     skipped = facts["skipped"]
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
     findings = [
-        Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", "what was asked for", advice),
+        Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", asked, advice),
         Finding(
             "skipped steps",
             part(skipped, steps),

@@ -16,7 +16,8 @@ from core.appearance.refinement import Render
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.errors import BadInput
+from core.data.sfm.kept_points import home_of
+from core.errors import BadInput, command
 from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
@@ -58,7 +59,7 @@ class TrainedRun:
         Raises BadInput if the photo is missing or damaged.
         """
         root = self.collection.root
-        if not photo.path.is_file() and not root.is_dir():
+        if not photo.path.is_file() and not home_of(root).is_dir():
             raise run_config.scene_gone(self.folder, root, f"{photo.name} cannot be read")
         return load_sized_photo(photo, self.sizes, self.device, self.transparent_is_empty)
 
@@ -172,7 +173,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     identity, settings, collection = run_config.read_config(folder)
     path = checkpoint.newest(folder)
     if path is None:
-        raise BadInput(f"{folder} has no checkpoint yet.", "Wait for its first one, or name another run.")
+        raise BadInput(f"{folder} has no checkpoint yet.", f"Wait for its first one; if it was stopped, type: {command('wegs', 'train', '--resume', '-o', folder)}")
     saved = checkpoint.load(path)
     place = device.of_run(settings.device) if on_gpu else device.CPU
     with checkpoint.fitting(path):

@@ -10,10 +10,9 @@ from core.looks import saved_look
 from core.looks.find_look import find_look
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
-from core.looks.trained import load_run
+from core.pipeline.opened import open_run
 from core.report import QUIET, Report
 from core.system.atomic import check_file
-from core.training.on_disk import run_folders
 from core.training.tell import tell_how_to_look
 from core.words import counted
 
@@ -42,7 +41,7 @@ def bake_to_file(
     check_file(output)
     if output.exists() and not force:
         raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
-    trained = load_run(run_folders.find_run(folder))
+    trained = open_run(folder, report)
     if save_as is not None:
         saved_look.check_free(trained.folder, save_as, force, [photo.name for photo in trained.collection.photos])
     look = find_look(trained, word, mask, refine, report)

@@ -12,7 +12,7 @@ from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results,
 from core.evaluation.sheet import picture_sheet, pictures_kept, row_of, write_view
 from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
-from core.looks.trained import load_run
+from core.pipeline.opened import open_run
 from core.report import QUIET, Report
 from core.system.awake import cores_awake
 from core.training.on_disk import run_folders
@@ -27,7 +27,7 @@ def evaluate(
 
     keep_pictures: also every render and photo, as they were compared, into its pictures/.
     """
-    trained = load_run(run_folders.find_run(folder))
+    trained = open_run(folder, report)
     run_folders.check_writable(trained.folder)
     photos = trained.collection.split("test")
     if not photos:
@@ -71,9 +71,9 @@ def evaluate(
         report.say(f"LPIPS: {counted(small, 'photo')} too small for it")
     if not keep_pictures and kept.exists():
         report.warn(f"{kept} is of an earlier call: --pictures replaces it")
+    report.table(f"Held-out quality, protocol {protocol}", results.rows())
     results.save(trained.folder)
     write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))
-    report.table(f"Held-out quality, protocol {protocol}", results.rows())
     names = (*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[f"{PICTURES}/{protocol}/"] * keep_pictures)
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results

@@ -9,11 +9,11 @@ from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks.find_look import find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
-from core.looks.trained import bake, blend, load_run
+from core.looks.trained import bake, blend
 from core.pipeline.baking import ONE_LOOK
+from core.pipeline.opened import open_run
 from core.report import QUIET, Report
 from core.system.atomic import check_apart, check_fillable, filling
-from core.training.on_disk import run_folders
 from core.words import counted
 
 
@@ -38,7 +38,7 @@ def interpolate(
         raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
     if output is not None and output.suffix.lower() in (".mp4", ".gif", ".ply", *SUFFIXES):
         raise BadSetting(f"-o {output}: a fade is a folder of frames, with video.mp4 among them.", f"Type: -o {output.with_suffix('')}")
-    trained = load_run(run_folders.find_run(folder))
+    trained = open_run(folder, report)
     photo = find_view(trained, view)
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import core.rasterizer
 from core.config import Settings
-from core.data import load_collection
+from core.data import find_kind, find_photos, load_collection
 from core.data.given_masks import check_masks, with_masks_in, with_same_masks
+from core.data.photos.folder import list_photos
 from core.data.prepare import prepared
+from core.data.sfm.kept_points import home_of
 from core.errors import BadInput, command
 from core.evaluation.results import measured_earlier
 from core.looks.look_file import write_look
@@ -44,7 +46,7 @@ def train(
     # Mistakes are refused before cameras are found, which may take minutes.
     check_resolution(settings.resolution)
     if masks is not None:
-        check_masks(masks)
+        check_masks(masks, [path.name for path in list_photos(find_photos(scene))] if find_kind(scene) == "photos" else ())
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:
@@ -77,7 +79,7 @@ def _go_on(folder: Path, report: Report) -> Path:
         return folder
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
-    if not before.root.is_dir():
+    if not home_of(before.root).is_dir():
         raise run_config.scene_gone(folder, before.root, f"{folder} cannot go on")
     collection = with_same_masks(load_collection(before.root, settings.all_photos), before)
     trainer = Trainer(collection, settings, folder)

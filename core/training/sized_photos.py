@@ -25,7 +25,7 @@ from core.words import Reasons
 
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
-SMALLEST_WIDTH_PX = 16  # below, a width is taken for a mistyped divisor
+SMALLEST_WIDTH_PX = 64  # below, a width is taken for a mistyped divisor
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
 

@@ -133,6 +133,17 @@ def test_a_signal_to_end_is_a_ctrl_c_also_once_the_engine_is_loaded(tmp_path, na
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
 
 
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_while_the_engine_loads_is_a_ctrl_c(tmp_path, name):
+    """pycolmap would take it for a broken installation."""
+    (tmp_path / "pycolmap.py").write_text(f"import os, signal\nos.kill(os.getpid(), signal.{name})\nloaded = True")
+    (tmp_path / "stopped.py").write_text("import click\n@click.command()\ndef stop():\n    import core.data")
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
+    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
+
+
 def test_a_program_without_a_terminal_works_all_the_same():
     program = "import sys; sys.stdout = sys.stderr = None; from wegs_cli.main import run; run()"
     done = subprocess.run([sys.executable, "-c", program, "--version"], capture_output=True, text=True, check=False)

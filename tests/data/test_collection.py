@@ -44,3 +44,16 @@ def test_as_many_as_are_wanted_are_taken_from_the_first_to_the_last():
     assert len(spread_over(range(41), 40)) == 40
     assert list(spread_over(range(3), 10)) == [0, 1, 2] and list(spread_over((), 4)) == []
     assert list(spread_over("abc", 1)) == ["a"]
+
+
+def test_a_photo_is_called_by_its_name_or_what_of_it_is_clear(tmp_path):
+    photos = small_collection(tmp_path).photos
+    names = ("a/1.jpg", "b/1.jpg", "b/2.png.jpg", "2019.05.jpg")
+    collection = replace(small_collection(tmp_path), photos=tuple(replace(photo, name=name) for photo, name in zip(photos, names, strict=False)))
+
+    def called(word):
+        photo = collection.called(word)
+        return photo and photo.name
+
+    assert [called(word) for word in ("a/1.jpg", "a/1", "b/2.png", "b/2", "2", "2.png.jpg", "2019.05")] == ["a/1.jpg"] * 2 + ["b/2.png.jpg"] * 4 + ["2019.05.jpg"]
+    assert [called(word) for word in ("1", "1.jpg", "2019", "c/2")] == [None] * 4

@@ -110,10 +110,12 @@ def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
 def test_what_cannot_be_meant_is_refused(collection, tmp_path):
     folder = tmp_path / "masks"
     with pytest.raises(BadInput, match="no folder .*nowhere"):
-        check_masks(tmp_path / "nowhere")
+        check_masks(tmp_path / "nowhere", ())
     with pytest.raises(BadInput, match="holds no pictures"):
-        check_masks(folder)
-    check_masks(save_mask(tmp_path / "deep" / "left" / "0.png").parents[1])
+        check_masks(folder, ())
+    check_masks(save_mask(tmp_path / "deep" / "left" / "0.png").parents[1], ["0.jpg"])
+    with pytest.raises(BadInput, match="no mask of a training photo.*such as 1.png"):
+        check_masks(tmp_path / "deep", ["1.jpg"])
     save_mask(folder / "0.png")
     save_mask(folder / "0.jpg")  # of no photo, so that nothing has to be chosen
     save_mask(folder / "photo_2.png")
@@ -234,11 +236,18 @@ def test_a_mask_is_undistorted_with_its_photo(tmp_path):
 
 def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
     path = save(tmp_path / "a.png", noise())
-    mask = save(tmp_path / "m.png", np.ones((30, 44), np.uint8))  # white as 1, not 255
+    mask = save(tmp_path / "m.png", np.zeros((30, 44), np.uint8))
     with pytest.raises(BadInput, match=r"a.png is left with 0.0% .* White \(255\)"):
         load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
     with pytest.raises(BadInput, match="White"):
         read_light(path, mask)
+
+
+def test_zeros_and_ones_are_black_and_white(tmp_path):
+    path, ones = save(tmp_path / "a.png", noise()), np.ones((30, 44), np.uint8)
+    ones[:10] = 0
+    mask = save(tmp_path / "m.png", ones)
+    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30).valid, ones == 1)
 
 
 def test_what_is_neither_black_nor_white_is_no_mask(tmp_path):

@@ -1,6 +1,7 @@
 """Figures of the photos that were held out, and runs that have none to give."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +12,11 @@ import torch
 
 from core import pipeline
 from core.bench import suite
-from core.errors import BadInput
+from core.errors import BadInput, WegsError, disk_full
 from core.looks import held_out_views
 from core.pipeline import baking, evaluating, training
+from core.training.on_disk import checkpoint
+from core.training.on_disk.claim import held
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
@@ -69,3 +72,33 @@ def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tm
         with pytest.raises(BadInput, match="may not be written in. Make it writable, or copy the run"):
             need()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_was_stopped_is_told_wherever_it_is_used(trained, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(trained[0], folder)
+    saved = checkpoint.load(checkpoint.newest(folder))
+    for path in folder.glob(checkpoint.PATTERN):
+        path.unlink()
+    checkpoint.save(folder, checkpoint.Checkpoint(saved.tensors, saved.facts | {"step": 5}))
+    heard = Heard()
+    pipeline.evaluate(folder, report=heard, refine=False)
+    pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply", heard)
+    pipeline.interpolate(folder, "neutral", "photo_0.png", 2, tmp_path / "fade", heard)
+    told = f"! {folder} was stopped; wegs train --resume -o {folder} goes on: this is step 5 of {STEPS}."
+    assert heard.lines.count(told) == 3
+    heard = Heard()
+    with held(folder):
+        pipeline.bake_to_file(folder, "neutral", tmp_path / "b.ply", heard)
+    assert heard.lines[0] == f"! {folder} is still being trained: this is step 5 of {STEPS}."
+
+
+def test_figures_are_told_before_the_disk_is_full(trained, tmp_path, monkeypatch):
+    def full(path, _):
+        raise disk_full(path)
+
+    monkeypatch.setattr(evaluating, "write_png", full)
+    heard = Heard()
+    with pytest.raises(WegsError, match="disk is full"):
+        pipeline.evaluate(trained[0], report=heard, refine=False)
+    assert any(line.startswith("photo, zero-shot: PSNR") for line in heard.lines)

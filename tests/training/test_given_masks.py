@@ -138,5 +138,9 @@ def test_masks_that_are_not_there_are_told_before_cameras_are_looked_for(tmp_pat
         raise AssertionError("minutes of work")
 
     monkeypatch.setattr(training, "prepared", prepared)
-    with pytest.raises(BadInput, match="There is no folder .*nowhere"):
-        pipeline.train(tmp_path, small_settings(), masks=tmp_path / "nowhere")
+    for name in ("photos/a.jpg", "masks/a_mask.png"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).touch()
+    for masks, words in (("nowhere", "There is no folder .*nowhere"), ("masks", "masks holds no mask of a training photo. Name masks .* a.png")):
+        with pytest.raises(BadInput, match=words):
+            pipeline.train(tmp_path / "photos", small_settings(), masks=tmp_path / masks)

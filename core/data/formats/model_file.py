@@ -5,10 +5,8 @@ record.
 """
 
 import shutil
-import signal
 import struct
 import tempfile
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -23,10 +21,6 @@ EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file with no points
 POSE_BYTES = 7 * 8  # quaternion and translation
 TRACK_BYTE, TRACK_COLUMN = 8 + 24 + 3 + 8, 8  # of a point, after its id, place, colour and error
 REFUSALS = (ValueError, IndexError, RuntimeError)  # of pycolmap
-
-if threading.current_thread() is threading.main_thread():  # Python sets handlers in no other
-    # Importing pycolmap makes SIGTERM print pages of C++ addresses and end the program; what Python had is put back.
-    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM) or signal.SIG_DFL)
 
 
 def holds_model(folder: Path) -> bool:

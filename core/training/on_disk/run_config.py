@@ -12,7 +12,7 @@ import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.data.made import CONFIG, followed, path_within, way_to
-from core.data.sfm.kept_points import home_of
+from core.data.sfm.kept_points import MARK, home_of
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -71,8 +71,10 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
 
 
 def scene_gone(folder: Path, root: Path, what: str) -> BadInput:
-    """The error for a run in `folder` whose scene `root` is no longer there. what: cannot be done without it."""
-    return BadInput(f"{what}: the scene {root} is gone.", f"Move it back, or write where it is now into {folder / CONFIG}, as its path.")
+    """The error for a run in `folder` whose scene `root`, or the one whose points that holds, is no longer there. what: cannot be done without it."""
+    home = home_of(root)
+    where = f"{folder / CONFIG}, as its path" if home == root else f"{root / MARK}, as its scene"
+    return BadInput(f"{what}: the scene {home} is gone.", f"Move it back, or write where it is now into {where}.")
 
 
 def _photo_to_json(photo: Photo, home: Path) -> dict:

@@ -51,6 +51,9 @@ def find_run(path: Path | None) -> Path:
     """The run at `path`, or the newest one for None; BadInput if it is none."""
     if path is None:
         return newest_run()
+    if path.is_file():
+        run = next((f": {folder}" for folder in path.parents if is_run(folder)), ", which `wegs train` made")
+        raise BadInput(f"{path} is a file, not a folder.", f"Give the folder of the run{run}.")
     if not path.is_dir():
         raise BadInput(f"There is no folder {path}.", "Give one that `wegs train` made.")
     if not is_run(path):

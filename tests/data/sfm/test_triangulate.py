@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from core.data.sfm.kept_cameras import scene_of_photos
 from core.data.sfm.triangulate import NEAREST, SPREAD, off_line_px, partners, triangulate
 from core.doctor import examine
 from core.errors import BadInput
+from core.looks.trained import TrainedRun
 from core.report import Report
 from core.scene.camera import Camera
 from core.training.on_disk import run_config, run_folders
@@ -130,8 +132,13 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
         assert found.root == points and found.changed_since(collection) == []
         assert all(photo.path.is_relative_to(now / "photos") and photo.path.is_file() for photo in found.photos)
     (now / "photos").rename(tmp_path / "other")  # alone
-    with pytest.raises(BadInput, match="holds the points of .*project.photos, which is gone. Move it back"):
+    with pytest.raises(BadInput, match="holds the points of .*project.photos, which is gone. Move it back, or write where it is now into .*triangulated.json, as its scene"):
         load_collection(points)
+    trained = SimpleNamespace(collection=run_config.read_config(run_folder)[2], folder=run_folder)
+    with pytest.raises(BadInput, match="cannot be read: the scene .*project.photos is gone. .*triangulated.json, as its scene"):
+        TrainedRun.sized_photo(trained, trained.collection.photos[0])
+    write_json(points / "triangulated.json", json.loads((points / "triangulated.json").read_text()) | {"scene": str(tmp_path / "other")})
+    assert load_collection(points).changed_since(collection) == []
 
 
 def test_cameras_that_fit_no_photo(corner, tmp_path):

@@ -48,6 +48,9 @@ def test_no_run_and_no_such_run_are_refused(here):
         run_folders.find_run(Path("elsewhere"))
     with pytest.raises(BadInput, match=f"{here.name} is not a run"):
         run_folders.find_run(here)
+    begin(Path("runs/a"))
+    with pytest.raises(BadInput, match="config.json is a file, not a folder. Give the folder of the run: runs/a"):
+        run_folders.find_run(Path("runs/a/config.json"))
 
 
 def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):

@@ -1,4 +1,4 @@
-"""A run and a scene on the table: sound ones are sound, what is wrong is named."""
+"""A scene on the table: a sound one is sound, what is wrong is named."""
 
 import json
 from dataclasses import replace
@@ -6,8 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import torch
-from click.testing import CliRunner
 
 from core import pipeline
 from core.data.made import write_mark
@@ -15,111 +13,10 @@ from core.data.prepare import prepared
 from core.data.sfm import originals
 from core.doctor import Finding, examine
 from core.doctor.finding import verdict
-from core.errors import BadInput
-from core.training.on_disk import checkpoint
 from tests.data.converted import changed, write_blender, write_nerfstudio
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
-from tests.doctor.test_ply import refuse
+from tests.doctor.examined import asked_for, examined
 from tests.heard import Heard
-from tests.small import small_settings
-from wegs_cli.main import wegs
-
-
-def examined(path) -> tuple[dict, Heard]:
-    heard = Heard()
-    return {finding.name: finding for finding in examine(path, heard)}, heard
-
-
-def asked_for(findings: dict) -> set[str]:
-    return {name for name, finding in findings.items() if finding.advice}
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    root = tmp_path_factory.mktemp("trained")
-    scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)]).write(root / "scene")
-    return pipeline.train(scene, small_settings(steps=30, prune_contribution=0.0), root / "run")
-
-
-def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
-    findings, heard = examined(trained)
-    assert {"steps", "skipped steps", "held-out quality", "settings", "not finite", "needles", "float32 positions"} < findings.keys()
-    assert {"never seen", "residuals", "looks", "masks"} < findings.keys()
-    assert findings["steps"].figure.startswith("30 of 30 in ")
-    assert "(60 of them sky) of SH degree 1" in findings["file"].figure
-    assert "sky_gaussians=60" in findings["settings"].figure and "steps=30" in findings["settings"].figure
-    assert "over 7 looks" in findings["residuals"].figure  # of nine photos two are held out
-    assert findings["giants"].figure == "0 in the scene, 0 beyond 3 radii"  # the sky is no giant
-    assert heard.steps[-1] == (7, 7)
-    # So short a run has learnt no looks, and twenty points are few Gaussians; it is sound all the same.
-    assert asked_for(findings) <= {"looks"}
-
-
-@pytest.mark.parametrize("weight, advice", [(0.1, "sh_regularisation=0.1 holds looks at the base"), (0.001, "appearance=off")])
-def test_looks_that_are_all_one_are_blamed_on_what_holds_them(tmp_path, weight, advice):
-    scene = SmallScene().write(tmp_path / "scene")
-    folder = pipeline.train(scene, small_settings(steps=1, sh_regularisation=weight, network_rate=0.0), tmp_path / "run")
-    assert examined(folder)[0]["looks"].advice.find(advice) >= 0
-
-
-def test_a_run_that_went_wrong_is_told_and_how_to_go_on(trained, tmp_path):
-    folder = tmp_path / "run"
-    saved = checkpoint.load(checkpoint.newest(trained))
-    saved.tensors["gaussians.parameters.means"][3] = float("nan")
-    saved.tensors["model.sh_transfer.last.bias"][:] = 100.0
-    facts = saved.facts | {"step": 20, "trainer": saved.facts["trainer"] | {"skipped": 7, "collapse_told": True}}
-    folder.mkdir()
-    (folder / "config.json").write_bytes((trained / "config.json").read_bytes())
-    (folder / "history.csv").write_text("step,held_out_psnr\n5,21.0\n6,\ngarbage\n9,18.5\n")
-    checkpoint.save(folder, checkpoint.Checkpoint(saved.tensors, facts))
-    findings, _ = examined(folder)
-    assert "wegs train --resume -o" in findings["steps"].advice
-    assert findings["skipped steps"].figure == "7 (35 %)"
-    assert findings["held-out quality"].figure == "18.50 dB, 21.00 at best"
-    assert findings["not finite"].figure.startswith("1 (")
-    assert "up to 4, 100 % of them near the bound of 4" in findings["residuals"].figure
-    assert {"steps", "skipped steps", "held-out quality", "not finite", "residuals", "masks"} <= asked_for(findings)
-
-
-@pytest.mark.parametrize("changes", [{"appearance": "off", "transients": "off"}, {"appearance": "exposure"}])
-def test_what_a_run_did_not_learn_is_not_told(tmp_path, changes):
-    scene = SmallScene().write(tmp_path / "scene")
-    findings, _ = examined(pipeline.train(scene, small_settings(steps=3, **changes), tmp_path / "run"))
-    assert ("masks" in findings) == ("transients" not in changes)
-    assert ("residuals" in findings) == (changes["appearance"] != "off")
-
-
-def test_a_run_without_its_photos_tells_the_rest(trained, tmp_path):
-    hidden = trained.parent / "scene" / "images"
-    hidden.rename(hidden.with_name("hidden"))
-    try:
-        findings, _ = examined(trained)
-    finally:
-        hidden.with_name("hidden").rename(hidden)
-    assert findings["photos"].figure.startswith("7 of 7, such as photo_1.png (")
-    assert findings["photos"].advice.startswith("Copy it again")
-    assert "masks" not in findings and "never seen" in findings
-
-
-def test_a_run_whose_gaussians_are_too_large_to_draw_tells_the_rest(trained, monkeypatch):
-    monkeypatch.setattr("core.doctor.views.largest_contributions", refuse)
-    findings, _ = examined(trained)
-    assert findings["never seen"].figure == "not measured" and "-r" not in findings["never seen"].advice
-    assert "residuals" in findings
-
-
-def test_what_is_never_seen_is_asked_at_a_small_size(trained, monkeypatch):
-    sizes = []
-    monkeypatch.setattr("core.doctor.views.WIDEST_PX", WIDTH // 4)
-    monkeypatch.setattr(
-        "core.doctor.views.largest_contributions",
-        lambda splats, cameras, *_: (sizes.extend((camera.width, camera.height) for camera in cameras), torch.ones(len(splats)))[1],
-    )
-    assert examined(trained)[0]["never seen"].figure == "0"
-    assert set(sizes) == {(WIDTH // 4, HEIGHT // 4)}
-
-
-# --- scenes
 
 
 def test_a_sound_scene(tmp_path):
@@ -143,7 +40,7 @@ def test_of_points_that_nobody_says_who_sees_no_share_is_told(tmp_path):
 def test_a_mistake_in_a_mask_is_none_of_the_photo_and_none_at_all_if_held_out(tmp_path):
     scene = write_nerfstudio(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
     for number in range(2):  # 0 is held out
-        cv2.imwrite(str(scene / f"{number}.png"), np.ones((HEIGHT, WIDTH), np.uint8))  # white as 1, not 255
+        cv2.imwrite(str(scene / f"{number}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
         changed(scene, lambda facts, number=number: facts["frames"][number].update(mask_path=f"{number}.png"))
     found = examined(scene)[0]["unusable photos"]
     assert found.figure.startswith("1 of 4 (photo_1.png (is left with 0.0% of its pixels by its mask ")
@@ -305,44 +202,3 @@ def test_a_scene_that_lost_most_of_its_photos_says_so(tmp_path, placed, focal_px
     assert heard.lines == [f"! {originals.shortfall(scene)}"] * 2 * bool(words) + [f"Next: wegs train {scene}"]
     found = examined(scene)[0]["photos placed"]
     assert found.figure == f"{placed} of 9" and bool(found.advice) == bool(words)
-
-
-def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
-    assert "photos placed" not in examined(trained)[0] and "odd focal lengths" not in asked_for(examined(trained)[0])
-    scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)], params=[9e3, 9e3, 80, 60]).write(tmp_path / "poor")
-    mark_as_made(scene, 9, 20, 9e3)
-    run = pipeline.train(scene, small_settings(steps=1, prune_contribution=0.0), tmp_path / "run")
-    findings, _ = examined(run)
-    assert findings["photos placed"].figure == "9 of 20"
-    assert findings["odd focal lengths"].figure.startswith("9 of 9 (photo_0.png: 56.2,") and "add photos from in between" in findings["odd focal lengths"].advice
-    assert {"photos placed", "odd focal lengths"} <= asked_for(findings)
-
-
-# --- the command line
-
-
-@pytest.mark.parametrize(("advice", "code", "mark"), [("", 0, "ok"), ("Copy it again.", 1, "!!")])
-def test_the_command_says_findings_and_leaves_with_1_if_anything_needs_doing(monkeypatch, trained, advice, code, mark):
-    monkeypatch.setattr("core.doctor.examine_run", lambda *_: [Finding("steps", "30 of 30", "complete", advice)])
-    result = CliRunner().invoke(wegs, ["doctor", str(trained)])
-    assert result.exit_code == code, result.output
-    lines = result.output.strip().splitlines()
-    assert lines[0].startswith(f"{mark} steps: 30 of 30") and "Verdict: " in lines[-1]
-
-
-A_LIST = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 2\n"
-
-
-@pytest.mark.parametrize("content", [None, b"", b"ply\n", A_LIST])
-def test_what_cannot_be_read_is_one_line_and_1(tmp_path, content):
-    path = tmp_path / "a.ply"
-    if content is not None:
-        path.write_bytes(content)
-    result = CliRunner().invoke(wegs, ["doctor", str(path)])
-    assert result.exit_code == 1 and len(result.stderr.strip().splitlines()) == 1 and "a.ply" in result.stderr
-
-
-def test_without_a_path_the_newest_run_is_meant(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(BadInput, match="There is no run"):
-        examine(None, Heard())

@@ -5,11 +5,11 @@ of that. `placing` fits cameras to the photos, `split` and `phototourism` say wh
 `given_masks` adds masks.
 
 What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `kept_cameras` with `reconstruct` (`features`, `likely_pairs`,
-`mapping`; `originals` remembers the photos as they were), points by `kept_points` with `triangulate`. `made` recognises what was made
-before. A photo from outside is found by `locate` among the `landmarks` of a collection.
+`mapping`; `kept_matches` lets a stopped search go on; `originals` remembers the photos as they were), points by `kept_points` with
+`triangulate`. `made` recognises what was made before. A photo from outside is found by `locate` among the `landmarks` of a collection.
 
-From a photo to pixels, in `photos`: `folder` lists files, `file` reads headers, `pixels` decodes, undistorts (`distortion`) and fills
-holes (`fill`).
+From a photo to pixels, in `photos`: `folder` lists files, `lookalikes` tells which are one picture, `file` reads headers, `pixels` decodes,
+undistorts (`distortion`) and fills holes (`fill`). `pycolmap_loaded` keeps that library from handling signals.
 """
 
 import core.data.pycolmap_loaded  # noqa: F401 - before anything imports pycolmap

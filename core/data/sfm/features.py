@@ -75,7 +75,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
-    options.sift.max_num_features = most if _matching_threads() else min(most, FEATURES_IN_LITTLE_MEMORY)
+    options.sift.max_num_features = affordable(most)
     for done, part in _parts(names, least=2):
         _number(work, part)
         pycolmap.extract_features(
@@ -88,6 +88,11 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
             device=pycolmap.Device.cpu,
         )
         report.progress("Features", done, len(names))
+
+
+def affordable(most: int) -> int:
+    """How many features of a photo are extracted if `most` are wanted: fewer where memory is limited."""
+    return most if _matching_threads() else min(most, FEATURES_IN_LITTLE_MEMORY)
 
 
 def _number(work: Path, names: list[str]) -> None:

@@ -16,7 +16,8 @@ from core.data.photos.file import JPEG_EXIF, Header, bad_photo, probe, without_o
 from core.data.photos.folder import copies_among, list_photos, list_unreadable, no_photos
 from core.data.photos.lookalikes import Lookalikes
 from core.data.photos.pixels import read_pixels
-from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
+from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, extract, match
+from core.data.sfm.kept_matches import work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
@@ -35,6 +36,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of core.data.sfm.originals. Every photo
     gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the one with the most photos is kept.
     Unreadable photos and those without a camera are left out and named.
+    What a stopped run found is used again (core.data.sfm.kept_matches).
     Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
     Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or
@@ -52,7 +54,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
         report.warn(line)
     made_of = files_of(photos)
-    with replacing_folder(output) as work, quiet():
+    matches_of = {"photos": made_of, "features": affordable(FEATURES_TO_MAP), "pycolmap": pycolmap.__version__}
+    with replacing_folder(output) as new, work_kept_if_stopped(output, matches_of, report) as work, quiet():
         copies = _copy_upright(paths, work / PHOTOS, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
@@ -64,10 +67,10 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         match(work, likely_pairs(work, names, report), report)
         model = map_photos(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
-        _write_scene(work, model, copies)
-        write_mark(work / "scene" / FILES, made_of)
+        _write_scene(work, model, copies, new / "scene")
+        write_mark(new / "scene" / FILES, made_of)
         originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
-        write_mark(work / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
+        write_mark(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]
     for line in name_them("without a place among the others, left out", lost):
         report.warn(line)
@@ -122,9 +125,9 @@ def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:
     return jpeg[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + jpeg[2:]
 
 
-def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str]) -> None:
+def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str], scene: Path) -> None:
     """Undistort the model's photos, under their own names, into scene/images, and the model into scene/sparse/0."""
-    named, chosen, undistorted, scene = (work / name for name in ("named", "chosen", "undistorted", "scene"))
+    named, chosen, undistorted = (work / name for name in ("named", "chosen", "undistorted"))
     named.mkdir()
     for image in model.images.values():
         os.replace(work / PHOTOS / image.name, named / copies[image.name])

@@ -122,8 +122,8 @@ def test_photos_that_were_dropped_count_as_lost(tmp_path):
     (tmp_path / PHOTOS).mkdir()
     for index in range(6):
         assert cv2.imwrite(str(tmp_path / PHOTOS / f"{index}.jpg"), np.full((120, 160, 3), 99, np.uint8))
-    _write_scene(tmp_path, found, {f"{index}.jpg": f"photo {index}.jpg" for index in range(6)})
     scene = tmp_path / "scene"
+    _write_scene(tmp_path, found, {f"{index}.jpg": f"photo {index}.jpg" for index in range(6)}, scene)
     write_mark(scene / FILES, {f"/{index}.jpg": [0, 0] for index in range(6)})
     write_mark(scene / NAMES, {f"/{index}.jpg": f"photo {index}.jpg" for index in range(6)})
     assert placed_of(scene) == (6, 2, 2) and shortfall(scene).startswith("Only 2 of 6 photos could be placed")

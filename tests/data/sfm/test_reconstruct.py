@@ -172,20 +172,6 @@ def test_photos_in_formats_of_phones_are_named(tmp_path):
     assert any("cannot be read, left out; convert them to JPEG: IMG_1.HEIC" in line for line in heard.lines)
 
 
-@pytest.mark.parametrize("stage", ["Features", "Matches"])
-def test_an_interrupted_run_leaves_nothing(tmp_path, stage):
-    class Impatient(Report):
-        def progress(self, what, done, total, note="", share=None):
-            if what == stage:
-                raise KeyboardInterrupt
-
-    for seed in range(3):
-        noise_photo(tmp_path / f"{seed}.jpg", seed)
-    with pytest.raises(KeyboardInterrupt):
-        reconstruct(tmp_path, tmp_path / "scene", Impatient())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg", "2.jpg"]
-
-
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
     def full(*arguments):
         raise OSError(errno.ENOSPC, "No space left on device")

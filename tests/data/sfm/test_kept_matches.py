@@ -1,0 +1,112 @@
+"""Structure from motion that was stopped goes on, and comes to the same result."""
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+
+import cv2
+import pytest
+
+from core.data.sfm import features, reconstruct
+from core.data.sfm.features import DATABASE
+from core.data.sfm.kept_matches import GOES_ON, work_kept_if_stopped
+from core.errors import BadInput, WegsError
+from core.report import QUIET
+from core.system import lock
+from tests.data.room_corner import cameras, take_photo, textures
+from tests.heard import Heard
+
+pytestmark = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+AGAIN = "Going on with the features and matches that were found before it was stopped."
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    folder, pictures = tmp_path_factory.mktemp("photos"), textures()
+    for number, pose in enumerate(cameras(6)):
+        assert cv2.imwrite(str(folder / f"{number}.jpg"), take_photo(*pose, pictures))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(photos, tmp_path_factory):
+    """The scene of a search that was not stopped."""
+    return reconstruct.reconstruct(photos, tmp_path_factory.mktemp("whole") / "scene", QUIET)
+
+
+class StopsAt(Heard):
+    def __init__(self, stage: str):
+        super().__init__()
+        self.stage = stage
+
+    def progress(self, what, done, total, note="", share=None):
+        if what == self.stage:
+            raise KeyboardInterrupt
+
+
+def counts(database) -> tuple[int, int]:
+    connection = sqlite3.connect(database)
+    found = tuple(connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0] for table in ("keypoints", "two_view_geometries"))
+    connection.close()
+    return found
+
+
+def is_same(scene, other) -> bool:
+    return all((scene / "sparse/0" / name).read_bytes() == (other / "sparse/0" / name).read_bytes() for name in ("cameras.bin", "images.bin", "points3D.bin"))
+
+
+@pytest.mark.parametrize(("stage", "found"), [("Features", (2, 0)), ("Matches", (6, 8)), ("Cameras", (6, 15))])
+def test_what_was_found_before_ctrl_c_is_used_again(photos, whole, tmp_path, monkeypatch, stage, found):
+    monkeypatch.setattr(features, "PART_S", 0.0)  # the smallest parts
+    with pytest.raises(KeyboardInterrupt, match=GOES_ON):
+        reconstruct.reconstruct(photos, tmp_path / "scene", StopsAt(stage))
+    (kept,) = tmp_path.iterdir()
+    assert {path.name.partition("-")[0] for path in kept.iterdir()} <= {DATABASE, "matches"} and counts(kept / DATABASE) == found
+    heard = Heard()
+    scene = reconstruct.reconstruct(photos, tmp_path / "scene", heard)
+    assert heard.lines.count(AGAIN) == 1 and is_same(scene, whole)
+    assert list(tmp_path.iterdir()) == [scene]
+
+
+def test_what_was_found_before_a_kill_is_used_again(photos, whole, tmp_path):
+    program = (
+        "import os, signal, sys\nfrom pathlib import Path\nfrom core.data.sfm import features, reconstruct\nfrom core.report import Report\n"
+        "features.PART_S = 0.0\n"
+        "class Killed(Report):\n"
+        "    def progress(self, what, done, total, note='', share=None):\n"
+        "        if what == 'Matches': os.kill(os.getpid(), signal.SIGKILL)\n"
+        "reconstruct.reconstruct(Path(sys.argv[1]), Path(sys.argv[2]), Killed())"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(photos), str(tmp_path / "scene")], check=False, capture_output=True)
+    assert done.returncode == -signal.SIGKILL
+    heard = Heard()
+    assert is_same(reconstruct.reconstruct(photos, tmp_path / "scene", heard), whole) and AGAIN in heard.lines
+
+
+def test_other_photos_begin_anew(photos, tmp_path):
+    fewer = tmp_path / "photos"
+    shutil.copytree(photos, fewer)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct.reconstruct(fewer, tmp_path / "scene", StopsAt("Matches"))
+    (fewer / "5.jpg").unlink()
+    heard = Heard()
+    reconstruct.reconstruct(fewer, tmp_path / "scene", heard)
+    assert AGAIN not in heard.lines
+
+
+def test_a_mistake_and_an_early_stop_leave_nothing(tmp_path):
+    for problem in (BadInput("no"), KeyboardInterrupt(), WegsError("no")):
+        with pytest.raises(type(problem)), work_kept_if_stopped(tmp_path / "scene", {}, QUIET) as work:
+            if isinstance(problem, BadInput):
+                (work / DATABASE).touch()
+            raise problem
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_two_at_once_do_not_share(tmp_path):
+    with work_kept_if_stopped(tmp_path / "scene", {}, QUIET) as first, work_kept_if_stopped(tmp_path / "scene", {}, QUIET) as second:
+        assert first != second
+    assert os.listdir(tmp_path) == []

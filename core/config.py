@@ -193,7 +193,7 @@ class Settings:
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(
         UNDECIDED,
-        "Fraction at which the geometry begins to move; until then only looks are learnt. auto: 0.1, or 0 without looks.",
+        "Fraction at which the geometry begins to move; until then only looks are learned. auto: 0.1, or 0 without looks.",
         low=0,
         high=1,
         auto=True,
@@ -276,7 +276,7 @@ def check(item, value: Any) -> None:
         raise BadSetting(f"{item.name}={value!r} is too large.", f"The most is {rules['high']}.")
 
 
-# With looks these are learnt first: else dark or bright Gaussians before single cameras explain the light, and they have to go
+# With looks these are learned first: else dark or bright Gaussians before single cameras explain the light, and they have to go
 # later. Without, there is nothing to wait for: as in plain 3DGS.
 SCHEDULE_WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 SCHEDULE_WITHOUT = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}

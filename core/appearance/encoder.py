@@ -56,7 +56,7 @@ def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4
     """The mean colours of as many horizontal bands of the photo, red of all bands first, each cell counting by its weight."""
     if not bands:
         return photo.new_zeros(0)
-    weight = weight.detach() + UNSEEN  # nothing is learnt by it: a mask is not to hide what would make a better embedding
+    weight = weight.detach() + UNSEEN  # nothing is learned by it: a mask is not to hide what would make a better embedding
     cells = F.adaptive_avg_pool2d(photo[None], weight.shape[2:])
     sums, weights = (F.adaptive_avg_pool2d(values, (bands, 1)) for values in (cells * weight, weight))
     return (sums / weights).flatten()
@@ -66,7 +66,7 @@ class Enc2(nn.Module):
     """l = Enc2(F'' + F): three convolutions, the average over space, one linear layer to the embedding.
 
     Beside those averages the linear layer sees the photo's colours from top to bottom (`band_colours`). Features that are
-    learnt know a collection's few photos by heart; where the sky is how bright, and the ground beneath it, is no such thing.
+    learned know a collection's few photos by heart; where the sky is how bright, and the ground beneath it, is no such thing.
     """
 
     def __init__(self, embedding_size: int, bands: int):

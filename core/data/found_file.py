@@ -24,9 +24,14 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
         return list(photos), []
     there = {photo.path for photo in photos} - {photo.path for photo in missing}
     found = nearly_named([photo.path for photo in missing], folders, there)
-    names = [f"{photo.name} ({found[photo.path].name})" for photo in missing if photo.path in found]
+    names = [f"{photo.name} ({_named_beside(found[photo.path], photo.path)})" for photo in missing if photo.path in found]
     notes = name_them("found under another name or in another folder", names, harmless=True)
     return [replace(photo, path=found.get(photo.path, photo.path)) for photo in photos], notes
+
+
+def _named_beside(path: Path, missing: Path) -> str:
+    """The name of the file, with its folder if that is another one."""
+    return path.name if path.parent == missing.parent else f"{path.parent.name}/{path.name}"
 
 
 def nearly_named(paths: Iterable[Path], folders: Iterable[Path], others: Iterable[Path] = ()) -> dict[Path, Path]:

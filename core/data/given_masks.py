@@ -105,8 +105,8 @@ def with_masks_by_name(collection: Collection, masks: dict[str, Path], source: P
         heard = said if photo.split == "train" else Reasons()  # masks never enter a figure
         photos.append(_with_mask_if_usable(photo, masks.get(photo.name), lenses.get(photo.name), heard))
     count = sum(photo.mask is not None for photo in photos if photo.split == "train")
-    summary = Note(f"{counted(count, 'photo')} with a mask from {source}.", harmless=True)
-    return replace(collection, photos=tuple(photos), notes=(*collection.notes, summary, *said.notes()))
+    summary = [Note(f"{counted(count, 'photo')} with a mask from {source}.", harmless=True)] * (count > 0)
+    return replace(collection, photos=tuple(photos), notes=(*collection.notes, *summary, *said.notes()))
 
 
 def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | None, said: Reasons) -> Photo:

@@ -73,7 +73,7 @@ def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
     if course:
         best, last = max(course), course[-1]
         fell = last < best - FELL_DB
-        advice = "It learnt its photos by heart: train for fewer steps or with fewer Gaussians." if fell else ""
+        advice = "It learned its photos by heart: train for fewer steps or with fewer Gaussians." if fell else ""
         figure = f"{last:.2f} dB, {best:.2f} at best"
         findings.append(Finding("held-out quality", figure, "of a few test photos, by history.csv", advice))
     return findings

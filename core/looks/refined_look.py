@@ -22,7 +22,7 @@ from core.training.sized_photos import SizedPhoto, shown_on
 
 
 def refined_held_out(trained: TrainedRun, look: Look, sized: SizedPhoto, report: Report) -> Look:
-    """The look of a held-out photo, refined. (A training photo's would gain nothing: the encoder has learnt it by heart.)"""
+    """The look of a held-out photo, refined. (A training photo's would gain nothing: the encoder has learned it by heart.)"""
     pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
     better = refined(trained, look, sized.camera, pixels, valid, report)
     return look if better is None else replace(better, source=f"{look.source}, refined")

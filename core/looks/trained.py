@@ -130,7 +130,7 @@ class TrainedRun:
 
     @property
     def transparent_is_empty(self) -> bool:
-        """Whether transparent pixels were learnt as empty space."""
+        """Whether transparent pixels were learned as empty space."""
         return transparent_is_empty(self.settings)
 
     @property

@@ -1,7 +1,7 @@
 """Figures on how photos of the same points differ: by look, by tone alone, by where they were taken from, by who stood there.
 
 What neighbouring points of a photo share is look; what each has for itself is noise (texture, features a pixel off) and
-averages out of the product of neighbours, as the nugget does from a variogram (Matheron 1963). Nothing is learnt.
+averages out of the product of neighbours, as the nugget does from a variogram (Matheron 1963). Nothing is learned.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""When the GPU's memory runs out in the middle of training: what was learnt is saved, and the user is told what to lower."""
+"""When the GPU's memory runs out in the middle of training: what was learned is saved, and the user is told what to lower."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -41,7 +41,7 @@ class StepFacts(NamedTuple):
     """What is told of a step: scalars of the device that computes it, numbers once they have arrived.
 
     residual_size: mean absolute residual. shown_share: of the photo, by its mask. sound: whether the losses are in order. taken: whether
-    the Gaussians' gradient is finite, too, so that they are updated. learnt: whether the networks' is, too, so that they are.
+    the Gaussians' gradient is finite, too, so that they are updated. learned: whether the networks' is, too, so that they are.
     """
 
     loss_without_gauge: Tensor | float
@@ -51,7 +51,7 @@ class StepFacts(NamedTuple):
     shown_share: Tensor | float
     sound: Tensor | float
     taken: Tensor | float
-    learnt: Tensor | float
+    learned: Tensor | float
 
     @property
     def loss(self) -> Tensor | float:
@@ -67,7 +67,7 @@ def fault(facts: StepFacts, usual: float) -> str | None:
         return f"picture loss of {facts.picture_loss:.3g} was a spike; usual is {usual:.3g}"
     if not facts.taken:
         return "gradient was not finite"
-    return None if facts.learnt else "encoder's gradient was not finite"
+    return None if facts.learned else "encoder's gradient was not finite"
 
 
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:

@@ -14,7 +14,7 @@ from core.training.losses.photometric import Target
 
 
 def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:
-    """A random gain of each channel, or None where looks are not learnt from photos."""
+    """A random gain of each channel, or None where looks are not learned from photos."""
     if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
         return None
     draw = torch.randn(4, generator=generator)

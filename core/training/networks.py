@@ -54,12 +54,12 @@ def update(
     wait_for_encoder: for the last of the gradients.
     """
     wait_for_encoder()
-    learnt = taken & guards.finite((weight.grad for weight in model.parameters()), taken.device)
-    if optimizer is None or guards.refused(learnt):
-        return learnt
+    learned = taken & guards.finite((weight.grad for weight in model.parameters()), taken.device)
+    if optimizer is None or guards.refused(learned):
+        return learned
     for group in optimizer.param_groups:
         group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)
-    if learnt.device.type != "cpu":
-        optimizer.found_inf = (~learnt).float()  # as torch's GradScaler leaves the choice to the GPU
+    if learned.device.type != "cpu":
+        optimizer.found_inf = (~learned).float()  # as torch's GradScaler leaves the choice to the GPU
     optimizer.step()
-    return learnt
+    return learned

@@ -1,4 +1,4 @@
-"""The colours in which photos show the SfM points: what is known about looks before anything is learnt."""
+"""The colours in which photos show the SfM points: what is known about looks before anything is learned."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -82,7 +82,7 @@ class Step:
         def teach_encoder() -> None:
             backward((reading.embedding, embedding.grad), (mask_loss, None))
 
-        taken = learnt = sound
+        taken = learned = sound
         if not guards.refused(sound):
             with networks.teaching(teach_encoder, embedding) as wait_for_encoder:
                 backward((rendered_loss, None), (residual, residual_gradient))
@@ -93,8 +93,8 @@ class Step:
                 # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
                 densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
                 gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
-            learnt = learnt_later()
+            learned = learnt_later()
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
-        facts = StepFacts(loss, gauge_loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learnt)
+        facts = StepFacts(loss, gauge_loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
         return reading, OnTheWay(torch.stack([fact.float() for fact in facts]))

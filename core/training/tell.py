@@ -34,7 +34,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
     report.say(f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, at most {counted(settings.max_gaussians, 'Gaussian')}")
     if trainer.transparent_is_empty:
-        report.say("Transparent pixels are learnt as empty space, without a sky, and scored over white")
+        report.say("Transparent pixels are learned as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")
     looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
@@ -50,7 +50,7 @@ def tell_step(step: StepReport, settings: Settings, report: Report) -> None:
     if step.held_out_psnr is not None:
         report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
     share = schedule.time_through(settings, step.step)
-    report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {step.gaussians} Gaussians", share)
+    report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {counted(step.gaussians, 'Gaussian')}", share)
 
 
 def tell_how_to_look(folder: Path, look: Path, has_sky: bool, report: Report) -> None:

@@ -14,5 +14,5 @@ def transparent_may_be_empty(collection: Collection, settings: Settings) -> bool
 
 
 def transparent_is_empty(settings: Settings) -> bool:
-    """Whether transparent pixels are learnt and scored as empty space, once that is decided (core.training.decisions)."""
+    """Whether transparent pixels are learned and scored as empty space, once that is decided (core.training.decisions)."""
     return settings.transparency == "empty"

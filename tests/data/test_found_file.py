@@ -23,7 +23,8 @@ def test_other_suffixes_capitals_and_folders(tmp_path, name):
     root, scene = renamed(tmp_path, [name.format(index) for index in range(4)])
     collection = load_collection(root)
     check_geometry(collection, scene)
-    assert notes_with(collection, f"4 photos found under another name or in another folder: {name.format(0)} (photo_0.png), ")
+    place = "images/" * ("/" in name)  # where the model names another folder
+    assert notes_with(collection, f"4 photos found under another name or in another folder: {name.format(0)} ({place}photo_0.png), ")
     assert not notes_with(collection, "without a pose")
     (root / "images").rename(root / "images_4")
     assert len(load_collection(root).photos) == 4

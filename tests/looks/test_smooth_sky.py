@@ -41,9 +41,9 @@ def test_what_no_photo_shows_continues_the_sky_that_photos_show(dome):
     hidden = torch.ones(DISCS, dtype=torch.bool)
     hidden[sky.shown] = False
     assert 0.4 < hidden.float().mean() < 0.9
-    truth, learnt = colours_of(dome), dome.sh.clone()
-    learnt[hidden] = dc_of_colour(torch.rand(int(hidden.sum()), 1, 3)).expand(-1, learnt.shape[1], 3)
-    after = colours_of(sky.over(dome.with_sh(learnt)))
+    truth, learned = colours_of(dome), dome.sh.clone()
+    learned[hidden] = dc_of_colour(torch.rand(int(hidden.sum()), 1, 3)).expand(-1, learned.shape[1], 3)
+    after = colours_of(sky.over(dome.with_sh(learned)))
     assert torch.equal(after, colours_of(sky.over(dome)))  # whatever hidden discs began with says nothing
     grey = truth[sky.shown].mean(dim=0)
     assert (after - truth)[hidden].abs().mean() < 0.7 * (grey - truth)[hidden].abs().mean()

@@ -148,7 +148,7 @@ def test_one_bad_camera_or_photo_does_not_spoil_the_rest(tmp_path, healthy, faul
 
 
 def test_a_single_photo_and_photos_that_are_all_the_same(collection, tmp_path):
-    """Their embeddings have no spread to be amplified; they are learnt like any other photo."""
+    """Their embeddings have no spread to be amplified; they are learned like any other photo."""
     first = collection.photos[0]
     alike = replace(collection, photos=tuple(replace(first, name=f"{i}.png", split="train") for i in range(3)))
     for name, given in (("one", replace(collection, photos=(first,))), ("alike", alike)):
@@ -319,7 +319,7 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
 
 
 def test_an_odd_photo_is_no_spike(collection, tmp_path):
-    """A white photo among black ones costs a hundred times what is usual, and is learnt all the same."""
+    """A white photo among black ones costs a hundred times what is usual, and is learned all the same."""
     for index in range(len(collection.photos)):
         collection = with_picture(collection, index, 255 if index == 4 else 0)
     trainer, messages = run(replace(collection, point_colours=0 * collection.point_colours), tmp_path / "run", steps=30)

@@ -128,10 +128,10 @@ def test_what_is_off_is_never_built(collection, tmp_path):
 def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
     trainer, _ = run(collection, tmp_path / "run", small_settings())
     fresh = Trainer(collection, small_settings(), tmp_path / "run").gaussians
-    learnt = trainer.gaussians
+    learned = trainer.gaussians
     for name in ("means", "quaternions", "log_scales", "logit_opacities"):
-        assert torch.equal(learnt.parameters[name][-learnt.sky :], fresh.parameters[name][-fresh.sky :]), name
-    assert not torch.equal(learnt.parameters["sh"][-learnt.sky :], fresh.parameters["sh"][-fresh.sky :])
+        assert torch.equal(learned.parameters[name][-learned.sky :], fresh.parameters[name][-fresh.sky :]), name
+    assert not torch.equal(learned.parameters["sh"][-learned.sky :], fresh.parameters["sh"][-fresh.sky :])
 
 
 def test_gaussians_stay_whole_where_memory_runs_out_in_growth(tmp_path, monkeypatch):

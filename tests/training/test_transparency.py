@@ -1,4 +1,4 @@
-"""Where a Blender scene is transparent it is learnt as empty and scored over white; elsewhere nobody knows what is transparent."""
+"""Where a Blender scene is transparent it is learned as empty and scored over white; elsewhere nobody knows what is transparent."""
 
 import json
 from dataclasses import replace
@@ -43,7 +43,7 @@ def rgba(photo) -> np.ndarray:
     return cv2.imread(str(photo.path), cv2.IMREAD_UNCHANGED)[..., [2, 1, 0, 3]] / 255
 
 
-# --- what is learnt
+# --- what is learned
 
 
 def shines_through(trainer: Trainer) -> float:
@@ -145,7 +145,7 @@ def finished(scene, tmp_path_factory):
 
 def test_training_says_so_once_and_leaves_no_sky(finished):
     folder, heard = finished
-    assert sum(line.startswith("Transparent pixels are learnt as empty space, without a sky") for line in heard.lines) == 1
+    assert sum(line.startswith("Transparent pixels are learned as empty space, without a sky") for line in heard.lines) == 1
     assert load_run(folder).sky == 0 and run_config.read_config(folder)[1].sky == "none"
     assert "white_background=True" in (folder / "cfg_args").read_text()
 

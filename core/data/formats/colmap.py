@@ -15,7 +15,7 @@ from core.data.phototourism import find_tables
 from core.data.placing import PosedPhoto
 from core.data.posed import Points, Posed, usable_points
 from core.errors import BadInput
-from core.words import name_them
+from core.words import Note, name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
 NERFSTUDIO_FOLDER = "colmap/sparse/0"
@@ -86,6 +86,8 @@ def read_colmap(root: Path) -> Posed:
     images = _images_folder(root, model, [image.name for image in found])
     if images.name in ORIGINALS:
         notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
+    if images.name in SHRUNKEN:
+        notes.append(Note(f"The photos in {images} are used: it holds most of the model's.", harmless=True))
     names_used = Counter(image.name for image in found)
     notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
     photos, found_notes = with_files_found([posed_photo(image, images) for image in found], [images])

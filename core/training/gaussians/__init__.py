@@ -1,1 +1,1 @@
-"""The Gaussians that are learnt: how they begin, move, grow in number and are removed."""
+"""The Gaussians that are learned: how they begin, move, grow in number and are removed."""

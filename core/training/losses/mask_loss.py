@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 TYPICAL_ERROR = 0.05  # makes the weight of L_regM comparable with the picture's loss
-# The yardstick of an error, in chromaticity: what differs by less is light, or what is not learnt yet. On training photos of plaza 79 %
+# The yardstick of an error, in chromaticity: what differs by less is light, or what is not learned yet. On training photos of plaza 79 %
 # of the passers-by differ by more and 27 % of the rest, on those of the Statue of Liberty 14 % of everything.
 STRANGE = 0.05
 USUAL = 0.8  # quantile of a photo's errors that is its yardstick if above STRANGE: passers-by seldom cover more than the rest
@@ -26,7 +26,7 @@ def mask_loss(
     """The mask may hide a place only where the error there pays for it. Image and photo are detached.
 
     Both are averaged down to the mask's cells, the image is brought into the photo's tone, and what is left between their
-    chromaticities is the error: a passer-by changes it, shade and detail that is not learnt yet hardly do. It counts in units of STRANGE,
+    chromaticities is the error: a passer-by changes it, shade and detail that is not learned yet hardly do. It counts in units of STRANGE,
     or of the photo's own large errors if these are larger; only what exceeds them pays. A place is best hidden by
     1 - M = TYPICAL_ERROR * (error / yardstick - 1) / (2 * regularisation). L_regM is the mean of (1 - M)^2. Where the photo is
     black (or says nothing, as under a given mask) there is no error.
@@ -48,7 +48,7 @@ def chromaticity(colours: Float[Tensor, "2 3 h w"]) -> Float[Tensor, "2 3 h w"]:
 def retoned(shown: Float[Tensor, "3 h w"], wanted: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
     """`shown` in the tone of `wanted`, by the affine map of colours that suits the cells best (least squares); >= 0.
 
-    What the look has not learnt of a photo's tone is no one's fault in it. Where the colours do not determine a map, it stays
+    What the look has not learned of a photo's tone is no one's fault in it. Where the colours do not determine a map, it stays
     near the identity. (Weighing down what does not fit, so that passers-by have no say, found no more of them.)
     """
     inputs = torch.cat([shown, torch.ones_like(shown[:1])]).flatten(1)

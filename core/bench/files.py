@@ -61,13 +61,18 @@ def show(figure: Figure, report: Report) -> None:
 
 
 def save(figure: Figure, folder: Path) -> list[Path]:
-    """Write NAME.csv, NAME.json and NAME.png into `folder`, which is made if it is not there; each whole or not at all."""
+    """Write NAME.csv, NAME.json and NAME.png into `folder`, which is made if it is not there; all of them or none."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / (figure.name + suffix) for suffix in SUFFIXES]
-    write_text(paths[0], csv_of(figure))
-    write_json(paths[1], json_of(figure))
-    write_bytes(paths[2], draw_png(figure))
-    return paths
+    written: list[Path] = []
+    try:
+        for suffix, write, content in zip(SUFFIXES, (write_text, write_json, write_bytes), (csv_of, json_of, draw_png), strict=True):
+            write(path := folder / (figure.name + suffix), content(figure))
+            written.append(path)
+    except BaseException:  # a part of a figure would be in the way of the next call
+        for path in written:
+            path.unlink()
+        raise
+    return written
 
 
 def figure_files(folder: Path, names: tuple[str, ...]) -> list[Path]:

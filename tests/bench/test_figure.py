@@ -106,6 +106,16 @@ def test_csv_and_json_hold_the_points_the_fronts_and_the_machine(tmp_path):
     assert value["verdicts"] == made.verdicts()
 
 
+def test_a_part_of_a_figure_is_not_left_in_the_way(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(files, "draw_png", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        files.save(figure(*POINTS), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_picture_shows_every_curve_in_its_colour_and_the_front(tmp_path):
     from core.bench.drawing import COLOURS, FRONT
 

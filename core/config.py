@@ -133,7 +133,7 @@ class Settings:
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0, high=16)
     sh_octaves: int = setting(
         0,
-        "Octaves of the positional encoding of base SH; at sh_degree 2 or 3 with embedding_enters=input only, else training falls apart.",
+        "Octaves of the positional encoding of base SH. From sh_degree 2 on they need embedding_enters=input, or training falls apart.",
         low=0,
         high=16,
     )

@@ -64,7 +64,7 @@ class Settings:
     )
     seed: int = setting(0, "Seed of everything random.", low=0, high=2**63 - 1)
     device: str = setting("auto", "Where to compute. auto: an NVIDIA GPU if torch finds one.", choices=("auto", "cpu", "cuda"))
-    backend: str = setting("auto", "Rasterizer. auto: the one for the device; reference is slow, for tests.", choices=("auto", "reference", "cpu", "cuda"))
+    backend: str = setting("auto", "Rasterizer. auto: that of the device. reference: slow, for tests.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(
         -1,
         "Size of the photos in training: 1, 2, 4 or 8 divides it; a larger number is the width in px; -1 shrinks photos to a mean of "
@@ -89,7 +89,7 @@ class Settings:
 
     appearance: str = setting(
         AUTO,
-        "How the look may differ between photos: off = not at all, exposure = by an affine colour map, full = by SH transfer. auto: chosen from the photos.",
+        "How looks may differ between photos: off = not at all, exposure = by an affine colour map, full = by SH transfer. auto: the photos decide.",
         choices=(AUTO, "off", "exposure", "full"),
         section="Parts of the method",
     )
@@ -190,7 +190,7 @@ class Settings:
         auto=True,
     )
 
-    coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, starting at a quarter of the size.", low=0, high=1, section="Schedule")
+    coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, at first a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(
         UNDECIDED,
         "Fraction at which the geometry begins to move; until then only looks are learned. auto: 0.1, or 0 without looks.",

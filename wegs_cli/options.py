@@ -64,11 +64,16 @@ def settings_options(command: Callable) -> Callable:
     """--preset, the options of FLAGS, --config and --set; `settings_from` takes their values."""
     decorators = [
         click.option(
-            "--preset", "preset_name", type=click.Choice(list(PRESETS)), help="Settings to start from; other options override them.  [default: default]"
+            "--preset",
+            "preset_name",
+            type=click.Choice(list(PRESETS)),
+            help="Settings to start from; other options override them.  [default: default]",
         ),
         *(setting_option(name, *flags) for name, flags in FLAGS.items()),
         click.option(
-            "--config", type=click.Path(path_type=Path), help="TOML file with lines such as `steps = 2000` or `preset = \"quick\"`; the command line overrides it."
+            "--config",
+            type=click.Path(path_type=Path),
+            help="TOML file with lines such as `steps = 2000` or `preset = \"quick\"`; the command line overrides it.",
         ),
         click.option(
             "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Any setting listed below; repeatable."

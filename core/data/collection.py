@@ -88,7 +88,8 @@ class Collection:
         return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING * before.frame.radius) for name in then)
 
     def called(self, name: str) -> Photo | None:
-        """The photo called `name`, or the only one called so without its folders, its suffix (or both: structure from motion makes a.png.jpg of a.png)."""
+        """The photo called `name`, or the only one called so without its suffix (or two: structure from motion makes a.png.jpg of a.png), or else the
+        only one called so without its folders, too."""
         exactly = [photo for photo in self.photos if photo.name == name]
         nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(photo.name)]
         nearly = nearly or [photo for photo in self.photos if name in names_without_suffixes(Path(photo.name).name)]

@@ -64,7 +64,8 @@ def find_kind(path: Path) -> str:
     scene, kind = scene_of(path) or (None, None)
     if kind in POSED:
         if not scene.is_dir():
-            raise BadInput(f"{path} holds the points of {scene}, which is gone.", f"Move it back, or write where it is now into {path / MARK}, as its scene.")
+            fix = f"Move it back, or write where it is now into {path / MARK}, as its scene."
+            raise BadInput(f"{path} holds the points of {scene}, which is gone.", fix)
         return kind
     if kind := kind_with_cameras(path):
         return kind

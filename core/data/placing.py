@@ -108,7 +108,8 @@ class Placing:
         """One line for each reason that occurred."""
         undistorted = f"{counted(self.undistorted, 'photo')} will be undistorted."
         few = 2 * len(self.unusual) <= self.placed
-        what = "with an unusual focal length, used all the same" if few else f"of {self.placed} with a focal length that no lens has, so expect a poor scene"
+        many = f"of {self.placed} with a focal length that no lens has, so expect a poor scene"
+        what = "with an unusual focal length, used all the same" if few else many
         notes = self.said.notes() + name_them(what, self.unusual, harmless=few)
         return notes + [Note(undistorted, harmless=True)] * bool(self.undistorted)
 

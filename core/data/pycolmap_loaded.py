@@ -1,5 +1,6 @@
-"""Loads pycolmap for the first time: a Ctrl-C meanwhile would end in words about a broken installation, and SIGTERM, from then on, in pages of C++
-addresses. Both wait until it is loaded, and then do what they did before. (SIGTERM gets through for a tenth of a second, once pycolmap has set its handler.)
+"""Loads pycolmap for the first time: a Ctrl-C meanwhile would end in words about a broken installation, and SIGTERM, from then on, in pages of
+C++ addresses. Both wait until it is loaded, and then do what they did before. (For a tenth of a second, once pycolmap has set its handler, SIGTERM
+gets through.)
 """
 
 import signal

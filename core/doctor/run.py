@@ -81,7 +81,7 @@ def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
 
 def _settings(settings: Settings) -> Finding:
     changed = [f"{item.name}={value}" for item in fields(settings) if (value := getattr(settings, item.name)) != item.default]
-    return Finding("settings", ", ".join(changed) or "all defaults", "what differs from the defaults of this version: chosen, or decided by the photos")
+    return Finding("settings", ", ".join(changed) or "all defaults", "what differs from this version's defaults: chosen, or decided by the photos")
 
 
 def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:

@@ -85,6 +85,7 @@ class Results:
 
     def to_json(self) -> dict[str, Any]:
         """The content of results.json."""
+        how = f"embedding and tone, Adam, {refinement.STEPS} steps, rate {refinement.RATE} to 0, L1 of means over cells"
         refined = any("refined" in by_look for view in self.views for by_look in view.scores.values())
         return {
             "wegs": core.__version__,
@@ -92,7 +93,7 @@ class Results:
             "gaussians": self.gaussians,
             "protocol": self.protocol,
             "protocol_means": PROTOCOLS[self.protocol],
-            "refinement": f"embedding and tone, Adam, {refinement.STEPS} steps, rate {refinement.RATE} to 0, L1 of means over cells" if refined else None,
+            "refinement": how if refined else None,
             "photos": {"train": self.train_photos, "test": self.test_photos, "measured": len(self.views)},
             "scale": self.scale,
             "quantisation": "8 bit",

@@ -14,7 +14,8 @@ def check_format(path: Path) -> None:
     """Raise BadInput, before the work, unless the suffix of `path` is a key of FORMATS."""
     if path.suffix.lower() not in FORMATS:
         suffixes = " or ".join(FORMATS)
-        raise BadInput(f"{path} was not written: its name does not end in {suffixes}.", f"End it in {suffixes}; SuperSplat converts that to other formats.")
+        fix = f"End it in {suffixes}; SuperSplat converts that to other formats."
+        raise BadInput(f"{path} was not written: its name does not end in {suffixes}.", fix)
 
 
 def write(path: Path, splats_in_world: Splats, comment: str) -> int:

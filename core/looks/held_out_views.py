@@ -26,7 +26,12 @@ def held_out_view(trained: TrainedRun, photo: Photo) -> HeldOutView:
 
 
 def over_views(
-    trained: TrainedRun, photos: Sequence[Photo], measured: Callable[[HeldOutView], Measured], what: str, report: Report, left_out: str = "not measured"
+    trained: TrainedRun,
+    photos: Sequence[Photo],
+    measured: Callable[[HeldOutView], Measured],
+    what: str,
+    report: Report,
+    left_out: str = "not measured",
 ) -> Iterator[tuple[Photo, Measured]]:
     """(photo, measured(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
     end; if all do, the last BadInput is raised. what: the work, for its progress bar. left_out: what to say of skipped photos, after "3 photos"."""

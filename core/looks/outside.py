@@ -36,7 +36,8 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> t
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
     embeddings = [model.embedding_from_outside(taken_off(picture, tone, shares)) for tone in tones]
     distances = [reach.distance(embedding) for embedding in embeddings]
-    nearest = min(range(TRIES), key=lambda number: (distances[number], -number))  # the largest of equals: all of it for a black photo, which nothing changes
+    # The largest of equals: all of it for a black photo, which nothing changes.
+    nearest = min(range(TRIES), key=lambda number: (distances[number], -number))
     chosen = next((number for number in range(TRIES) if distances[number] <= 1), nearest)
     return reach.nearest(embeddings[chosen]), tones[chosen]
 

@@ -83,7 +83,8 @@ class TrainedRun:
         return self.reach.nearest(embedding, refinement.FARTHEST)
 
     def seen_by(self, camera: Camera) -> Render:
-        """A function that renders the camera's view in any look, as `bake` gives it; differentiable in the tone, and in the embedding if looks follow it."""
+        """A function that renders the camera's view in any look, as `bake` gives it; differentiable in the tone, and in the embedding if looks
+        follow it."""
         visible = self.rasterizer.visible(self.splats, camera)
         solid = len(self.splats) - self.sky
         place, discs = visible.rows[visible.rows < solid], visible.rows[visible.rows >= solid] - solid
@@ -173,7 +174,8 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     identity, settings, collection = run_config.read_config(folder)
     path = checkpoint.newest(folder)
     if path is None:
-        raise BadInput(f"{folder} has no checkpoint yet.", f"Wait for its first one; if it was stopped, type: {command('wegs', 'train', '--resume', '-o', folder)}")
+        again = command("wegs", "train", "--resume", "-o", folder)
+        raise BadInput(f"{folder} has no checkpoint yet.", f"Wait for its first one; if it was stopped, type: {again}")
     saved = checkpoint.load(path)
     place = device.of_run(settings.device) if on_gpu else device.CPU
     with checkpoint.fitting(path):

@@ -74,8 +74,8 @@ def _go_on(folder: Path, report: Report) -> Path:
     saved = None if path is None else checkpoint.load(path)
     done = saved.facts["step"] if saved else 0
     if done >= settings.steps and (clouds := list(folder.glob(run_folders.CLOUDS))):  # else it was stopped just before its last file
-        report.say(f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread. For more, train a new run with --steps.")
-        report.say(f"Next: {next_step(folder, settings, clouds[0])}")
+        report.say(f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.")
+        report.say(f"For more steps, train a new run. To use this one: {next_step(folder, settings, clouds[0])}")
         return folder
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")

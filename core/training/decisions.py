@@ -28,7 +28,7 @@ USUAL_DEGREE = 1  # where nothing can be said; higher degrees need more views of
 
 @dataclass(frozen=True)
 class Decision:
-    """A setting that was left to the photos. figure: the measurement that decided it, None where too little was seen. because: the reason in words."""
+    """A setting that was left to the photos. figure: the measurement that decided it, None where too little was seen. because: why, in words."""
 
     setting: str
     value: str | int

@@ -42,7 +42,7 @@ class Step:
         """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
         index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights.pixel_weights`.
-        foreseen: what the photo shows, where that is known. Returns what was read in the photo, and the step's StepFacts on their way from the device.
+        foreseen: what the photo shows, where that is known. Returns what was read in the photo, and the StepFacts, on their way from the device.
         """
         settings, model, objective = self.settings, self.model, self.objective
         progress = done / settings.steps

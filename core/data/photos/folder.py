@@ -10,7 +10,9 @@ from core.errors import BadInput
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe")
 # Formats of cameras and phones that OpenCV cannot read (.avif only in some builds, and not turned as the file says); no .gif is a photo.
-UNREADABLE_SUFFIXES = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".gif", ".hif", ".jxl", ".pef", ".srw")
+UNREADABLE_SUFFIXES = (
+    ".heic", ".heif", ".hif", ".avif", ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw",
+)  # fmt: skip
 LEVELS = 3  # how deep to look for photos in subfolders: phone scanners nest theirs that deep
 START_BYTES = 1 << 16  # of files of one size, compared before the whole of them
 

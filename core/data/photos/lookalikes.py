@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 SIDE = 32  # of the thumbnails that are compared
-# How far two may differ, root mean square, as a part of the spread of their values. Photos of 500 px and more stored again at half their size or at
-# JPEG quality 30 differ by 0.05 at most, moved sideways by 0.5% of their width by 0.1, and no two photos of Liberty, Sacré-Cœur, Fountain or Kermit by
-# less than 0.2.
+# How far two may differ, root mean square, as a part of the spread of their values. Photos of 500 px and more stored again at half their size or
+# at JPEG quality 30 differ by 0.05 at most, moved sideways by 0.5% of their width by 0.1, and no two photos of Liberty, Sacré-Cœur, Fountain or
+# Kermit by less than 0.2.
 SAME = 0.06
 ASPECT_TOLERANCE = 0.02
 

@@ -1,4 +1,6 @@
-"""Features and matches outlive a stop: they take nearly all the time of structure from motion, and COLMAP computes nothing again that is in its database."""
+"""Features and matches outlive a stop: they take nearly all the time of structure from motion, and COLMAP computes nothing again that is in its
+database.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

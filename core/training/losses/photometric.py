@@ -6,7 +6,8 @@ V is the number of valid pixels, whatever the weights: a mask that hides half of
 pixels do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma
 1.5, constants 0.01^2 and 0.03^2 for a range of 1, and zeros beyond the picture. Invalid pixels are beyond the picture:
 zero on both sides. Paper: section IV-C (lambda_SSIM = 0.2 is `ssim_weight`, lambda_1 = 0.8 the rest). This module is the
-definition, in any dtype on any device; float32 goes through core.training.losses.photometric_cpu on a CPU and photometric_cuda on a GPU, which equal it.
+definition, in any dtype on any device; float32 goes through core.training.losses.photometric_cpu on a CPU and photometric_cuda on a GPU, which
+equal it.
 """
 
 from copy import copy

@@ -25,7 +25,8 @@ CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a train
 # All that a run may have written, and so all that --force may delete.
 OURS = (
     "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves",
-    history.FILE, landmarks.FILE, "masks", PREVIEW, "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png",
+    history.FILE, landmarks.FILE, "masks", PREVIEW,
+    "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png",
 )  # fmt: skip
 
 
@@ -99,7 +100,10 @@ def check_writable(folder: Path) -> None:
 
 
 def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
-    """Make the folder of a new run, in place of an older run, and write all that is known before the first step. Where that fails, nothing is left in it."""
+    """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
+
+    Where that fails, nothing is left in it.
+    """
     _clear(folder)
     folder.mkdir(parents=True, exist_ok=True)
     try:

@@ -95,7 +95,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
     # torch has no exception of its own for a CPU out of memory, only these words.
     no_room = isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
-    if isinstance(problem, MemoryError) or no_room or getattr(problem, "code", None) == OPENCV_NO_MEMORY:
+    no_room |= type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
+    if isinstance(problem, MemoryError) or no_room:
         return "There is not enough memory. Lower -r/--resolution or --max-gaussians, or raise --memory if it is set.", 1
     return None
 

@@ -1,5 +1,6 @@
 """Options made from core.config: names, help, ranges, choices and defaults are written there and nowhere else."""
 
+import re
 import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import fields
@@ -100,7 +101,7 @@ def settings_from(
     try:
         return preset(str(chosen.pop("preset"))).changed(**chosen)
     except BadSetting as problem:
-        if any(name in problem.what for name in written.keys() - values.keys()):
+        if any(re.search(rf"\b{name}\b", problem.what) for name in written.keys() - values.keys()):
             raise BadSetting(f"{config}: {problem.what}", problem.fix) from None
         raise
 

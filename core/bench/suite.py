@@ -17,6 +17,7 @@ from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
+from core.pipeline.opened import open_run
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
@@ -75,7 +76,7 @@ def bench(
         raise BadInput("Rendering is measured on the built-in scene.", "Leave SCENE out, or give a run with --run.")
     files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)
     size = FULL if full else SMALL
-    trained = None if run_folder is None else load_run(run_folders.find_run(run_folder))  # fails now, not after minutes
+    trained = None if run_folder is None else open_run(run_folder, report)  # fails now, not after minutes
     collection = None
     if scene is not None:
         collection = prepared(scene, output.parent / f"{scene.resolve().name or 'scene'}-scene", report)
@@ -120,7 +121,7 @@ def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, rep
     courses = _courses_of(folders)
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]
-    live = ((course.name, load_run(course.folders[0])) for course in (courses if refine else ()))
+    live = ((course.name, open_run(course.folders[0], report)) for course in (courses if refine else ()))
     trained = {name: one for name, one in live if _follows_a_look(one, report)}
     if trained:
         try:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
-from core.errors import BadInput, command
+from core.errors import BadInput
 from core.training.on_disk import checkpoint, history
 from core.training.on_disk.run_config import read_config
 
@@ -63,7 +63,7 @@ def _how_to_check(folder: Path) -> str:
     saved = checkpoint.newest(folder)
     step = checkpoint.read_facts(saved)["step"] if saved else 0
     if step < settings.steps and settings.held_out_checks and collection.split("test"):
-        return f"Its first check is to come; type: {command('wegs', 'train', '--resume', '-o', folder)}"
+        return f"Its first check is to come; type: {checkpoint.how_to_go_on(folder)}"
     return "Train without --all-photos on a scene with test photos, and with held_out_checks > 0."
 
 

@@ -12,7 +12,7 @@ from core.doctor import views
 from core.doctor.finding import Finding, part
 from core.doctor.gaussians import look_at_gaussians
 from core.doctor.scene import odd_focal_lengths, placed_photos
-from core.errors import BadInput, command
+from core.errors import BadInput
 from core.export.ply import BYTES_A_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
@@ -55,9 +55,12 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
 def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
     """How far the run got, how many steps were skipped, and whether quality fell."""
     steps, wanted = trained.step, trained.settings.steps
-    is_whole = steps == wanted and any(trained.folder.glob(run_folders.CLOUDS))
-    advice = "" if is_whole else f"Type: {command('wegs', 'train', '--resume', '-o', trained.folder)}"
-    asked = "what was asked for" if is_whole or steps < wanted else "what was asked for, but its results were not written"
+    advice, asked = "", "what was asked for"
+    if run_folders.is_at_work(trained.folder):
+        asked += "; it is still being trained"
+    elif steps < wanted or not any(trained.folder.glob(run_folders.CLOUDS)):
+        advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
+        asked += "; the results were not written" * (steps == wanted)
     skipped = facts["skipped"]
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
     findings = [

@@ -17,7 +17,7 @@ from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.data.sfm.kept_points import home_of
-from core.errors import BadInput, command
+from core.errors import BadInput
 from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
@@ -174,8 +174,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     identity, settings, collection = run_config.read_config(folder)
     path = checkpoint.newest(folder)
     if path is None:
-        again = command("wegs", "train", "--resume", "-o", folder)
-        raise BadInput(f"{folder} has no checkpoint yet.", f"Wait for its first one; if it was stopped, type: {again}")
+        raise BadInput(f"{folder} has no checkpoint yet.", f"Wait for its first one; if it was stopped, type: {checkpoint.how_to_go_on(folder)}")
     saved = checkpoint.load(path)
     place = device.of_run(settings.device) if on_gpu else device.CPU
     with checkpoint.fitting(path):

@@ -98,7 +98,7 @@ def _go_on(folder: Path, report: Report) -> Path:
 
 def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
-    advice = command("wegs", "train", "--resume", "-o", folder)
+    advice = checkpoint.how_to_go_on(folder)
     tell_plan(trainer, report)
     with StopRequest() as stop, saved_if_memory_runs_out(trainer):
         for step in trainer.train():

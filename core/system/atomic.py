@@ -15,6 +15,7 @@ from core.errors import FULL, BadInput, WegsError, command, disk_full, not_made
 from core.system.lock import taken
 
 TEMPORARY = ".wegs-"  # in the names of temporary folders
+KEPT = f"{TEMPORARY}kept"  # the end of the names of those that outlive a stop
 NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
 FRESH_S = 5  # one that is younger may be about to be held
 _REFUSED = (
@@ -113,7 +114,7 @@ def temporary_folder(path: Path) -> Iterator[Path]:
     parent = path if path.is_dir() else path.parent
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
-        for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix)]:
+        for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]:
             swept(left, remove)
         work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
@@ -198,9 +199,10 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
             raise type(problem)(problem.what.replace(str(work), str(folder)), problem.fix) from None
         folder.mkdir(exist_ok=True)
         fresh = [folder / path.name for path in work.iterdir()]
-        for path in fresh:  # before the old ones go, so that a kill never leaves neither
-            if path.is_dir():
-                remove(path)
+        aside = Path(tempfile.mkdtemp(dir=work))
+        for path in fresh:  # before the old ones go: a kill never leaves neither
+            if path.is_dir():  # no folder can be replaced unless it is empty
+                os.replace(path, aside / path.name)
             os.replace(work / path.name, path)
         for path in set(old).difference(fresh):
             remove(path)

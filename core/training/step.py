@@ -88,12 +88,12 @@ class Step:
                 backward((rendered_loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
-            learnt_later = beside(lambda: networks.update(model, self.optimizer, progress, wait_for_encoder, taken))
+            learned_later = beside(lambda: networks.update(model, self.optimizer, progress, wait_for_encoder, taken))
             if not guards.refused(taken):
                 # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
                 densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
                 gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
-            learned = learnt_later()
+            learned = learned_later()
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
         facts = StepFacts(loss, gauge_loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)

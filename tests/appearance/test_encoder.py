@@ -83,7 +83,7 @@ def test_a_band_that_is_hidden_altogether_still_has_a_colour():
     assert torch.allclose(band_colours(torch.full((3, 32, 48), 0.25), torch.zeros(1, 1, 8, 12), 4), torch.tensor(0.25))
 
 
-def test_nothing_is_learnt_by_the_mask_from_colours_of_bands():
+def test_nothing_is_learned_by_the_mask_from_colours_of_bands():
     assert not band_colours(torch.rand(3, 32, 48), torch.ones(1, 1, 8, 12).requires_grad_(), 4).requires_grad
 
 

@@ -134,7 +134,7 @@ def test_runs_of_one_name_are_told_apart_by_their_folders(small_run, tmp_path, m
 
 def test_without_held_out_photos_the_rest_is_measured(small_run, tmp_path, monkeypatch):
     trained, heard = load_run(small_run), Heard()
-    monkeypatch.setattr(suite, "load_run", lambda _: replace(trained, collection=trained.collection.undivided()))
+    monkeypatch.setattr(suite, "open_run", lambda *_: replace(trained, collection=trained.collection.undivided()))
     figures = suite.bench(None, small_run, ("baking", "training", "refinement"), False, tmp_path, heard)
     assert [figure.name for figure in figures] == ["baking"]
     assert heard.lines[0].startswith("Nothing is drawn of training and refinement: No photo of small is held out.")
@@ -165,7 +165,7 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, mo
 def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, monkeypatch):
     heard, trained = Heard(), load_run(small_run)
     trained.model.sh_transfer = None
-    monkeypatch.setattr(suite, "load_run", lambda _: trained)
+    monkeypatch.setattr(suite, "open_run", lambda *_: trained)
     with pytest.raises(BadInput, match="nothing to measure"):
         suite.bench(None, small_run, ("refinement",), False, tmp_path, heard)
     assert [figure.name for figure in suite.curves((small_run,), ("full",), True, heard)] == ["training"]

@@ -63,7 +63,7 @@ def test_a_run_without_its_results_is_not_sound(trained, tmp_path):
     shutil.copytree(trained, tmp_path / "run")
     shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been killed after its last step
     steps = examined(tmp_path / "run")[0]["steps"]
-    assert "its results were not written" in steps.meaning and "wegs train --resume -o" in steps.advice
+    assert "the results were not written" in steps.meaning and "wegs train --resume -o" in steps.advice
     assert not examined(trained)[0]["steps"].advice
 
 

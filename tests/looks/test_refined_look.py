@@ -39,7 +39,7 @@ def off(trained: TrainedRun, look) -> float:
     return float((image - torch.from_numpy(sized.pixels).float() / 255).abs().mean())
 
 
-def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it_was_learnt(trained):
+def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it_was_learned(trained):
     heard = Heard()
     encoded, refined = (find_look(trained, "0.png", refine=refine, report=heard) for refine in (False, True))
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training

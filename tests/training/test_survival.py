@@ -65,7 +65,7 @@ def trained_quality(scene: SmallScene, folder) -> float:
         return float(list(csv.DictReader(file))[-1]["held_out_psnr"])
 
 
-def test_a_georeferenced_or_tiny_or_huge_world_is_learnt_as_well(tmp_path):
+def test_a_georeferenced_or_tiny_or_huge_world_is_learned_as_well(tmp_path):
     """COLMAP's files in, .ply out: an offset of 5e6 and units of 1e-4 and 1e4 cost nothing."""
     qualities = {}
     for name, changes in {

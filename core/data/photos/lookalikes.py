@@ -1,36 +1,53 @@
-"""Which photos are one picture, stored again in another size, format or quality, as collections from the web hold them."""
+"""Whether two photos are one picture, stored again in another size, format or quality, as collections from the web hold them."""
 
+from dataclasses import dataclass
 from math import log
+from typing import Self
 
 import cv2
 import numpy as np
 
-SIDE = 32  # of the thumbnails that are compared
-# How far two may differ, root mean square, as a part of the spread of their values. Photos of 500 px and more stored again at half their size or
-# at JPEG quality 30 differ by 0.05 at most, moved sideways by 0.5% of their width by 0.1, and no two photos of Liberty, Sacré-Cœur, Fountain or
-# Kermit by less than 0.2.
-SAME = 0.06
+SIDE, DETAIL_SIDE = 32, 128  # of the thumbnails that are compared: of colours, and of brightness without what is smooth
+SMOOTH = 9  # side of the square whose mean is taken off the latter
+TILES = 8  # a side: in each of them the detail has to agree
+FLAT = 3.0  # root mean square of a tile's detail, in 8-bit steps, below which it shows none
+# How far colours may differ, root mean square, as a part of their spread, and how well detail has to correlate in every tile. Real photos stored
+# again at half their size, or at JPEG quality 30, differ by 0.05 at most and correlate by 0.8 or more; two of Liberty, Sacré-Cœur, Fountain or
+# Kermit differ by 0.2 or more and do not correlate. Detail alone would take one place in two lights for one picture; colours alone, a
+# column seen from two sides.
+SAME_COLOURS, SAME_DETAIL = 0.1, 0.75
 ASPECT_TOLERANCE = 0.02
 
 
-class Lookalikes:
-    """Photos, one after the other, each compared with those before it."""
+@dataclass(frozen=True)
+class Thumbnail:
+    """What is compared of a photo. aspect: log of width over height."""
 
-    def __init__(self):
-        self._names: list[str] = []
-        self._aspects: list[float] = []
-        self._thumbnails: list[np.ndarray] = []
+    aspect: float
+    colours: np.ndarray
+    detail: np.ndarray
 
-    def earlier(self, name: str, pixels: np.ndarray) -> str | None:
-        """The name of the first photo that shows the same as this one, of (H, W, 3) uint8 as displayed, which is remembered if there is none."""
+    @classmethod
+    def of(cls, pixels: np.ndarray) -> Self:
+        """pixels: (H, W, 3) uint8 RGB, as displayed."""
         height, width = pixels.shape[:2]
-        aspect = log(width / height)
-        thumbnail = cv2.resize(pixels, (SIDE, SIDE), interpolation=cv2.INTER_AREA).astype(np.float32).ravel()
-        most = (SAME * thumbnail.std()) ** 2
-        for other, its_aspect, its_thumbnail in zip(self._names, self._aspects, self._thumbnails, strict=True):
-            if abs(aspect - its_aspect) <= ASPECT_TOLERANCE and np.square(thumbnail - its_thumbnail).mean() < most:
-                return other
-        self._names.append(name)
-        self._aspects.append(aspect)
-        self._thumbnails.append(thumbnail)
-        return None
+        colours = cv2.resize(pixels, (SIDE, SIDE), interpolation=cv2.INTER_AREA).astype(np.float32)
+        small = cv2.resize(pixels, (DETAIL_SIDE, DETAIL_SIDE), interpolation=cv2.INTER_AREA)
+        brightness = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        return cls(log(width / height), colours.ravel(), brightness - cv2.blur(brightness, (SMOOTH, SMOOTH)))
+
+    def shows_same(self, other: Self) -> bool:
+        """Whether both are of one picture."""
+        if abs(self.aspect - other.aspect) > ASPECT_TOLERANCE:
+            return False
+        if np.square(self.colours - other.colours).mean() >= (SAME_COLOURS * self.colours.std()) ** 2:
+            return False
+        mine, its = self._tiles(), other._tiles()
+        power, its_power = np.square(mine).mean(axis=1), np.square(its).mean(axis=1)
+        shown = np.minimum(power, its_power) > FLAT**2
+        correlations = (mine * its).mean(axis=1)[shown] / np.sqrt(power * its_power)[shown]
+        return bool(shown.any() and correlations.min() > SAME_DETAIL)
+
+    def _tiles(self) -> np.ndarray:
+        side = DETAIL_SIDE // TILES
+        return self.detail.reshape(TILES, side, TILES, side).swapaxes(1, 2).reshape(TILES * TILES, side * side)

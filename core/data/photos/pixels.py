@@ -125,7 +125,7 @@ def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) ->
         raise BadInput(f"The mask {problem.what}", problem.fix) from None
     shade = pixels.mean(axis=2)
     shade = 255 * shade if shade.max() == 1 else shade  # 0 and 1 are black and white in many programs that make masks
-    grey = ((shade > GREY[0]) & (shade < GREY[1])).mean()
+    grey = ((shade > GREY[0]) & (shade < GREY[1]) & (True if alpha is None else alpha > 0)).mean()
     if grey > MOST_GREY:
         raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
     shade = shade if alpha is None else shade * (alpha / 255)

@@ -2,61 +2,82 @@
 database.
 """
 
+import hashlib
+import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
-from core.data.made import read_mark, write_mark
+from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
-from core.errors import BadInput
+from core.errors import FULL
 from core.report import Report
-from core.system.atomic import TEMPORARY, remove
+from core.system.atomic import KEPT, NAME_PART, remove, temporary_folder, write_json
 from core.system.lock import taken
 
 MARK = "matches-of.json"  # what the database was made of
-KEPT = (f"{DATABASE}*", MARK)
-GOES_ON = "The features and matches found so far are kept; type the same again to go on."
 
 
 @contextmanager
-def work_kept_if_stopped(output: Path, made_of: dict[str, Any], report: Report) -> Iterator[Path]:
-    """A folder to make the scene `output` in, removed at the end. If the block is stopped instead (Ctrl-C, a kill, a full disk), the database in it
-    stays, and the next block finds it there, if that makes its scene of the same things.
+def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
+    """A folder to make the scene `output` in, removed at the end. If the block is stopped instead, by Ctrl-C, a kill, or for want of room on the disk
+    or in memory, the database in it stays, and the next block finds it.
 
-    made_of: these things, as JSON. The folder lies where `temporary_folder` would put it. Without locks (core.system.lock), and beside a program
-    that makes the same scene, nothing is kept.
+    The folder lies where `temporary_folder` would put it. Without locks (core.system.lock), and beside a program that makes the same scene,
+    nothing is kept.
     """
-    parent, name = (output, "") if output.is_dir() else (output.parent, f".{output.name}")
-    work = parent / f"{name}.sfm{TEMPORARY}kept"
+    name = output.resolve().name
+    parent = output if output.is_dir() else output.parent
+    work = parent / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
     work.mkdir(exist_ok=True)
     with taken(work) as ours:
         if not ours:
-            work = Path(mkdtemp(prefix=f"{name}.sfm{TEMPORARY}", dir=parent))
-        _empty(work, but=KEPT if read_mark(work / MARK) == made_of else ())
-        if (work / DATABASE).exists():
-            report.say("Going on with the features and matches that were found before it was stopped.")
-        write_mark(work / MARK, made_of)
-        done = False
+            if ours is None:
+                work.rmdir()
+            with temporary_folder(output) as other:
+                yield other
+            return
+        keep = False
+        _empty(work, but=(f"{DATABASE}*", MARK))
         try:
             yield work
-            done = True
-        except BadInput:
-            done = True
+        except (KeyboardInterrupt, MemoryError):
+            keep = True
             raise
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(*[GOES_ON] * (bool(ours) and (work / DATABASE).exists())) from None
+        except OSError as problem:
+            keep = problem.errno in FULL
+            raise
         finally:
-            keep = bool(ours) and not done and (work / DATABASE).exists()
+            if keep := keep and (work / DATABASE).exists():
+                report.say(f"The features and matches found so far are kept in {work}: the same command goes on from there.")
             with suppress(OSError):
-                _empty(work, but=KEPT if keep else ())
+                _empty(work, but=(f"{DATABASE}*", MARK) if keep else ())
                 if not keep:
                     work.rmdir()
 
 
-def _empty(folder: Path, but: tuple[str, ...]) -> None:
-    """Delete what is in the folder, except what matches one of these patterns."""
-    for path in folder.iterdir():
+def keep_if_of(made_of: dict[str, Any], work: Path, report: Report) -> None:
+    """Let the database in `work` be used if it was made of the same (JSON) and is sound; else remove it. From now on it is one made of this."""
+    if read_mark(work / MARK) == made_of and _is_sound(work / DATABASE):
+        report.say("Going on with the features and matches that were found before it was stopped.")
+        return
+    _empty(work, only=f"{DATABASE}*")
+    write_json(work / MARK, made_of)
+
+
+def _is_sound(database: Path) -> bool:
+    if not database.is_file():
+        return False
+    try:
+        with closing(sqlite3.connect(database)) as connection:
+            return connection.execute("PRAGMA quick_check").fetchone() == ("ok",)
+    except sqlite3.Error:
+        return False
+
+
+def _empty(folder: Path, only: str = "*", but: tuple[str, ...] = ()) -> None:
+    """Delete what in the folder matches `only`, except what matches one of the other patterns."""
+    for path in list(folder.glob(only)):
         if not any(path.match(pattern) for pattern in but):
             remove(path)

@@ -9,15 +9,16 @@ import cv2
 import numpy as np
 import pycolmap
 
+import core
 from core.data.formats.model_file import quiet
 from core.data.made import write_mark
 from core.data.photos.distortion import lens_of
 from core.data.photos.file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
 from core.data.photos.folder import copies_among, list_photos, list_unreadable, no_photos
-from core.data.photos.lookalikes import Lookalikes
+from core.data.photos.lookalikes import Thumbnail
 from core.data.photos.pixels import read_pixels
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, extract, match
-from core.data.sfm.kept_matches import work_kept_if_stopped
+from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
@@ -54,15 +55,16 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
         report.warn(line)
     made_of = files_of(photos)
-    matches_of = {"photos": made_of, "features": affordable(FEATURES_TO_MAP), "pycolmap": pycolmap.__version__}
-    with replacing_folder(output) as new, work_kept_if_stopped(output, matches_of, report) as work, quiet():
+    with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():
         copies = _copy_upright(paths, work / PHOTOS, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
             raise BadInput(
-                f"{photos} holds {counted(len(names), 'photo')} that can be read; at least {LEAST_PHOTOS} are needed.",
+                f"{photos} holds {counted(len(names), 'photo')} that can be used; at least {LEAST_PHOTOS} are needed.",
                 "Add photos of the same place.",
             )
+        versions = {"wegs": core.__version__, "pycolmap": pycolmap.__version__}
+        keep_if_of({"photos": made_of, "copies": copies, "features": affordable(FEATURES_TO_MAP), **versions}, work, report)
         extract(work, names, report, most=FEATURES_TO_MAP)
         match(work, likely_pairs(work, names, report), report)
         model = map_photos(work, names, report)
@@ -86,16 +88,17 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     """
     folder.mkdir()
     by_length = sorted(paths, key=lambda path: (len(path.name), path.name))  # of a.jpg and "a (1).jpg" the copy is the latter
-    copies, turned, twins, lookalikes = {}, 0, copies_among(by_length), Lookalikes()
-    fullest_first = sorted(enumerate(paths, 1), key=lambda item: -item[1].stat().st_size)  # of lookalikes this one is kept
+    copies, turned, twins, seen = {}, 0, copies_among(by_length), {}
+    fullest_first = sorted(enumerate(paths, 1), key=lambda item: _fullness(item[1]), reverse=True)  # of one picture's files this one is used
     for done, (number, path) in enumerate(fullest_first, 1):
         copy = f"{number:06d}.jpg"
         try:
             if path in twins:
                 raise BadInput(f"{path.name} is a copy of {twins[path].name}.")
             header, pixels = probe(path), read_pixels(path)  # always decoded: some damage shows only then
-            if twin := lookalikes.earlier(path.name, pixels):
-                raise BadInput(f"{path.name} shows the same picture as {twin}, whose file is larger.")
+            thumbnail = Thumbnail.of(pixels)
+            if twin := next((name for name, other in seen.items() if thumbnail.shows_same(other)), None):
+                raise BadInput(f"{path.name} is the picture {twin} once more, and no larger.")
             if header.kind == "jpeg" and header.orientation == 1:
                 shutil.copyfile(path, folder / copy)
             else:
@@ -104,12 +107,22 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
             name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
             name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
             copies[copy] = f"{number}-{name}" if name in copies.values() else name
+            seen[path.name] = thumbnail
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")
         report.progress("Photos", done, len(paths))
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
     return dict(sorted(copies.items()))
+
+
+def _fullness(path: Path) -> tuple[int, bool, int]:
+    """What decides between files of one picture: pixels, EXIF (which tells the focal length), bytes."""
+    try:
+        header = probe(path)
+    except BadInput:
+        return 0, False, 0
+    return header.width * header.height, bool(header.exif), path.stat().st_size
 
 
 def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:

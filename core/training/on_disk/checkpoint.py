@@ -32,6 +32,11 @@ class Checkpoint:
         return {key[len(prefix) :]: tensor for key, tensor in self.tensors.items() if key.startswith(prefix)}
 
 
+def how_to_go_on(folder: Path) -> str:
+    """The command that goes on with a stopped run."""
+    return command("wegs", "train", "--resume", "-o", folder)
+
+
 def save(folder: Path, checkpoint: Checkpoint) -> Path:
     """Write FOLDER/checkpoint_STEP.safetensors under a temporary name, rename it, and drop all others."""
     path = folder / f"checkpoint_{checkpoint.facts['step']:06d}.safetensors"
@@ -45,8 +50,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
         os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         temporary.unlink(missing_ok=True)
-        again = command("wegs", "train", "--resume", "-o", folder)
-        raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then type: {again}") from None
+        raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then type: {how_to_go_on(folder)}") from None
     for old in folder.glob(PATTERN):
         if old != path:
             old.unlink()

@@ -30,33 +30,36 @@ def appended(folder: Path, columns: Sequence[str]) -> Iterator[Callable[[Mapping
 def checks(folder: Path) -> list[dict[str, float]]:
     """The rows with a check of held-out quality, in order, what was not recorded left out; none without a file.
 
-    Garbled rows, as a killed program or a full disk leaves them, are left out, too. Raises OSError for a file that cannot be read.
+    Garbled rows and one cut short, as a killed program or a full disk leaves them, are left out, too. Raises OSError for a file that cannot be read.
     """
+    names, *rows = [line.rstrip().split(",") for line in _whole_lines(folder)] or [[]]
+    return [numbers for row in rows if HELD_OUT in (numbers := _numbers(names, row))]
+
+
+def _numbers(names: list[str], row: list[str]) -> dict[str, float]:
+    """The filled cells of a row; none of a garbled one."""
+    try:
+        return {name: float(cell) for name, cell in zip(names, row, strict=True) if cell}
+    except ValueError:
+        return {}
+
+
+def _whole_lines(folder: Path) -> list[str]:
     try:
         with (folder / FILE).open(encoding="utf-8", errors="replace", newline="") as file:
-            return [row for row in map(_numbers, csv.DictReader(file)) if HELD_OUT in row]
+            return [line for line in file if line.endswith("\n")]
     except FileNotFoundError:
         return []
 
 
-def _numbers(row: dict[str | None, Any]) -> dict[str, float]:
-    """The filled cells of a row; none of a garbled one."""
-    try:
-        return {name: float(cell) for name, cell in row.items() if cell}
-    except (TypeError, ValueError):
-        return {}
-
-
 def rewind(folder: Path, step: int) -> None:
     """Take out what a killed run did after its last checkpoint, at `step`, and will do again."""
-    path = folder / FILE
-    if not path.is_file():
+    lines = _whole_lines(folder)
+    if not lines:
         return
-    with path.open(encoding="utf-8", errors="replace", newline="") as file:
-        lines = file.readlines()
 
     def is_done(line: str) -> bool:
         number = line.partition(",")[0]  # none in a garbled line, which goes too
-        return line.endswith("\n") and number.isdecimal() and int(number) <= step
+        return number.isdecimal() and int(number) <= step
 
-    write_text(path, "".join([*lines[:1], *filter(is_done, lines[1:])]))
+    write_text(folder / FILE, "".join([lines[0], *filter(is_done, lines[1:])]))

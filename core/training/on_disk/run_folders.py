@@ -14,6 +14,7 @@ from core.data.made import CONFIG, is_of_run, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
 from core.system.atomic import check_folder, remove, swept
+from core.system.lock import taken
 from core.training.decisions import Decision
 from core.training.on_disk import checkpoint, history, viewer_files
 from core.training.on_disk.run_config import write_config
@@ -60,6 +61,12 @@ def find_run(path: Path | None) -> Path:
     if not is_run(path):
         raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", "Give a folder that `wegs train` made.")
     return path
+
+
+def is_at_work(folder: Path) -> bool:
+    """Whether a training holds the run (core.training.on_disk.claim)."""
+    with taken(folder) as ours:
+        return ours is False
 
 
 def is_default(folder: Path) -> bool:

@@ -1,5 +1,6 @@
 """Structure from motion that was stopped goes on, and comes to the same result."""
 
+import errno
 import os
 import shutil
 import signal
@@ -12,10 +13,11 @@ import pytest
 
 from core.data.sfm import features, reconstruct
 from core.data.sfm.features import DATABASE
-from core.data.sfm.kept_matches import GOES_ON, work_kept_if_stopped
+from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.errors import BadInput, WegsError
 from core.report import QUIET
 from core.system import lock
+from core.system.atomic import temporary_folder
 from tests.data.room_corner import cameras, take_photo, textures
 from tests.heard import Heard
 
@@ -61,9 +63,11 @@ def is_same(scene, other) -> bool:
 @pytest.mark.parametrize(("stage", "found"), [("Features", (2, 0)), ("Matches", (6, 8)), ("Cameras", (6, 15))])
 def test_what_was_found_before_ctrl_c_is_used_again(photos, whole, tmp_path, monkeypatch, stage, found):
     monkeypatch.setattr(features, "PART_S", 0.0)  # the smallest parts
-    with pytest.raises(KeyboardInterrupt, match=GOES_ON):
-        reconstruct.reconstruct(photos, tmp_path / "scene", StopsAt(stage))
+    stopped = StopsAt(stage)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct.reconstruct(photos, tmp_path / "scene", stopped)
     (kept,) = tmp_path.iterdir()
+    assert stopped.lines[-1] == f"The features and matches found so far are kept in {kept}: the same command goes on from there."
     assert {path.name.partition("-")[0] for path in kept.iterdir()} <= {DATABASE, "matches"} and counts(kept / DATABASE) == found
     heard = Heard()
     scene = reconstruct.reconstruct(photos, tmp_path / "scene", heard)
@@ -97,16 +101,63 @@ def test_other_photos_begin_anew(photos, tmp_path):
     assert AGAIN not in heard.lines
 
 
-def test_a_mistake_and_an_early_stop_leave_nothing(tmp_path):
-    for problem in (BadInput("no"), KeyboardInterrupt(), WegsError("no")):
-        with pytest.raises(type(problem)), work_kept_if_stopped(tmp_path / "scene", {}, QUIET) as work:
-            if isinstance(problem, BadInput):
-                (work / DATABASE).touch()
-            raise problem
-        assert list(tmp_path.iterdir()) == []
+def stopped_at(output, problem, begin):
+    with pytest.raises(type(problem)), work_kept_if_stopped(output, QUIET) as work:
+        begin(work)
+        raise problem
 
 
-def test_two_at_once_do_not_share(tmp_path):
-    with work_kept_if_stopped(tmp_path / "scene", {}, QUIET) as first, work_kept_if_stopped(tmp_path / "scene", {}, QUIET) as second:
+@pytest.mark.parametrize("problem", [BadInput("no"), WegsError("no"), RuntimeError("a defect, which may lie in the database")])
+def test_mistakes_and_defects_leave_nothing(tmp_path, problem):
+    stopped_at(tmp_path / "scene", problem, lambda work: (work / DATABASE).touch())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_early_stop_leaves_nothing(tmp_path):
+    stopped_at(tmp_path / "scene", KeyboardInterrupt(), lambda work: (work / "photos").mkdir())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("problem", [KeyboardInterrupt(), MemoryError(), OSError(errno.ENOSPC, "full")])
+@pytest.mark.parametrize("name", ["sfm", "a b", "ö" * 125])
+def test_the_database_outlives_a_stop_whatever_the_scene_is_called(tmp_path, problem, name):
+    def begin(work):
+        keep_if_of({"a": 1}, work, QUIET)
+        sqlite3.connect(work / DATABASE).execute("CREATE TABLE t (x)")
+
+    for output in (tmp_path / name, tmp_path / "there" / "sfm"):
+        output.parent.mkdir(exist_ok=True)
+        if output.parent != tmp_path:
+            output.mkdir()
+        stopped_at(output, problem, begin)
+        with temporary_folder(output):  # which sweeps what killed programs left
+            pass
+        heard = Heard()
+        with work_kept_if_stopped(output, QUIET) as work:
+            keep_if_of({"a": 1}, work, heard)
+            assert heard.lines == [AGAIN] and (work / DATABASE).exists()
+            keep_if_of({"a": 2}, work, heard)
+            assert heard.lines == [AGAIN] and not (work / DATABASE).exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"garbage" * 999, "half"])
+def test_a_damaged_database_is_not_used(tmp_path, content):
+    keep_if_of({}, tmp_path, QUIET)
+    with sqlite3.connect(tmp_path / DATABASE) as connection:
+        connection.execute("CREATE TABLE t (x)")
+        connection.executemany("INSERT INTO t VALUES (?)", [("x" * 500,)] * 100)
+    connection.close()
+    whole = (tmp_path / DATABASE).read_bytes()
+    (tmp_path / DATABASE).write_bytes(whole[: len(whole) // 2] if content == "half" else content)
+    heard = Heard()
+    keep_if_of({}, tmp_path, heard)
+    assert heard.lines == ([AGAIN] if content == b"" else []) and (tmp_path / DATABASE).exists() == (content == b"")  # empty: of a stop before the first table
+
+
+def test_two_at_once_do_not_share(tmp_path, monkeypatch):
+    with work_kept_if_stopped(tmp_path / "scene", QUIET) as first, work_kept_if_stopped(tmp_path / "scene", QUIET) as second:
         assert first != second
+    monkeypatch.setattr(lock, "fcntl", None)
+    with work_kept_if_stopped(tmp_path / "scene", QUIET):
+        pass
     assert os.listdir(tmp_path) == []

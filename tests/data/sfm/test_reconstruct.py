@@ -110,7 +110,7 @@ def test_photos_that_do_not_overlap(tmp_path):
 
 def test_one_photo_is_too_few(tmp_path):
     noise_photo(tmp_path / "0.jpg", 0)
-    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+    with pytest.raises(BadInput, match="holds 1 photo that can be used"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
 
 
@@ -167,7 +167,7 @@ def test_photos_in_formats_of_phones_are_named(tmp_path):
     noise_photo(tmp_path / "0.jpg", 0)
     (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
     heard = Listener()
-    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+    with pytest.raises(BadInput, match="holds 1 photo that can be used"):
         reconstruct(tmp_path, tmp_path / "scene", heard)
     assert any("cannot be read, left out; convert them to JPEG: IMG_1.HEIC" in line for line in heard.lines)
 
@@ -191,7 +191,7 @@ def test_damage_that_shows_only_when_decoding_leaves_a_photo_out(tmp_path):
     whole = (photos / "a.jpg").read_bytes()
     (photos / "b.jpg").write_bytes(whole[: len(whole) // 2] + b"\xff\xd9")
     heard = Listener()
-    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+    with pytest.raises(BadInput, match="holds 1 photo that can be used"):
         reconstruct(photos, tmp_path / "scene", heard)
     assert any("b.jpg ends before" in line for line in heard.lines)
     assert list(tmp_path.iterdir()) == [photos]
@@ -201,7 +201,7 @@ def test_a_photo_too_large_for_a_jpeg_is_left_out(tmp_path):
     noise_photo(tmp_path / "a.jpg", 1)
     assert cv2.imwrite(str(tmp_path / "b.png"), np.zeros((1, 65_501, 3), np.uint8))
     heard = Listener()
-    with pytest.raises(BadInput, match="holds 1 photo that can be read"):
+    with pytest.raises(BadInput, match="holds 1 photo that can be used"):
         reconstruct(tmp_path, tmp_path / "scene", heard)
     assert any("b.png is too large for a JPEG" in line for line in heard.lines)
 
@@ -223,11 +223,16 @@ def test_copies_of_a_photo_are_left_out(tmp_path):
 
 
 def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
-    for name, seed in (("b.jpg", 1), ("c.jpg", 2)):
-        noise_photo(tmp_path / name, seed, cells=(6, 8))
-    half = cv2.resize(cv2.imread(str(tmp_path / "b.jpg")), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    cv2.imwrite(str(tmp_path / "a.webp"), half, [cv2.IMWRITE_WEBP_QUALITY, 70])
+    """However few bytes it has; and one that cannot be used is no reason to leave out another."""
+    noise_photo(tmp_path / "b.jpg", 1, cells=(12, 16))
+    noise_photo(tmp_path / "c.jpg", 2, cells=(12, 16))
+    whole = cv2.imread(str(tmp_path / "b.jpg"))
+    half = cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    assert cv2.imwrite(str(tmp_path / "a.png"), half) and cv2.imwrite(str(tmp_path / "b.jpg"), whole, [cv2.IMWRITE_JPEG_QUALITY, 60])
+    assert (tmp_path / "a.png").stat().st_size > (tmp_path / "b.jpg").stat().st_size
+    wide = cv2.resize(whole, (65_600, 40))
+    assert cv2.imwrite(str(tmp_path / "pano.png"), wide) and cv2.imwrite(str(tmp_path / "pano-small.jpg"), cv2.resize(wide, None, fx=0.5, fy=0.5))
     heard = Listener()
     copies = _copy_upright(list_photos(tmp_path), tmp_path / "upright", heard)
-    assert copies == {"000002.jpg": "b.jpg", "000003.jpg": "c.jpg"}
-    assert "Left out: a.webp shows the same picture as b.jpg, whose file is larger." in heard.lines
+    assert list(copies.values()) == ["b.jpg", "c.jpg", "pano-small.jpg"]
+    assert "Left out: a.png is the picture b.jpg once more, and no larger." in heard.lines

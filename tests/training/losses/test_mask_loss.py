@@ -1,4 +1,4 @@
-"""What the mask is taught: colours that the place has in no light, and neither tone, shade nor unlearnt detail."""
+"""What the mask is taught: colours that the place has in no light, and neither tone, shade nor unlearned detail."""
 
 import pytest
 import torch
@@ -68,14 +68,14 @@ def test_colours_that_determine_no_map_are_left_or_met(picture):
     assert torch.isfinite(moved).all() and float((moved - picture - 0.1).abs().max()) < 1e-3
 
 
-def test_where_the_photo_is_black_nothing_is_learnt():
+def test_where_the_photo_is_black_nothing_is_learned():
     photo = place()
     photo[:, :, : WIDTH // 2] = 0
     mask = best_mask(place() + 0.2, photo)
     assert float(mask[:, : WIDTH // 2 // CELL - 1].min()) > 0.99
 
 
-def test_a_photo_that_is_not_learnt_yet_is_judged_by_its_own_errors():
+def test_a_photo_that_is_not_learned_yet_is_judged_by_its_own_errors():
     generator = torch.Generator().manual_seed(1)
     photo = torch.rand(3, HEIGHT // CELL, WIDTH // CELL, generator=generator)
     photo = photo.repeat_interleave(CELL, dim=1).repeat_interleave(CELL, dim=2)

@@ -9,26 +9,43 @@ from pathlib import Path
 from core.data.collection import Collection, Photo, relative_path
 from core.data.photos.file import named_with_fault, probe
 from core.data.photos.folder import SUFFIXES, list_photos, names_without_suffixes
+from core.data.photos.pixels import read_mask
 from core.data.sfm.originals import lenses_of
 from core.errors import BadInput
 from core.scene.lens import Lens
 from core.words import Note, Reasons, counted, is_harmless
 
+TRIED = 3  # masks that are read before cameras are found
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
 
 
 def check_masks(folder: Path, photos: Sequence[str]) -> None:
-    """Raise BadInput unless the folder is there and holds pictures, one of them of a photo: asked before cameras are found, which may take minutes.
+    """Raise BadInput unless the folder is there and holds masks of the photos: asked before cameras are found, which may take minutes.
 
     photos: the names of plain photos; none if they are not known yet.
     """
     if not folder.is_dir():
         raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
-    stems = {path.stem for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES}
-    if not stems:
+    if next((path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES), None) is None:
         raise BadInput(f"{folder} holds no pictures.", "Give --masks a folder with one mask a photo.")
-    if photos and not any(stems.intersection(names_without_suffixes(name)) for name in photos):
-        raise _none_fits(folder, photos[0])
+    if photos:
+        listed = _by_stem(folder)
+        fitting = [listed[stem][0] for name in photos for stem in names_without_suffixes(name) if stem in listed]
+        if not fitting:
+            raise _none_fits(folder, photos[0])
+        _check_usable(fitting[:TRIED])
+
+
+def _check_usable(masks: Sequence[Path]) -> None:
+    """Raise the first one's BadInput if none of them can be read as a mask."""
+    problems = []
+    for mask in masks:
+        try:
+            read_mask(mask, (1, 1))
+        except BadInput as problem:
+            problems.append(problem)
+    if len(problems) == len(masks):
+        raise problems[0]
 
 
 def _none_fits(folder: Path, photo: str) -> BadInput:

@@ -8,6 +8,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 
+import cv2  # noqa: F401 - before pycolmap: loaded after it, OpenCV corrupts memory when it writes a PNG (OpenCV 5.0.0, pycolmap 4.2.1)
+
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 

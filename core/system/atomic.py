@@ -114,14 +114,20 @@ def temporary_folder(path: Path) -> Iterator[Path]:
     parent = path if path.is_dir() else path.parent
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
-        for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]:
-            swept(left, remove)
+        _sweep(parent, prefix)
         work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
             with taken(work):
                 yield work
         finally:
             shutil.rmtree(work, ignore_errors=True)
+            _sweep(parent, prefix)  # once more: what a kill left just before this began is old enough by now
+
+
+def _sweep(parent: Path, prefix: str) -> None:
+    """Remove the temporary folders that killed processes left."""
+    for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]:
+        swept(left, remove)
 
 
 def swept(folder: Path, discard: Callable[[Path], None]) -> bool:

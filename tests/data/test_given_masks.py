@@ -113,9 +113,17 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
         check_masks(tmp_path / "nowhere", ())
     with pytest.raises(BadInput, match="holds no pictures"):
         check_masks(folder, ())
-    check_masks(save_mask(tmp_path / "deep" / "left" / "0.png").parents[1], ["0.jpg"])
-    with pytest.raises(BadInput, match="no mask of a training photo.*such as 1.png"):
-        check_masks(tmp_path / "deep", ["1.jpg"])
+    check_masks(save_mask(tmp_path / "deep" / "left" / "0.png").parents[1], ())
+    check_masks(tmp_path / "deep" / "left", ["0.jpg"])
+    for place, photo in (("deep", "0.jpg"), ("deep/left", "1.jpg")):
+        with pytest.raises(BadInput, match=f"no mask of a training photo.*such as {photo[0]}.png"):
+            check_masks(tmp_path / place, [photo])
+    (tmp_path / "photos").mkdir()
+    save(tmp_path / "photos" / "0.jpg", noise())
+    with pytest.raises(BadInput, match="photos.0.jpg is none: "):
+        check_masks(tmp_path / "photos", ["0.jpg"])
+    save_mask(tmp_path / "photos" / "1.png")
+    check_masks(tmp_path / "photos", ["0.jpg", "1.jpg"])  # one of them may be damaged
     save_mask(folder / "0.png")
     save_mask(folder / "0.jpg")  # of no photo, so that nothing has to be chosen
     save_mask(folder / "photo_2.png")
@@ -248,6 +256,13 @@ def test_zeros_and_ones_are_black_and_white(tmp_path):
     ones[:10] = 0
     mask = save(tmp_path / "m.png", ones)
     assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30).valid, ones == 1)
+
+
+def test_of_a_cut_out_the_transparency_is_the_mask(tmp_path):
+    path, alpha = save(tmp_path / "a.png", noise()), np.full((30, 44, 1), 255, np.uint8)
+    alpha[:10] = 0
+    mask = save(tmp_path / "m.png", np.dstack([noise(), alpha]))
+    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30).valid, alpha[..., 0] == 255)
 
 
 def test_what_is_neither_black_nor_white_is_no_mask(tmp_path):

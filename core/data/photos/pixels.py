@@ -56,7 +56,7 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     pixels = upright(pixels, header.orientation)
     use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) == 255
     if mask is not None:
-        use &= _read_mask(mask, pixels.shape[:2])
+        use &= read_mask(mask, pixels.shape[:2])
     return pixels if use.all() else _filled(pixels, use, path, mask)
 
 
@@ -74,7 +74,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
         pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
         shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
-        use = _as_stored(_read_mask(photo.mask, shown, photo), header.orientation)
+        use = _as_stored(read_mask(photo.mask, shown, photo), header.orientation)
         valid = use if valid is None else valid & use
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
@@ -113,11 +113,12 @@ def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
 
 
-def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
+def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
     """(H, W) bool: where the mask of a photo of this `size` is white, both as displayed; resized by nearest pixel.
 
     photo: of a collection; if its mask_lens says so, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
-    Transparent is not white: many programs save selections like that. Raises BadInput like `read_pixels`, and for what is grey or coloured.
+    Transparent is not white: many programs save selections like that; of a cut-out only the transparency counts. Raises BadInput like
+    `read_pixels`, and for what is grey or coloured.
     """
     try:
         header, pixels, alpha = _read_file(path)
@@ -126,7 +127,9 @@ def _read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) ->
     shade = pixels.mean(axis=2)
     shade = 255 * shade if shade.max() == 1 else shade  # 0 and 1 are black and white in many programs that make masks
     grey = ((shade > GREY[0]) & (shade < GREY[1]) & (True if alpha is None else alpha > 0)).mean()
-    if grey > MOST_GREY:
+    if grey > MOST_GREY and alpha is not None and alpha.min() < 128 <= alpha.max():  # a cut-out
+        shade = np.full_like(shade, 255)
+    elif grey > MOST_GREY:
         raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
     shade = shade if alpha is None else shade * (alpha / 255)
     white = upright((shade >= 128).astype(np.uint8), header.orientation)

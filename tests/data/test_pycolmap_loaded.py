@@ -1,0 +1,15 @@
+"""What comes with pycolmap does not disturb OpenCV, whichever of them a command loads first."""
+
+import subprocess
+import sys
+
+PROGRAM = """
+import core.data  # nothing else before it, as in `wegs train --resume`
+import cv2, numpy as np
+for size in range(165, 215):
+    assert cv2.imencode(".png", np.random.default_rng(size).integers(0, 256, (size, 122), np.uint8))[0]
+"""
+
+
+def test_pngs_can_be_written_once_pycolmap_is_loaded():
+    subprocess.run([sys.executable, "-c", PROGRAM], check=True, timeout=120)

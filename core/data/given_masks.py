@@ -15,7 +15,7 @@ from core.errors import BadInput
 from core.scene.lens import Lens
 from core.words import Note, Reasons, counted, is_harmless
 
-TRIED = 3  # masks that are read before cameras are found
+TRIED = 3  # masks that are read at once: photos, given as masks, are none
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
 
 
@@ -78,6 +78,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     if not any(photo.mask for photo in found.split("train")):
         why = "; ".join(note for note in found.notes[len(collection.notes) :] if not is_harmless(note))
         raise BadInput(f"No mask in {folder} can be used: {why}.", "Copy or draw them again.")
+    _check_usable([photo.mask for photo in found.split("train") if photo.mask][:TRIED])
     if any(photo.mask for photo in collection.photos):
         found = replace(found, notes=(*found.notes, "The masks that the scene itself gives are not used."))
     if unused:

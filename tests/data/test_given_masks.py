@@ -135,6 +135,14 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
         with_masks_in(collection, folder)
 
 
+def test_photos_given_as_masks_are_refused(collection, tmp_path):
+    (tmp_path / "masks").mkdir()
+    for photo in collection.photos:
+        save(tmp_path / "masks" / photo.name, noise(photo.camera.height, photo.camera.width))
+    with pytest.raises(BadInput, match="The mask .*photo_0.png is none: .* White"):
+        with_masks_in(collection, tmp_path / "masks")
+
+
 def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
     save_mask(tmp_path / "masks" / "photo_0.png", 17, 24)  # half the size, as near as whole pixels are
     save_mask(tmp_path / "masks" / "photo_1.png", 8, 99, np.s_[:3])

@@ -126,8 +126,9 @@ def temporary_folder(path: Path) -> Iterator[Path]:
 
 def _sweep(parent: Path, prefix: str) -> None:
     """Remove the temporary folders that killed processes left."""
-    for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]:
-        swept(left, remove)
+    with suppress(OSError):  # if the parent is gone by now
+        for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]:
+            swept(left, remove)
 
 
 def swept(folder: Path, discard: Callable[[Path], None]) -> bool:

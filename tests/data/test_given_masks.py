@@ -136,7 +136,6 @@ def test_what_cannot_be_meant_is_refused(collection, tmp_path):
 
 
 def test_photos_given_as_masks_are_refused(collection, tmp_path):
-    (tmp_path / "masks").mkdir()
     for photo in collection.photos:
         save(tmp_path / "masks" / photo.name, noise(photo.camera.height, photo.camera.width))
     with pytest.raises(BadInput, match="The mask .*photo_0.png is none: .* White"):

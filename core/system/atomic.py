@@ -106,12 +106,17 @@ def made(folder: Path, may_exist: bool = True) -> Iterator[None]:
                 path.rmdir()
 
 
+def place_for(path: Path) -> Path:
+    """Where a temporary folder for `path` lies: beside it, or inside it if it is a folder, which may be a disk of its own (a container's volume),
+    onto which nothing can be moved from beside it."""
+    return path if path.is_dir() else path.parent
+
+
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside the file or folder `path`, or inside it if it is a folder: that may be a disk of its own (a container's
-    volume), onto which nothing can be moved from beside it. Removed at the end, or, after a kill, when the next one for `path` is made, where
-    the disk knows locks."""
-    parent = path if path.is_dir() else path.parent
+    """A temporary folder in `place_for` the path. Removed at the end, or, after a kill, when the next one for `path` is made, where the disk knows
+    locks."""
+    parent = place_for(path)
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
         _sweep(parent, prefix)

@@ -9,6 +9,7 @@ import pytest
 
 from core.doctor import examine
 from core.errors import BadInput
+from tests.doctor.examined import asked_for, examined
 from tests.heard import Heard
 
 ROWS = 400
@@ -38,15 +39,6 @@ def write(path, rows, comment=""):
     comments = [comment] if comment else []
     plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex", comments=comments)]).write(str(path))
     return path
-
-
-def examined(path) -> tuple[dict, Heard]:
-    heard = Heard()
-    return {finding.name: finding for finding in examine(path, heard)}, heard
-
-
-def asked_for(findings: dict) -> set[str]:
-    return {name for name, finding in findings.items() if finding.advice}
 
 
 @pytest.mark.parametrize("rest, degree", [(0, 0), (9, 1), (24, 2), (45, 3)])

@@ -18,7 +18,7 @@ OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: 
 LIGHT_PX = 2000  # a side; more than enough for light, as the encoder sees a square of 144
 GREY = (32, 224)  # between black and white
 MOST_GREY = 0.5  # of a mask; one with more is a photo or a map of classes
-LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake, such as a white of 1 instead of 255
+LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake
 MEANING = "White (255) marks what is to be used, black what is not."  # in a mask
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
@@ -127,10 +127,10 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
     shade = pixels.mean(axis=2)
     shade = 255 * shade if shade.max() == 1 else shade  # 0 and 1 are black and white in many programs that make masks
     grey = ((shade > GREY[0]) & (shade < GREY[1]) & (True if alpha is None else alpha > 0)).mean()
-    if grey > MOST_GREY and alpha is not None and alpha.min() < 128 <= alpha.max():  # a cut-out
-        shade = np.full_like(shade, 255)
-    elif grey > MOST_GREY:
-        raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
+    if grey > MOST_GREY:
+        if alpha is None or not alpha.min() < 128 <= alpha.max():
+            raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
+        shade[:] = 255  # a cut-out
     shade = shade if alpha is None else shade * (alpha / 255)
     white = upright((shade >= 128).astype(np.uint8), header.orientation)
     if photo is not None and photo.mask_lens is not None:

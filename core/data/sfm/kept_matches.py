@@ -13,7 +13,7 @@ from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
 from core.errors import FULL
 from core.report import Report
-from core.system.atomic import KEPT, NAME_PART, remove, temporary_folder, write_json
+from core.system.atomic import KEPT, NAME_PART, place_for, remove, temporary_folder, write_json
 from core.system.lock import taken
 
 MARK = "matches-of.json"  # what the database was made of
@@ -24,12 +24,11 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
     """A folder to make the scene `output` in, removed at the end. If the block is stopped instead, by Ctrl-C, a kill, or for want of room on the disk
     or in memory, the database in it stays, and the next block finds it.
 
-    The folder lies where `temporary_folder` would put it. Without locks (core.system.lock), and beside a program that makes the same scene,
+    The folder lies in `place_for` the output. Without locks (core.system.lock), and beside a program that makes the same scene,
     nothing is kept.
     """
     name = output.resolve().name
-    parent = output if output.is_dir() else output.parent
-    work = parent / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
+    work = place_for(output) / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
     work.mkdir(exist_ok=True)
     with taken(work) as ours:
         if not ours:

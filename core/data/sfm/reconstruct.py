@@ -89,13 +89,16 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     folder.mkdir()
     by_length = sorted(paths, key=lambda path: (len(path.name), path.name))  # of a.jpg and "a (1).jpg" the copy is the latter
     copies, turned, twins, seen = {}, 0, copies_among(by_length), {}
-    fullest_first = sorted(enumerate(paths, 1), key=lambda item: _fullness(item[1]), reverse=True)  # of one picture's files this one is used
+    headers = {path: _header(path) for path in paths}
+    fullest_first = sorted(enumerate(paths, 1), key=lambda item: _fullness(item[1], headers[item[1]]), reverse=True)  # of one picture this is used
     for done, (number, path) in enumerate(fullest_first, 1):
         copy = f"{number:06d}.jpg"
         try:
             if path in twins:
                 raise BadInput(f"{path.name} is a copy of {twins[path].name}.")
-            header, pixels = probe(path), read_pixels(path)  # always decoded: some damage shows only then
+            if isinstance(header := headers[path], BadInput):
+                raise header
+            pixels = read_pixels(path)  # always decoded: some damage shows only then
             thumbnail = Thumbnail.of(pixels)
             if twin := next((name for name, other in seen.items() if thumbnail.shows_same(other)), None):
                 raise BadInput(f"{path.name} is the picture {twin} once more, and no larger.")
@@ -116,11 +119,17 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     return dict(sorted(copies.items()))
 
 
-def _fullness(path: Path) -> tuple[int, bool, int]:
-    """What decides between files of one picture: pixels, EXIF (which tells the focal length), bytes."""
+def _header(path: Path) -> Header | BadInput:
+    """What `probe` returns, or raises."""
     try:
-        header = probe(path)
-    except BadInput:
+        return probe(path)
+    except BadInput as problem:
+        return problem
+
+
+def _fullness(path: Path, header: Header | BadInput) -> tuple[int, bool, int]:
+    """What decides between files of one picture: pixels, EXIF (which tells the focal length), bytes."""
+    if isinstance(header, BadInput):
         return 0, False, 0
     return header.width * header.height, bool(header.exif), path.stat().st_size
 

@@ -120,7 +120,7 @@ def test_threads_are_put_back_and_told_apart():
     seen = []
     before = torch.get_num_threads()
     figures = threads.in_turns(lambda: seen.append(torch.get_num_threads()), 3)
-    assert seen == [1, 1, 1, *[2] * 6] * 4 and torch.get_num_threads() == before
+    assert seen == [1, 1, 1, 2, 2, 2] * 4 and torch.get_num_threads() == before
     assert set(figures) == set(threads.WAYS)
 
 

@@ -14,12 +14,10 @@ from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
-from core.system.awake import cores_awake
 from core.training.on_disk import run_folders
 from core.words import counted
 
 
-@cores_awake()
 def evaluate(
     folder: Path | None, protocol: str = "half", report: Report = QUIET, *, refine: bool = True, keep_pictures: bool = False
 ) -> Results:

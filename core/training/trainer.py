@@ -3,7 +3,6 @@
 import dataclasses
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from core.errors import BadInput, TrainingStopped
 from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
 from core.system import device
-from core.system.awake import cores_awake
 from core.system.threads import threads_for_blocks
 from core.training import decisions, guards, held_out, networks, schedule
 from core.training.background import background_of_figures
@@ -112,8 +110,7 @@ class Trainer:
         settings = self.settings
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
-        awake = cores_awake() if self.device.type == "cpu" else nullcontext()
-        with awake, history.appended(self.folder, COLUMNS) as add_row:
+        with history.appended(self.folder, COLUMNS) as add_row:
             while self.done < settings.steps:
                 start = time.perf_counter()
                 report = self.step()

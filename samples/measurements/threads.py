@@ -2,20 +2,18 @@
 
 import math
 from collections.abc import Callable
-from contextlib import nullcontext
 
 import torch
 
 from core import rasterizer
-from core.system.awake import cores_awake
 from samples.measurements.drawing import draw, garden_of
 from samples.measurements.scenes import STEP_SIZE_PX, USUAL_SIZE_PX
 from samples.measurements.steps import EVERYTHING, WARM_UP, trainer_of
 from samples.measurements.stopwatch import Stopwatch, spread
 
 TURNS = 25
-WAYS = {"1 thread": (1, nullcontext), "2 threads": (2, nullcontext), "2 threads, cores awake": (2, cores_awake)}
-ONE, *MORE = WAYS
+WAYS = {"1 thread": 1, "2 threads": 2}
+ONE, TWO = WAYS
 
 
 def measure_threads(scale: float) -> dict:
@@ -32,19 +30,17 @@ def measure_threads(scale: float) -> dict:
     for name, work in works.items():
         measured = in_turns(work, math.ceil(TURNS * scale))
         parts |= {f"{name}, {way}": figures for way, figures in measured.items()}
-        for way in MORE:
-            facts[f"{name}, {way}"] = round(measured[ONE]["median"][1] / measured[way]["median"][1], 2)
+        facts[name] = round(measured[ONE]["median"][1] / measured[TWO]["median"][1], 2)
     return {"parts": parts, "facts": facts}
 
 
 def in_turns(work: Callable[[], object], turns: int) -> dict[str, dict]:
-    """Figures as of `Stopwatch.repeat` for each of WAYS; every turn warms up, because the threads that keep cores awake have to start."""
+    """Figures as of `Stopwatch.repeat` for each of WAYS."""
     runs = {way: [] for way in WAYS}
     before = torch.get_num_threads()
     for _ in range(1 + turns):
-        for way, (threads, kept) in WAYS.items():
+        for way, threads in WAYS.items():
             torch.set_num_threads(threads)
-            with kept():
-                runs[way].append(Stopwatch().repeat(work, 2, 1)["whole"]["median"])
+            runs[way].append(Stopwatch().repeat(work, 2, 1)["whole"]["median"])
     torch.set_num_threads(before)
     return {way: spread(spent[1:]) for way, spent in runs.items()}

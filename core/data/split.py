@@ -11,6 +11,7 @@ from core.words import Note, list_names, name_them
 
 EVERY = 8  # as in the original 3DGS and everything compared with it
 TEST_LIST = "test.txt"
+COMMENT = "# "  # begins a line of it that names no photo
 COPIED = "lists.json"  # in a scene made of plain photos: the lists that were copied into it, each with the hash of its content
 
 
@@ -82,8 +83,8 @@ def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[st
 
 
 def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
-    lines = path.read_text(encoding=encoding_of(path), errors="replace").splitlines()
-    rows, notes = _rows_of(path, in_model.union(names), {line.strip() for line in lines if line.strip()})
+    lines = map(str.strip, path.read_text(encoding=encoding_of(path), errors="replace").splitlines())
+    rows, notes = _rows_of(path, in_model.union(names), {line for line in lines if line and not line.startswith(COMMENT)})
     return {name: "test" if name in rows else "train" for name in names}, notes
 
 

@@ -5,8 +5,8 @@ from core.config import Settings
 MEAN_RATE_DECAY = 0.01
 NETWORK_RATE_DECAY = 0.1
 CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth
-COARSEST = 4  # coarse-to-fine starts at a quarter of the size
-STEP_TIMES = (1 / 3, 1 / 2)  # of a step at a quarter and at half of the size; medians of runs of plaza, Liberty and Sacré-Cœur
+SHRINK_FACTORS = (4, 2, 1)  # of photos, coarse to fine
+STEP_TIMES = (1 / 3, 1 / 2, 1.0)  # of a step on them, in full steps; medians of runs of plaza, Liberty and Sacré-Cœur
 
 
 def decayed(rate: float, progress: float, final_share: float) -> float:
@@ -15,22 +15,23 @@ def decayed(rate: float, progress: float, final_share: float) -> float:
 
 
 def shrink_factor(settings: Settings, progress: float) -> int:
-    """By how much photos are shrunk now: 4, then 2, then 1 for the rest of the run."""
-    if progress >= settings.coarse_until:
-        return 1
-    return COARSEST if progress < settings.coarse_until / 2 else COARSEST // 2
+    """By how much photos are shrunk now."""
+    return next((factor for factor, end in zip(SHRINK_FACTORS, _phase_ends(settings)) if progress < end), SHRINK_FACTORS[-1])
 
 
 def time_through(settings: Settings, step: int) -> float:
     """The share of a run's time, in [0, 1], that has passed after `step` steps: early ones, on shrunk photos, take less."""
-    coarse = settings.coarse_until
 
     def time(progress: float) -> float:
-        coarsest = min(progress, coarse / 2)
-        coarser = min(progress, coarse) - coarsest
-        return STEP_TIMES[0] * coarsest + STEP_TIMES[1] * coarser + (progress - coarsest - coarser)
+        reached = [min(progress, end) for end in _phase_ends(settings)]
+        return sum(each * (end - start) for each, start, end in zip(STEP_TIMES, (0.0, *reached), reached))
 
     return time(step / settings.steps) / time(1.0)
+
+
+def _phase_ends(settings: Settings) -> tuple[float, float, float]:
+    """The progress at which each of SHRINK_FACTORS gives way to the next."""
+    return settings.coarse_until / 2, settings.coarse_until, 1.0
 
 
 def densification_steps(settings: Settings) -> list[int]:

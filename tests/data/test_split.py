@@ -31,7 +31,7 @@ def test_one_photo_is_trained_on(tmp_path):
 
 
 def test_test_txt(tmp_path):
-    (tmp_path / "test.txt").write_text("c.jpg\r\n\r\nd.jpg\r\nunknown.jpg\r\n")
+    (tmp_path / "test.txt").write_text("# held out\r\nc.jpg\r\n\r\nd.jpg\r\nunknown.jpg\r\n")
     splits, notes = split(tmp_path)
     assert [name for name in NAMES if splits[name] == "test"] == ["c.jpg", "d.jpg"]
     assert notes == ["1 photo of test.txt not in the model: unknown.jpg"]

@@ -12,7 +12,7 @@ from core.training.gaussians.gaussians import Gaussians
 from core.training.losses.objective import TRANSIENT_EVERY
 from core.training.losses.photometric import Target
 from core.training.on_disk import checkpoint
-from core.training.schedule import COARSEST
+from core.training.schedule import SHRINK_FACTORS
 from core.training.trainer import Trainer
 from tests.elsewhere import DEVICE, elsewhere, kernels, watched
 from tests.small import small_collection, small_settings
@@ -51,7 +51,7 @@ def trainer(tmp_path, monkeypatch):
         trainer = Trainer(small_collection(tmp_path), settings, tmp_path)
         trainer.done = 2 * TRANSIENT_EVERY - 3
         for index in range(len(trainer.photos)):
-            trainer.photos.target(index, COARSEST)  # kept from here on, as are tables after the first step
+            trainer.photos.target(index, SHRINK_FACTORS[0])  # kept from here on, as are tables after the first step
         trainer.step()
         yield trainer
 

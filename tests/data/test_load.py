@@ -41,10 +41,10 @@ def test_no_photos(tmp_path):
         load_collection(tmp_path)
 
 
-def test_photos_that_opencv_cannot_read_are_named(tmp_path):
-    for name in ("IMG_1.HEIC", "IMG_2.cr3", "a.avif", "b.GIF"):
+def test_photos_that_cannot_be_read_are_named(tmp_path):
+    for name in ("IMG_1.DNG", "IMG_2.cr3", "a.avif", "b.GIF"):
         (tmp_path / name).write_bytes(b"x")
-    with pytest.raises(BadInput, match="only .avif, .cr3, .gif, .heic photos.* Convert"):
+    with pytest.raises(BadInput, match="only .avif, .cr3, .dng, .gif photos.* Convert"):
         load_collection(tmp_path)
 
 

@@ -130,9 +130,9 @@ def test_photos_without_points_or_cameras(tmp_path):
     assert findings["scene"].advice == "Give that folder to use its cameras."
     assert findings["unusable photos"].figure.startswith("1 of 4 (photo_1.png (is not")
     assert findings["photos in other formats"].advice == ""
-    (tmp_path / "scene" / "images" / "IMG_1.HEIC").write_bytes(b"x")
+    (tmp_path / "scene" / "images" / "IMG_1.DNG").write_bytes(b"x")
     other = examined(tmp_path / "scene" / "images")[0]["photos in other formats"]
-    assert other.figure == "1 of 5 (IMG_1.HEIC)" and "JPEG" in other.advice
+    assert other.figure == "1 of 5 (IMG_1.DNG)" and "JPEG" in other.advice
 
 
 @pytest.mark.parametrize(("photos", "needed"), [(1, True), (3, False)])

@@ -8,10 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from core.data.photos.heif import FAULTS, decode_heif, is_heif, is_whole, size_and_exif
 from core.errors import BadInput
 
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what is wrong with a photo is said here, once
 
+UNKNOWN = "is not a photo that can be read"
 JPEG_START = b"\xff\xd8"
 JPEG_END = b"\xff\xd9"
 JPEG_EXIF = b"Exif\0\0"
@@ -29,7 +31,7 @@ class Header:
     exif: the EXIF block (a small TIFF file), or empty.
     """
 
-    kind: str  # "jpeg", "png", "webp" or "other"
+    kind: str  # "jpeg", "png", "webp", "heif" or "other"
     width: int
     height: int
     orientation: int = 1
@@ -52,7 +54,7 @@ def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
 
 
 def probe(path: Path) -> Header:
-    """The header of a photo. JPEG and PNG are not decoded; the few other formats are.
+    """The header of a photo. JPEG, PNG and HEIF are not decoded; the few other formats are.
 
     Raises BadInput for a file that is missing, empty, truncated or not a photo. OpenCV decodes a truncated JPEG with its lower part grey
     and reports nothing, so the end of the file is checked here.
@@ -78,28 +80,32 @@ def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
 
 
 def peek(path: Path, data: bytes | mmap.mmap) -> Header:
-    """As `read_header`, but nothing is decoded: width and height are 0 unless it is a JPEG or PNG, and only these are checked to be whole."""
+    """As `read_header`, but nothing is decoded: width and height are 0 unless it is a JPEG, PNG or HEIF, and only these are checked to be whole."""
     if data[:2] == JPEG_START:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:
         return _read_png(path, data)
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return _read_webp(data)
+    if is_heif(data):
+        return _read_heif(path, data[:])
     return Header("other", 0, 0)
 
 
 def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
-    """The file's bytes decoded by OpenCV; raises BadInput if it cannot."""
+    """The file's bytes decoded by OpenCV, with its `flags`, or as `decode_heif`, without; raises BadInput if that cannot be done."""
     if not data:
         raise bad_photo(path, "is empty")
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        pixels = decode_heif(data) if is_heif(data) else cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except FAULTS:
+        pixels = None
     except cv2.error as problem:
         if problem.code == cv2.Error.StsNoMem:
             raise
         pixels = None  # such as more than 2^30 pixels
     if pixels is None:
-        raise bad_photo(path, "is not a photo that can be read")
+        raise bad_photo(path, UNKNOWN)
     return pixels
 
 
@@ -170,6 +176,16 @@ def _read_webp(data: bytes | mmap.mmap) -> Header:
             break
         position = body + length + length % 2
     return Header("webp", 0, 0, orientation_of(exif), exif)
+
+
+def _read_heif(path: Path, data: bytes) -> Header:
+    if not is_whole(data):
+        raise bad_photo(path, TRUNCATED)
+    try:
+        size, exif = size_and_exif(data)
+    except FAULTS:
+        raise bad_photo(path, UNKNOWN) from None
+    return Header("heif", *size, exif=without_orientation(exif.removeprefix(JPEG_EXIF)))
 
 
 def orientation_of(exif: bytes) -> int:

@@ -8,10 +8,10 @@ from pathlib import Path
 from core.data.made import digest, is_of_run, is_of_wegs
 from core.errors import BadInput
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe")
-# Formats of cameras and phones that OpenCV cannot read (.avif only in some builds, and not turned as the file says); no .gif is a photo.
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe", ".heic", ".heif", ".hif")
+# Formats of cameras and phones that cannot be read (OpenCV reads .avif only in some builds, and not turned as the file says); no .gif is a photo.
 UNREADABLE_SUFFIXES = (
-    ".heic", ".heif", ".hif", ".avif", ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw",
+    ".avif", ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw",
 )  # fmt: skip
 LEVELS = 3  # how deep to look for photos in subfolders: phone scanners nest theirs that deep
 START_BYTES = 1 << 16  # of files of one size, compared before the whole of them

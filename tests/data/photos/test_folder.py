@@ -4,16 +4,16 @@ from core.data.photos.folder import START_BYTES, copies_among, list_photos, list
 
 
 def test_list_is_sorted_flat_and_without_hidden_files(tmp_path):
-    for name in ("b.JPG", "a.png", "c.jfif", "d.jpe", ".hidden.jpg", "notes.txt"):
+    for name in ("b.JPG", "a.png", "c.jfif", "d.jpe", "e.HEIC", ".hidden.jpg", "notes.txt"):
         (tmp_path / name).write_bytes(b"x")
     (tmp_path / "folder.jpg").mkdir()
-    assert [path.name for path in list_photos(tmp_path)] == ["a.png", "b.JPG", "c.jfif", "d.jpe"]
+    assert [path.name for path in list_photos(tmp_path)] == ["a.png", "b.JPG", "c.jfif", "d.jpe", "e.HEIC"]
 
 
 def test_photos_of_cameras_and_phones_are_told_from_other_files(tmp_path):
-    for name in ("a.HIF", "b.jxl", "c.pef", "d.SRW", "e.heic", "notes.txt", "f.jpg"):
+    for name in ("a.AVIF", "b.jxl", "c.pef", "d.SRW", "e.dng", "notes.txt", "f.jpg", "g.heic"):
         (tmp_path / name).write_bytes(b"x")
-    assert [path.name for path in list_unreadable(tmp_path)] == ["a.HIF", "b.jxl", "c.pef", "d.SRW", "e.heic"]
+    assert [path.name for path in list_unreadable(tmp_path)] == ["a.AVIF", "b.jxl", "c.pef", "d.SRW", "e.dng"]
 
 
 def test_files_that_only_begin_alike_are_no_copies(tmp_path):

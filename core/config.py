@@ -24,6 +24,10 @@ STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
 # 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 2.6 times as many Gaussians per pixel gained nothing on 65 photos
 # of Liberty at full size.
 STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
+# With looks these are learned first: else dark or bright Gaussians before single cameras explain the light, and they have to go
+# later. Without, there is nothing to wait for: as in plain 3DGS.
+WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
+WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0, "exposure_jitter": 0.0}
 
 
 def budget(photos: int, pixels: int) -> dict[str, int]:
@@ -174,7 +178,7 @@ class Settings:
 
     densify_from: float = setting(
         UNDECIDED,
-        "Fraction at which growth starts. auto: 0.12, or 0.02 without looks.",
+        f"Fraction at which growth starts. auto: {WITH_LOOKS['densify_from']}, or {WITHOUT_LOOKS['densify_from']:g} without looks.",
         low=0,
         high=1,
         auto=True,
@@ -192,7 +196,8 @@ class Settings:
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
     prune_contribution: float = setting(
         UNDECIDED,
-        "After growth, Gaussians that make up this share of no pixel are removed. auto: 0.2, or 0 without looks.",
+        "After growth, Gaussians that make up this share of no pixel are removed. "
+        f"auto: {WITH_LOOKS['prune_contribution']}, or {WITHOUT_LOOKS['prune_contribution']:g} without looks.",
         low=0,
         high=1,
         auto=True,
@@ -201,7 +206,8 @@ class Settings:
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, at first a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(
         UNDECIDED,
-        "Fraction at which the geometry begins to move; until then only looks are learned. auto: 0.1, or 0 without looks.",
+        "Fraction at which the geometry begins to move; until then only looks are learned. "
+        f"auto: {WITH_LOOKS['geometry_from']}, or {WITHOUT_LOOKS['geometry_from']:g} without looks.",
         low=0,
         high=1,
         auto=True,
@@ -284,10 +290,6 @@ def check(item, value: Any) -> None:
         raise BadSetting(f"{item.name}={value!r} is too large.", f"The most is {rules['high']}.")
 
 
-# With looks these are learned first: else dark or bright Gaussians before single cameras explain the light, and they have to go
-# later. Without, there is nothing to wait for: as in plain 3DGS.
-WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
-WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0, "exposure_jitter": 0.0}
 DECIDABLE = ("appearance", "transients", "sh_degree", "sky", "transparency", *LEAST, *WITHOUT_LOOKS)  # what may be left to the data
 
 # What each preset changes. Command line beats preset beats default.

@@ -20,11 +20,9 @@ def rows() -> list[dict]:
         return list(csv.DictReader(file, delimiter="\t"))
 
 
-def test_names() -> list[str]:
+def names_of_test_photos() -> list[str]:
     return [Path(row["filename"]).stem for row in rows() if row["split"] == "test"]
 
-
-test_names.__test__ = False
 
 
 def picture(path: str) -> np.ndarray:
@@ -58,7 +56,7 @@ def test_list_photos_and_model_name_the_same_photos(model):
     listed = {row["filename"]: int(float(row["id"])) for row in rows()}
     assert set(listed) == {file.name for file in (PLAZA / "dense" / "images").iterdir()}
     assert listed == {image.name: number for number, image in model.images.items()}
-    assert len(listed) == 60 and len(test_names()) == 8
+    assert len(listed) == 60 and len(names_of_test_photos()) == 8
     for image in model.images.values():
         camera = model.cameras[image.camera_id]
         assert picture(f"dense/images/{image.name}").shape == (camera.height, camera.width, 3)
@@ -67,14 +65,14 @@ def test_list_photos_and_model_name_the_same_photos(model):
 def test_truth_is_complete():
     for row in rows():
         assert mask(Path(row["filename"]).stem).shape == picture(f"dense/images/{row['filename']}").shape[:2]
-    assert {file.stem for file in (PLAZA / "truth" / "clean").iterdir()} == set(test_names())
+    assert {file.stem for file in (PLAZA / "truth" / "clean").iterdir()} == set(names_of_test_photos())
     for style in STYLES:
         picture(f"styles/{style}.jpg")
         rendered = {file.stem for file in (PLAZA / "truth" / "styles" / style).iterdir()}
-        assert len(rendered) == 3 and rendered <= set(test_names())
+        assert len(rendered) == 3 and rendered <= set(names_of_test_photos())
 
 
-@pytest.mark.parametrize("name", test_names())
+@pytest.mark.parametrize("name", names_of_test_photos())
 def test_clean_truth_is_the_photo_without_the_passers_by(name):
     """Outside the mask only grain, JPEG and the passers-by's own shadows differ; inside it other things are seen."""
     photo, clean = picture(f"dense/images/{name}.jpg"), picture(f"truth/clean/{name}.png")

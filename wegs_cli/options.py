@@ -14,18 +14,10 @@ from core.errors import BadInput, BadSetting
 
 FIELDS = {item.name: item for item in fields(Settings)}
 # Settings that have an option of their own; --set and --config reach all of them.
-FLAGS = {
-    "steps": ("--steps",),
-    "resolution": ("-r", "--resolution"),
-    "all_photos": ("--all-photos",),
-    "max_gaussians": ("--max-gaussians",),
-    "sh_degree": ("--sh-degree",),
-    "appearance": ("--appearance",),
-    "transients": ("--transients",),
-    "seed": ("--seed",),
-    "device": ("--device",),
-    "backend": ("--backend",),
-}
+FLAGS = (
+    "steps", "resolution", "all_photos", "max_gaussians", "sh_degree", "appearance", "transients", "seed", "device", "backend",
+)  # fmt: skip
+SHORT = {"resolution": ("-r",)}
 
 
 class AutoOrWhole(click.IntRange):
@@ -40,10 +32,11 @@ class AutoOrWhole(click.IntRange):
         return AUTO if value == AUTO else super().convert(value, param, ctx)
 
 
-def setting_option(name: str, *flags: str) -> Callable:
+def setting_option(name: str) -> Callable:
     """A click option for the field `name` of Settings: None unless typed, so that a preset can apply."""
     item = FIELDS[name]
     rules = item.metadata
+    flags = *SHORT.get(name, ()), "--" + name.replace("_", "-")
     if item.type is bool:
         return click.option(*flags, name, is_flag=True, default=None, help=rules["help"])
     if rules["choices"]:
@@ -51,7 +44,7 @@ def setting_option(name: str, *flags: str) -> Callable:
     elif rules["auto"]:
         kind = AutoOrWhole(rules["low"], rules["high"])
     else:
-        kind = {int: click.IntRange, float: click.FloatRange}[item.type](rules["low"], rules["high"])
+        kind = click.IntRange(rules["low"], rules["high"])
     return click.option(*flags, name, type=kind, default=None, help=f"{rules['help']}  [default: {shown_default(name)}]")
 
 
@@ -70,7 +63,7 @@ def settings_options(command: Callable) -> Callable:
             type=click.Choice(list(PRESETS)),
             help="Settings to start from; other options override them.  [default: default]",
         ),
-        *(setting_option(name, *flags) for name, flags in FLAGS.items()),
+        *map(setting_option, FLAGS),
         click.option(
             "--config",
             type=click.Path(path_type=Path),
@@ -101,7 +94,7 @@ def settings_from(
     try:
         return preset(str(chosen.pop("preset"))).changed(**chosen)
     except BadSetting as problem:
-        if any(re.search(rf"\b{name}\b", problem.what) for name in written.keys() - values.keys()):
+        if any(re.search(rf"\b{re.escape(name)}\b", problem.what) for name in written.keys() - values.keys()):
             raise BadSetting(f"{config}: {problem.what}", problem.fix) from None
         raise
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from core.errors import BadSetting, command
 from wegs_cli.options import settings_from, settings_options, settings_table
@@ -32,10 +33,12 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
     if resume:
         from core.data.made import is_of_run
 
-        given = ["--" + name.replace("_", "-") for name, value in typed.items() if value is not None]
-        words = (("SCENE", scene), ("--masks", masks), ("--preset", preset_name), ("--config", config))
-        given += [word for word, value in words if value]
-        given += ["--set"] * bool(assignments) + ["--force"] * force
+        context = click.get_current_context()
+        given = [
+            "SCENE" if parameter.name == "scene" else parameter.opts[-1]
+            for parameter in context.command.params
+            if parameter.name not in ("resume", "output") and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
+        ]
         if given == ["SCENE"] and output is None and is_of_run(scene):
             fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
             raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)

@@ -13,6 +13,7 @@ from core.bench.rendering import rendering_figure
 from core.bench.training import Course, checks, training_figure
 from core.config import LEAST, PRESETS, Settings, preset
 from core.data.collection import Collection, spread_over
+from core.data.made import scene_beside
 from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
@@ -79,7 +80,7 @@ def bench(
     trained = None if run_folder is None else open_run(run_folder, report)  # fails now, not after minutes
     collection = None
     if scene is not None:
-        collection = prepared(scene, output.parent / f"{scene.resolve().name or 'scene'}-scene", report)
+        collection = prepared(scene, scene_beside(output, scene), report)
     names = _measurable(names, trained, collection, report)
     figures = []
 

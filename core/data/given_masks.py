@@ -25,7 +25,8 @@ def check_masks(folder: Path, photos: Sequence[str]) -> None:
     photos: the names of plain photos; none if they are not known yet.
     """
     if not folder.is_dir():
-        raise BadInput(f"There is no folder {folder}.", "Give --masks a folder with one mask a photo.")
+        what = f"{folder} is a file, not a folder." if folder.exists() else f"There is no folder {folder}."
+        raise BadInput(what, "Give --masks a folder with one mask a photo.")
     if next((path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES), None) is None:
         raise BadInput(f"{folder} holds no pictures.", "Give --masks a folder with one mask a photo.")
     if photos:

@@ -57,10 +57,7 @@ def find_kind(path: Path) -> str:
     A folder of triangulated points is of the kind of the scene whose points they are. A model beats a transforms.json.
     Raises BadInput for anything else.
     """
-    if not path.exists():
-        raise BadInput(f"There is no folder {path}.", "Give the folder that holds your photos.")
-    if not path.is_dir():
-        raise not_a_folder(path)
+    check_folder(path)
     scene, kind = scene_of(path) or (None, None)
     if kind in POSED:
         if not scene.is_dir():
@@ -73,14 +70,18 @@ def find_kind(path: Path) -> str:
     return "photos"
 
 
-def not_a_folder(path: Path) -> BadInput:
-    """The error for a file given as a scene."""
+def check_folder(path: Path) -> None:
+    """Raise BadInput unless there is such a folder; for a film or a scene's file it says what to do."""
     fix = "Give the folder that holds your photos."
+    if path.is_dir():
+        return
+    if not path.exists():
+        raise BadInput(f"There is no folder {path}.", fix)
     if path.suffix.lower() in VIDEO_SUFFIXES:
         fix = f"Take pictures out of it: mkdir photos; {command('ffmpeg', '-i', path, '-vf', 'fps=2', 'photos/%04d.png')}"
     elif path.name in (NERFSTUDIO_FILE, *BLENDER_FILES.values()):
         fix = f"Give the folder it is in: {path.parent}"
-    return BadInput(f"{path} is a file, not a folder.", fix)
+    raise BadInput(f"{path} is a file, not a folder.", fix)
 
 
 def kind_with_cameras(path: Path) -> str | None:
@@ -104,8 +105,9 @@ def posed_kind(path: Path) -> str | None:
 
 
 def check_cameras_unknown(path: Path) -> None:
-    """Raise BadInput for a folder with cameras but no plain photos: there is nothing for structure from motion to do."""
-    if path.is_dir() and (kind := kind_with_cameras(path)) and not list_photos(path):
+    """Raise BadInput for what is no folder, and for one with cameras but no plain photos: there is nothing for structure from motion to do."""
+    check_folder(path)
+    if (kind := kind_with_cameras(path)) and not list_photos(path):
         fix = f"Type: {command('wegs', 'train', path)} (or name the folder of its photos, to have them found anew)."
         raise BadInput(f"{path} is a {kind} scene, which has cameras.", fix)
 

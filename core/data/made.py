@@ -13,6 +13,11 @@ CONFIG = "config.json"  # of a run
 FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interpolation writes, the first two always
 
 
+def scene_beside(output: Path, scene: Path) -> Path:
+    """Where the cameras or points that `scene` lacks are kept: beside what is made of it."""
+    return output.absolute().parent / f"{scene.resolve().name or 'scene'}-scene"
+
+
 def made_once(wanted: Path, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report) -> Path:
     """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds, or that does not exist yet; that one is made by `make`.
 
@@ -31,11 +36,6 @@ def made_once(wanted: Path, is_it: Callable[[Path], bool], make: Callable[[Path]
                 raise
     report.say(f"{what} before in {folder}; remove it to have them found again.")
     return folder
-
-
-def write_mark(path: Path, facts: dict) -> None:
-    """Write facts for `read_mark`."""
-    path.write_text(json.dumps(facts, indent=1), encoding="utf-8")
 
 
 def read_mark(path: Path) -> dict:

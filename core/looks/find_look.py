@@ -12,7 +12,7 @@ from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
 from core.data.made import read_mark
 from core.data.photos.file import probe
-from core.data.photos.pixels import read_light
+from core.data.photos.pixels import mask_size, read_light
 from core.data.sfm import originals
 from core.errors import BadInput
 from core.looks import saved_look
@@ -113,7 +113,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
     if mask is not None:
-        size = probe(mask).displayed
+        size = mask_size(mask)
         photo = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, size_for_mask(photo))
     kind = "training" if row is not None else "held-out"
@@ -128,7 +128,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
 def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:
     _refuse_unknown_to_table(trained, str(path))
     if mask is not None:
-        check_fits(mask, probe(mask).displayed, probe(path).displayed)
+        check_fits(mask, mask_size(mask), probe(path).displayed)
     pixels = read_light(path, mask)
     height, width = pixels.shape[:2]
     if min(height, width) < SMALLEST_PHOTO_PX:

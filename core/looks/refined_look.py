@@ -41,8 +41,8 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
 
     try:
         known = landmarks_of_run(trained, report)
-    except BadInput:
-        return as_read("the scene is gone, or its cameras were found anew, since the training")
+    except BadInput as problem:
+        return as_read(problem.what.removesuffix("."))
     try:
         found = locate(path, known, report, mask)
         if found is None:

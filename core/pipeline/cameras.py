@@ -13,10 +13,8 @@ from core.report import QUIET, Report
 def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
     """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
     check_cameras_unknown(photos)
-    folder = photos
-    if photos.is_dir():
-        folder = find_photos(photos)
-        warn_of_others(photos, folder, report)
+    folder = find_photos(photos)
+    warn_of_others(photos, folder, report)
     reconstruct(folder, output, report)
     copy_lists((folder, photos), output)
     if words := originals.shortfall(output):

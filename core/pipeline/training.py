@@ -6,6 +6,7 @@ import core.rasterizer
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.given_masks import check_masks, with_masks_in, with_same_masks
+from core.data.made import scene_beside
 from core.data.photos.folder import list_photos
 from core.data.prepare import prepared
 from core.data.sfm.kept_points import home_of
@@ -52,7 +53,7 @@ def train(
     with new_run(output, name, force) as folder:
         if run_folders.is_run(folder):
             check_apart(folder, [scene] if masks is None else [scene, masks])
-        collection = prepared(scene, folder.parent / f"{name}-scene", report, settings.all_photos)
+        collection = prepared(scene, scene_beside(folder, scene), report, settings.all_photos)
         if masks is not None:
             collection = with_masks_in(collection, masks)
         tell_collection(collection, report)

@@ -17,19 +17,15 @@ SPIKE = 10.0  # times the usual picture loss
 # No photo alone costs that much: L1 and SSIM against a render in [0, 1] stay below 1.6, exposure jitter included. So an
 # odd photo (black, white, of another place) is never taken for a spike; the render has left the range.
 LEAST_SPIKE = 2.0
-ALL_GONE = (
-    "The last Gaussians were removed as faint, large, far from the points or of no use; only the sky is left, if any. "
-    "Look at the scene with `wegs doctor`, and at the settings prune_opacity, largest_scale and reach."
-)
 
 
-def usual_loss(row: int, last_losses: list[float | None]) -> float:
-    """The picture loss that a photo usually has: its own last one or, if larger, the median of all; infinity if none is known.
+def usual_loss(last_losses: list[float | None]) -> float:
+    """The picture loss that photos usually have, the median; infinity if none is known.
 
     last_losses: the picture loss of each photo when it was last trained on, None where it was not yet.
     """
     known = [loss for loss in last_losses if loss is not None]
-    return max(median(known), last_losses[row] or 0.0) if known else math.inf
+    return median(known) if known else math.inf
 
 
 def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: float) -> Bool[Tensor, ""]:

@@ -131,7 +131,7 @@ class Trainer:
         progress = self.done / self.settings.steps
         index = self._next_photo()
         self.order.pop()
-        usual = guards.usual_loss(index, self.last_losses)
+        usual = guards.usual_loss(self.last_losses)
         foreseen, self.foreseen = self.foreseen, None
         reading, on_the_way = self.one_step.take(self.gaussians, index, self.done, usual, self.mask_mean, foreseen)
         self.done += 1
@@ -204,7 +204,7 @@ class Trainer:
             self.control_density()
         if self.done in self.prune_at:
             self.prune_by_contribution()
-        return [guards.ALL_GONE] if before and not self.gaussians.solid else []
+        return [densify.ALL_GONE] if before and not self.gaussians.solid else []
 
     def control_density(self) -> None:
         """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""

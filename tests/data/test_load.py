@@ -176,7 +176,10 @@ def test_cameras_that_are_known_are_not_looked_for(tmp_path):
         check_cameras_unknown(tmp_path)
     save_photo(tmp_path / "a.jpg")
     check_cameras_unknown(tmp_path)  # plain photos as well: their cameras may be wanted anew
-    check_cameras_unknown(tmp_path / "nowhere")
+    (tmp_path / "film.mp4").touch()
+    for name, match in (("nowhere", "There is no folder"), ("a.jpg", "a.jpg is a file"), ("film.mp4", "is a file, not a folder. .*ffmpeg")):
+        with pytest.raises(BadInput, match=match):
+            check_cameras_unknown(tmp_path / name)
 
 
 def test_one_photo(tmp_path):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from core import pipeline
-from core.data.made import write_mark
 from core.data.prepare import prepared
 from core.data.sfm import originals
 from core.doctor import Finding, examine
 from core.doctor.finding import verdict
+from core.system.atomic import write_json
 from tests.data.converted import changed, write_blender, write_nerfstudio
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 from tests.doctor.examined import asked_for, examined
@@ -177,9 +177,9 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place)
 def mark_as_made(scene, placed, total, focal_px):
     """As if `placed` of `total` photos of 160 x 120 px had got a place."""
     lens = {"model": "SIMPLE_PINHOLE", "width": WIDTH, "height": HEIGHT, "params": [focal_px, WIDTH / 2, HEIGHT / 2]}
-    write_mark(scene / originals.FILES, {})
-    write_mark(scene / originals.NAMES, {f"/photos/{number}.png": f"{number}.png" for number in range(total)})
-    write_mark(scene / originals.LENSES, {f"{number}.png": lens for number in range(placed)})
+    write_json(scene / originals.FILES, {})
+    write_json(scene / originals.NAMES, {f"/photos/{number}.png": f"{number}.png" for number in range(total)})
+    write_json(scene / originals.LENSES, {f"{number}.png": lens for number in range(placed)})
 
 
 @pytest.mark.parametrize(
@@ -198,6 +198,7 @@ def test_a_scene_that_lost_most_of_its_photos_says_so(tmp_path, placed, focal_px
     heard = Heard()
     prepared(scene, tmp_path / "made", heard)
     monkeypatch.setattr("core.pipeline.cameras.reconstruct", lambda photos, output, report: output)
+    save_photos(tmp_path / "photos", 2)
     pipeline.find_cameras(tmp_path / "photos", scene, heard)
     assert heard.lines == [f"! {originals.shortfall(scene)}"] * 2 * bool(words) + [f"Next: wegs train {scene}"]
     found = examined(scene)[0]["photos placed"]

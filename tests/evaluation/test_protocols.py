@@ -155,9 +155,6 @@ def test_bad_requests_are_refused():
     assert math.isfinite(measure(Flat(), view(valid=left), "full", refine=False)[0].scores["photo"]["zero_shot"].psnr)
 
 
-# --- a real subject
-
-
 # --- truth and results as files
 
 

@@ -7,12 +7,12 @@ import cv2
 import pytest
 import torch
 
-from core.data.made import write_mark
 from core.data.sfm import originals
 from core.errors import BadInput
 from core.looks.find_look import find_look, find_view
 from core.looks.outside import light_in_words
 from core.looks.trained import TrainedRun
+from core.system.atomic import write_json
 from tests.small import finished, small_collection, small_settings
 
 
@@ -57,8 +57,8 @@ def test_a_view_is_called_as_a_look_is(trained):
 
 def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
     names = [*(photo.name for photo in trained.collection.photos), "lost.jpg"]
-    write_mark(tmp_path / originals.FILES, {f"/photos/{name}": [1, 1] for name in (*names, "garbled.jpg")})
-    write_mark(tmp_path / originals.NAMES, {f"/photos/{name}": name for name in names})
+    write_json(tmp_path / originals.FILES, {f"/photos/{name}": [1, 1] for name in (*names, "garbled.jpg")})
+    write_json(tmp_path / originals.NAMES, {f"/photos/{name}": name for name in names})
     made = replace(trained, collection=replace(trained.collection, root=tmp_path))
     for word, name in (("lost.jpg", "lost.jpg"), ("lost", "lost.jpg"), ("elsewhere/lost.jpg", "lost.jpg"), ("garbled.jpg", "garbled.jpg")):
         said = f"{name} was left out when the cameras were found."

@@ -12,7 +12,6 @@ import torch
 
 import core.rasterizer
 from core.appearance.tone import band_means, tone_between, toned
-from core.data.made import write_mark
 from core.data.sfm import originals
 from core.errors import BadInput
 from core.export.pictures import to_8_bit, write_png
@@ -20,6 +19,7 @@ from core.looks import saved_look
 from core.looks.find_look import find_look
 from core.looks.outside import _shares
 from core.looks.trained import TrainedRun, bake, blend
+from core.system.atomic import write_json
 from tests.small import finished, whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
 
@@ -197,8 +197,8 @@ def test_the_file_that_a_training_photo_was_made_of_has_its_look(trained, tmp_pa
     original = tmp_path / "original.png"
     original.write_bytes(photo.path.read_bytes())
     root.mkdir()
-    write_mark(root / originals.FILES, originals.files_of(tmp_path))
-    write_mark(root / originals.NAMES, {str(original.resolve()): photo.name})
+    write_json(root / originals.FILES, originals.files_of(tmp_path))
+    write_json(root / originals.NAMES, {str(original.resolve()): photo.name})
     made = replace(trained, collection=replace(trained.collection, root=root))
     look, by_name = find_look(made, str(original)), find_look(made, photo.name)
     assert look.source == by_name.source and torch.equal(look.embedding, by_name.embedding)

@@ -18,7 +18,7 @@ from core.export.ply import read_ply
 from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
 from core.rasterizer import create
-from core.training.guards import ALL_GONE
+from core.training.gaussians.densify import ALL_GONE
 from core.training.losses import mask_weights
 from core.training.on_disk import checkpoint
 from core.training.on_disk.mask_files import write_masks

@@ -1,5 +1,7 @@
 """The pixels of photos: as displayed, undistorted, at the size wanted."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import numpy as np
 
 from core.data.collection import Photo
 from core.data.photos import distortion
-from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, peek
+from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, peek, probe
 from core.data.photos.fill import fill
 from core.errors import BadInput
 
@@ -120,10 +122,8 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
     Transparent is not white: many programs save selections like that; of a cut-out only the transparency counts. Raises BadInput like
     `read_pixels`, and for what is grey or coloured.
     """
-    try:
+    with _called_a_mask():
         header, pixels, alpha = _read_file(path)
-    except BadInput as problem:
-        raise BadInput(f"The mask {problem.what}", problem.fix) from None
     shade = pixels.mean(axis=2)
     shade = 255 * shade if shade.max() == 1 else shade  # 0 and 1 are black and white in many programs that make masks
     grey = ((shade > GREY[0]) & (shade < GREY[1]) & (True if alpha is None else alpha > 0)).mean()
@@ -137,6 +137,20 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
         found, seen = distortion.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(*size[::-1]))
         return (found[..., 0] >= 128) | ~seen
     return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
+
+
+def mask_size(path: Path) -> tuple[int, int]:
+    """Width and height (px) of a mask as displayed. Raises BadInput like `read_pixels`."""
+    with _called_a_mask():
+        return probe(path).displayed
+
+
+@contextmanager
+def _called_a_mask() -> Iterator[None]:
+    try:
+        yield
+    except BadInput as problem:
+        raise BadInput(f"The mask {problem.what}", problem.fix) from None
 
 
 def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path | None) -> np.ndarray:

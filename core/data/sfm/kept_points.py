@@ -6,12 +6,12 @@ from pathlib import Path
 from core.data.collection import Collection
 from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
-from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to, write_mark
+from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to
 from core.data.posed import Points
 from core.data.sfm.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import replacing_folder
+from core.system.atomic import replacing_folder, write_json
 from core.words import counted
 
 MARK = "triangulated.json"  # in a folder of points: whose they are, and what they were made of
@@ -45,7 +45,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
                 raise BadInput(f"{what}.", fix)
             (work / "scene" / MODEL).mkdir(parents=True)
             model.write(work / "scene" / MODEL)
-            write_mark(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
+            write_json(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
         report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
 
     return made_once(wanted, are_there, make, "Points as triangulated", report)

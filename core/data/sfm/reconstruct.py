@@ -11,7 +11,6 @@ import pycolmap
 
 import core
 from core.data.formats.model_file import quiet
-from core.data.made import write_mark
 from core.data.photos.distortion import lens_of
 from core.data.photos.file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
 from core.data.photos.folder import copies_among, list_photos, list_unreadable, no_photos
@@ -24,7 +23,7 @@ from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import files_in, replacing_folder
+from core.system.atomic import files_in, replacing_folder, write_json
 from core.words import counted, name_them
 
 JPEG_SUFFIXES = (".jpg", ".jpeg")
@@ -47,8 +46,6 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
     if output.exists() and (not output.is_dir() or files_in(output)):
         raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
-    if not photos.is_dir():
-        raise BadInput(f"There is no folder {photos}.", "Give the folder that holds your photos.")
     paths = list_photos(photos)
     if not paths:
         raise no_photos(photos)
@@ -70,9 +67,9 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         model = map_photos(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies, new / "scene")
-        write_mark(new / "scene" / FILES, made_of)
+        write_json(new / "scene" / FILES, made_of)
         originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
-        write_mark(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
+        write_json(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]
     for line in name_them("without a place among the others, left out", lost):
         report.warn(line)
@@ -161,4 +158,4 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
     (scene / "sparse").mkdir(parents=True)
     os.replace(undistorted / "images", scene / "images")
     os.replace(undistorted / "sparse", scene / "sparse" / "0")
-    write_mark(scene / LENSES, lenses)
+    write_json(scene / LENSES, lenses)

@@ -15,6 +15,10 @@ SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split,
 SPLIT_SHRINK = 1.6  # 3DGS
 LEAST_KEPT = 1 / 4  # of the Gaussians, whatever they contribute: after few steps none are opaque yet
 GRADIENT_THRESHOLD = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
+ALL_GONE = (
+    "The last Gaussians were removed as faint, large, far from the points or of no use; only the sky is left, if any. "
+    "Look at the scene with `wegs doctor`, and at the settings prune_opacity, largest_scale and reach."
+)
 
 
 def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int, taken: Tensor) -> None:

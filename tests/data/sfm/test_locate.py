@@ -4,12 +4,14 @@ import shutil
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 import torch
 
 from core.data import load_collection
+from core.data.sfm.features import DATABASE
 from core.data.sfm.landmarks import landmarks_of
-from core.data.sfm.locate import locate
+from core.data.sfm.locate import QUERY, locate
 from core.errors import BadInput
 from core.report import Report
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
@@ -70,6 +72,21 @@ def test_what_a_mask_hides_is_not_looked_for(known, between, tmp_path):
     assert cv2.imwrite(str(tmp_path / "mask.png"), np.pad(np.full((HEIGHT, 40), 255, np.uint8), ((0, 0), (0, WIDTH - 40))))
     whole, masked = locate(between[0], known, Report()), locate(between[0], known, Report(), tmp_path / "mask.png")
     assert masked is None or masked.matched < whole.matched / 2
+
+
+def test_no_feature_lies_where_a_mask_hides_the_photo(known, between, tmp_path, monkeypatch):
+    def found(work, *_):
+        with pycolmap.Database.open(work / DATABASE) as database:
+            keypoints.append(database.read_keypoints(database.read_image_with_name(QUERY).image_id)[:, :2].astype(int))
+        return np.zeros((0, 2)), np.zeros((0, 3))
+
+    keypoints = []
+    monkeypatch.setattr("core.data.sfm.locate._matched", found)
+    white = np.tile(np.arange(WIDTH) // 16 % 2 == 0, (HEIGHT, 1))
+    assert cv2.imwrite(str(tmp_path / "stripes.png"), 255 * white.astype(np.uint8))
+    assert locate(between[0], known, Report(), tmp_path / "stripes.png") is None
+    column, row = keypoints[0].T
+    assert len(column) > 20 and white[row, column].all()
 
 
 def test_a_photo_of_which_its_mask_leaves_nothing_is_refused(known, between, tmp_path):

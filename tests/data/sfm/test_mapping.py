@@ -7,11 +7,11 @@ import numpy as np
 import pycolmap
 import pytest
 
-from core.data.made import write_mark
 from core.data.sfm import mapping
 from core.data.sfm.features import PHOTOS
 from core.data.sfm.originals import FILES, NAMES, placed_of, shortfall
 from core.data.sfm.reconstruct import _write_scene, reconstruct
+from core.system.atomic import write_json
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.real_data import real
@@ -124,8 +124,8 @@ def test_photos_that_were_dropped_count_as_lost(tmp_path):
         assert cv2.imwrite(str(tmp_path / PHOTOS / f"{index}.jpg"), np.full((120, 160, 3), 99, np.uint8))
     scene = tmp_path / "scene"
     _write_scene(tmp_path, found, {f"{index}.jpg": f"photo {index}.jpg" for index in range(6)}, scene)
-    write_mark(scene / FILES, {f"/{index}.jpg": [0, 0] for index in range(6)})
-    write_mark(scene / NAMES, {f"/{index}.jpg": f"photo {index}.jpg" for index in range(6)})
+    write_json(scene / FILES, {f"/{index}.jpg": [0, 0] for index in range(6)})
+    write_json(scene / NAMES, {f"/{index}.jpg": f"photo {index}.jpg" for index in range(6)})
     assert placed_of(scene) == (6, 2, 2) and shortfall(scene).startswith("Only 2 of 6 photos could be placed")
 
 

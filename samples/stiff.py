@@ -20,7 +20,7 @@ import numpy as np
 import pycolmap
 
 from core.config import preset
-from core.data.phototourism import read_split_table
+from core.data.split_table import read_split_table
 from samples.measurements.finished import measured
 from samples.measurements.seeds import cell, folder_name
 from wegs_cli.main import OneLineErrors

@@ -1,14 +1,13 @@
 """What every kind of photo collection is read into."""
 
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from core.data.photos.folder import names_without_suffixes
+from core.data.photos.names import names_without_suffixes
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -102,29 +101,6 @@ class Collection:
         if (photo := self.called(name)) is not None:
             return photo
         raise BadInput(f"There is no photo {name} in this run.", f"Choose another, such as {self.photos[0].name}.")
-
-
-def relative_path(name: str) -> Path:
-    """A photo's name as a path that cannot leave the folder it is joined to: some models name photos by whole paths, or through `..`."""
-    path = Path(name)
-    return Path(path.name) if path.is_absolute() else Path(*(part for part in path.parts if part != ".."))
-
-
-def png_paths(names: Iterable[str]) -> dict[str, Path]:
-    """A PNG's relative path for each of these photos, no two alike: a/0001.png for a/0001.jpg, or a/0001.jpg.png where there is an
-    a/0001.webp as well; numbered where that is not enough."""
-    paths = {name: relative_path(name) for name in names}
-    sharing = Counter(path.with_suffix(".png") for path in paths.values())
-    taken: dict[Path, str] = {}
-    for name, path in paths.items():
-        png, number = path.with_suffix(".png"), 1
-        if sharing[png] > 1:
-            png = path.with_name(f"{path.name}.png")
-        while png in taken:  # named by whole paths, or through `..`
-            number += 1
-            png = path.with_name(f"{path.name}-{number}.png")
-        taken[png] = name
-    return {name: png for png, name in taken.items()}
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:

@@ -6,9 +6,10 @@ from dataclasses import replace
 from math import log
 from pathlib import Path
 
-from core.data.collection import Collection, Photo, relative_path
+from core.data.collection import Collection, Photo
 from core.data.photos.file import named_with_fault, probe
-from core.data.photos.folder import SUFFIXES, list_photos, names_without_suffixes
+from core.data.photos.folder import SUFFIXES, list_photos
+from core.data.photos.names import names_without_suffixes, relative_path
 from core.data.photos.pixels import read_mask
 from core.data.sfm.originals import lenses_of
 from core.errors import BadInput

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from core.data.made import digest, read_mark
-from core.data.photos.folder import names_without_suffixes, without_suffix
-from core.data.phototourism import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
+from core.data.photos.names import names_without_suffixes, without_suffix
+from core.data.split_table import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
 from core.system.atomic import write_bytes, write_json
 from core.words import Note, list_names, name_them
 

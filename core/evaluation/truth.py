@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.data.collection import relative_path
+from core.data.photos.names import relative_path
 from core.data.photos.pixels import read_pixels
 from core.data.sfm.kept_points import home_of
 from core.errors import BadInput

@@ -10,7 +10,6 @@ import torch
 
 from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
-from core.data.made import read_mark
 from core.data.photos.file import probe
 from core.data.photos.pixels import mask_size, read_light
 from core.data.sfm import originals
@@ -100,10 +99,7 @@ def find_view(trained: TrainedRun, word: str | None) -> Photo:
 
 def _left_out(trained: TrainedRun, word: str) -> Path | None:
     """The file called `word`, with or without suffix, that structure from motion was given but could not place."""
-    root = trained.collection.root
-    names, placed = read_mark(root / originals.NAMES), originals.lenses_of(root)
-    lost = [Path(path) for path in read_mark(root / originals.FILES) if names and names.get(path) not in placed]
-    return next((path for path in lost if Path(word).name in (path.name, path.stem)), None)
+    return next((path for path in originals.left_out(trained.collection.root) if Path(word).name in (path.name, path.stem)), None)
 
 
 def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from core.data.photos.folder import names_without_suffixes
+from core.data.photos.names import names_without_suffixes
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
 from core.system.atomic import write_json

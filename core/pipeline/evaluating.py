@@ -1,17 +1,21 @@
 """A trained run and its held-out photos -> figures: what `wegs eval` does."""
 
 import time
+from collections.abc import Iterable
 from contextlib import nullcontext
 from pathlib import Path
+from statistics import fmean
 
-from core.data.collection import png_paths
+from core.data.collection import Photo
+from core.data.photos.names import png_paths
 from core.errors import BadInput
 from core.evaluation import LOOKS, lpips
-from core.evaluation.protocols import measure
+from core.evaluation.protocols import ViewPictures, ViewResult, measure
 from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
-from core.evaluation.sheet import picture_sheet, pictures_kept, row_of, write_view
+from core.evaluation.sheet import Row, picture_sheet, pictures_kept, row_of, write_view
 from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
+from core.looks.trained import TrainedRun
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
 from core.training.on_disk import run_folders
@@ -32,32 +36,20 @@ def evaluate(
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
     over = ", over white" if trained.transparent_is_empty else ""
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: {counted(len(photos), 'held-out photo')}, protocol {protocol}{over}")
-    distance = lpips.load()
-    if distance is None:
-        report.warn(f"LPIPS: {lpips.ABSENT}")
-    else:
-        distance = distance.to(trained.device)
+    distance = _lpips(trained, report)
     start = time.perf_counter()
-    views, rows, scales = [], [], []
-    paths = png_paths(photo.name for photo in photos)
-    through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
     kept = trained.folder / PICTURES / protocol
     with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:
-        for photo, (measured, pictures) in through:
-            views.append(measured)
-            scales.append(measured.width / photo.camera.width)
-            figures = (f"{LOOKS[look]} {score.psnr:.2f} dB" for look, score in measured.scores["photo"].items())
-            rows.append(row_of(pictures, ", ".join(figures)))
-            if work is not None:
-                write_view(work, paths[photo.name], pictures)
+        through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
+        views, rows, scale = _gathered(through, png_paths(photo.name for photo in photos), work)
     results = Results(
         protocol=protocol,
-        views=tuple(views),
+        views=views,
         run=trained.identity,
         gaussians=len(trained.splats),
         train_photos=len(trained.collection.split("train")),
         test_photos=len(photos),
-        scale=sum(scales) / len(scales),
+        scale=scale,
         lpips_backbone=None if distance is None else distance.backbone,
         seed=trained.settings.seed,
         steps=trained.step,
@@ -75,3 +67,26 @@ def evaluate(
     names = (*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[f"{PICTURES}/{protocol}/"] * keep_pictures)
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results
+
+
+def _lpips(trained: TrainedRun, report: Report) -> lpips.Lpips | None:
+    distance = lpips.load()
+    if distance is None:
+        report.warn(f"LPIPS: {lpips.ABSENT}")
+        return None
+    return distance.to(trained.device)
+
+
+def _gathered(
+    through: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]], paths: dict[str, Path], work: Path | None
+) -> tuple[tuple[ViewResult, ...], list[Row], float]:
+    """The figures of each photo, its row of the sheet, and the mean size of photos, 1 as on disk. work: where pictures are kept, if at all."""
+    views, rows, scales = [], [], []
+    for photo, (measured, pictures) in through:
+        views.append(measured)
+        scales.append(measured.width / photo.camera.width)
+        figures = (f"{LOOKS[look]} {score.psnr:.2f} dB" for look, score in measured.scores["photo"].items())
+        rows.append(row_of(pictures, ", ".join(figures)))
+        if work is not None:
+            write_view(work, paths[photo.name], pictures)
+    return tuple(views), rows, fmean(scales)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from core.data import find_kind, find_photos, load_collection, prepare
-from core.data.collection import png_paths, relative_path
 from core.data.load import check_cameras_unknown
+from core.data.photos.names import png_paths, relative_path
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from core.pipeline import cameras

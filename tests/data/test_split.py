@@ -3,8 +3,8 @@
 import pytest
 
 from core.data import load_collection
-from core.data.phototourism import read_split_table
 from core.data.split import split_photos
+from core.data.split_table import read_split_table
 from core.errors import BadInput
 from tests.data.small_scene import SmallScene
 from tests.real_data import real

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from core.data.collection import png_paths
+from core.data.photos.names import png_paths
 from core.evaluation.protocols import ViewPictures
 from core.evaluation.sheet import BLANK, error_picture, picture_sheet, pictures_kept, row_of, titles, write_view
 from core.export.labelled_sheet import GAP_PX, LABEL_PX

@@ -11,9 +11,9 @@ import pycolmap
 from core.data.formats.model_file import holds_model, lacking_files, photos_in_model, read_model
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
-from core.data.phototourism import find_tables
 from core.data.placing import PosedPhoto
 from core.data.posed import Points, Posed, usable_points
+from core.data.split_table import find_tables
 from core.errors import BadInput
 from core.words import Note, name_them
 

@@ -32,17 +32,6 @@ def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
 
 
-def names_without_suffixes(name: str) -> list[str]:
-    """What a photo may be called: its name, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
-    stem = without_suffix(name)
-    return [name, stem, *([without_suffix(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
-
-
-def without_suffix(name: str) -> str:
-    """The name of a photo, which may be a path, without its suffix."""
-    return name[: len(name) - len(Path(name).suffix)]
-
-
 def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
     """The files that equal an earlier one of `paths` byte for byte -> that one. Only files that begin alike are read to the end."""
     copies = {}

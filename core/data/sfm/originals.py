@@ -52,6 +52,12 @@ def placed_of(scene: Path) -> tuple[int, int, int] | None:
     return total, len(lenses), sum(is_usual(colmap_camera(lens)) for lens in lenses.values())
 
 
+def left_out(scene: Path) -> list[Path]:
+    """The files that structure from motion was given but could not place; none for a scene that wegs did not make."""
+    names, placed = read_mark(scene / NAMES), lenses_of(scene)
+    return [Path(path) for path in read_mark(scene / FILES) if names and names.get(path) not in placed]
+
+
 def shortfall(scene: Path) -> str:
     """A warning if the scene lost most of the photos it was made of, else nothing."""
     total, placed, plausible = placed_of(scene) or (0, 0, 0)

@@ -6,6 +6,8 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
+from core.training.losses.regularisers import mask_regulariser
+
 TYPICAL_ERROR = 0.05  # makes the weight of L_regM comparable with the picture's loss
 # The yardstick of an error, in chromaticity: what differs by less is light, or what is not learned yet. On training photos of plaza 79 %
 # of the passers-by differ by more and 27 % of the rest, on those of the Statue of Liberty 14 % of everything.
@@ -28,7 +30,7 @@ def mask_loss(
     Both are averaged down to the mask's cells, the image is brought into the photo's tone, and what is left between their
     chromaticities is the error: a passer-by changes it, shade and detail that is not learned yet hardly do. It counts in units of STRANGE,
     or of the photo's own large errors if these are larger; only what exceeds them pays. A place is best hidden by
-    1 - M = TYPICAL_ERROR * (error / yardstick - 1) / (2 * regularisation). L_regM is the mean of (1 - M)^2. Where the photo is
+    1 - M = TYPICAL_ERROR * (error / yardstick - 1) / (2 * regularisation). Where the photo is
     black (or says nothing, as under a given mask) there is no error.
     """
     pictures = image.detach().permute(2, 0, 1), photo
@@ -37,7 +39,7 @@ def mask_loss(
     error = (tints[0] - tints[1]).abs().mean(dim=0, keepdim=True)
     error = smoothed(torch.where(wanted.amax(dim=0, keepdim=True) > 0, error, 0))
     excess = (error / quantile(error, USUAL).clamp_min(STRANGE) - 1).clamp(0, LARGEST_EXCESS)
-    return TYPICAL_ERROR * (mask * excess).mean() + regularisation * ((1 - mask) ** 2).mean()
+    return TYPICAL_ERROR * (mask * excess).mean() + regularisation * mask_regulariser(mask)
 
 
 def chromaticity(colours: Float[Tensor, "2 3 h w"]) -> Float[Tensor, "2 3 h w"]:

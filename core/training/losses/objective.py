@@ -42,7 +42,8 @@ class Objective:
             return self.zero
         if settings.mask_loss == "paper":
             shown = mask_weights.enlarged(mask, *image.shape[:2])
-            return photometric_of_mask(image, target, shown, settings.ssim_weight) + settings.mask_regularisation * ((1 - mask) ** 2).mean()
+            penalty = settings.mask_regularisation * regularisers.mask_regulariser(mask)
+            return photometric_of_mask(image, target, shown, settings.ssim_weight) + penalty
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
         return mask_loss(mask, image, target.planes, settings.mask_regularisation)

@@ -1,4 +1,4 @@
-"""What holds residuals small and passers-by transparent: L_regSH and L_regTS (paper section IV-C, with the gaps of the text closed)."""
+"""What holds masks open, residuals small and passers-by transparent (paper section IV-C, with the gaps of the text closed)."""
 
 import numpy as np
 import torch
@@ -9,6 +9,13 @@ from core.scene.camera import Camera
 from core.system.device import sent
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
+HIDDEN = 0.5  # a mask below this hides a place (paper)
+AT_FRONT = 0.1  # of some pixel; what reaches less hides behind a pedestrian, and must not be punished
+
+
+def mask_regulariser(mask: Float[Tensor, "1 h w"]) -> Float[Tensor, ""]:
+    """L_regM: the mean of (1 - M)^2."""
+    return ((1 - mask) ** 2).mean()
 
 
 def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
@@ -35,10 +42,7 @@ def residual_loss(
 def transient_rows(
     means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], camera: Camera
 ) -> Bool[Tensor, " v"]:
-    """Which Gaussians stand for passers-by in this view (L_regTS): centre where M < 0.5, and at the front.
-
-    At the front means that it reaches a tenth of some pixel: what hides behind a pedestrian must not be punished.
-    """
+    """Which Gaussians stand for passers-by in this view (L_regTS): those AT_FRONT with a HIDDEN centre."""
     turn_and_centre = torch.from_numpy(np.vstack([camera.world_to_camera, camera.centre]))
     *axes, centre = sent(turn_and_centre, means.device)
     x, y, depth = ((means.detach().double() - centre) @ axis for axis in axes)
@@ -48,5 +52,5 @@ def transient_rows(
     columns: Int[Tensor, " v"] = (x * w / camera.width).floor().clamp(-1, w).long()
     rows: Int[Tensor, " v"] = (y * h / camera.height).floor().clamp(-1, h).long()
     inside = (columns >= 0) & (columns < w) & (rows >= 0) & (rows < h) & (depth > 0)
-    hidden = mask.detach()[0, rows.clamp(0, h - 1), columns.clamp(0, w - 1)] < 0.5
-    return inside & hidden & (contributions > 0.1)
+    hidden = mask.detach()[0, rows.clamp(0, h - 1), columns.clamp(0, w - 1)] < HIDDEN
+    return inside & hidden & (contributions > AT_FRONT)

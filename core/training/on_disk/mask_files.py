@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from core.appearance.model import AppearanceModel
-from core.data.collection import png_paths
+from core.data.photos.names import png_paths
 from core.export.pictures import write_png
 from core.training.sized_photos import SizedPhotos
 

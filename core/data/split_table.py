@@ -1,4 +1,4 @@
-"""The PhotoTourism layout: SCENE/dense/{images,sparse}, and SCENE/NAME.tsv, which splits the photos."""
+"""The table of the PhotoTourism layout, SCENE/NAME.tsv, which says which photos are for training and which for testing."""
 
 import codecs
 import csv

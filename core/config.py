@@ -13,7 +13,6 @@ from core.errors import BadSetting
 AUTO = "auto"  # decided from the photos before training (core.training.decisions)
 UNDECIDED = -1  # the same, for a setting that is a number
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
-MOST_JITTER = 0.15  # 0.25 lost 0.8 / 0.6 dB on plaza and 1.0 / 1.0 dB on Liberty
 LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
 # 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left) and Liberty (65 left),
 # 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB
@@ -27,7 +26,7 @@ STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
 # With looks these are learned first: else dark or bright Gaussians before single cameras explain the light, and they have to go
 # later. Without, there is nothing to wait for: as in plain 3DGS.
 WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
-WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0, "exposure_jitter": 0.0}
+WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
 
 
 def budget(photos: int, pixels: int) -> dict[str, int]:
@@ -121,14 +120,7 @@ class Settings:
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
-    exposure_jitter: float = setting(
-        UNDECIDED,
-        f"Spread (log) of the random exposure and white balance a photo gets in training. auto: half that of the photos' own exposures, at "
-        f"most {MOST_JITTER}.",
-        low=0,
-        high=1,
-        auto=True,
-    )
+    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
     # Those of the look by the table in core/TRIED.md, "Capacity of a look".
     embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024, section="Sizes")
@@ -244,7 +236,7 @@ class Settings:
     def decided(self, **answers: Any) -> "Settings":
         """A copy in which what was left to be decided has these values.
 
-        Once the appearance is known, so is what follows from it.
+        Once the appearance is known, so are the schedules that follow from it.
         """
         settings = replace(self, **{name: answers[name] for name in self.undecided if name in answers})
         if settings.appearance == AUTO:

@@ -27,8 +27,7 @@ def small_settings(**changes) -> Settings:
 def whole_settings(**changes) -> Settings:
     """The defaults with a small transfer, for a scene that needs everything; on the CPU, whatever else is there."""
     small = {"device": "cpu", "embedding_size": 16, "latent_size": 0, "transfer_width": 32}
-    needed = {"appearance": "full", "transients": "on", "sh_degree": 1, "exposure_jitter": 0.15, "sky": "dome", "transparency": "unseen"}
-    return Settings(**small | changes).decided(**needed, **LEAST)
+    return Settings(**small | changes).decided(appearance="full", transients="on", sh_degree=1, sky="dome", transparency="unseen", **LEAST)
 
 
 def small_collection(folder: Path, photos: int = 6) -> Collection:

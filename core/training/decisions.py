@@ -3,13 +3,12 @@
 Where the figures are uncertain a part is kept: a part too many costs time, one too few costs the picture.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from core.config import MOST_JITTER, Settings, budget
+from core.config import Settings, budget
 from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
 from core.training.sized_photos import SizedPhoto
 from core.training.transparency import transparent_is_empty
@@ -23,8 +22,6 @@ LEAST_STRANGE_SHARE = 0.015  # columns and corners make 0.5 to 1 % of calm photo
 # Degree 1 against 0 on held-out training photos, dB: + 0.3 at 90 % (fountain), + 0.2 at 59 % (kermit), 0 at 33 % (calm plaza), 0
 # to + 0.4 at 21 % (Liberty), 0 to - 0.5 at 4 % (plaza).
 LEAST_VIEW_DEPENDENCE = 0.1
-# Of the spread of exposures; core/TRIED.md, "Exposure jitter".
-JITTER_SHARE = 0.5
 TOO_FEW = "too few points are known to be shared by photos to tell"
 USUAL_DEGREE = 1  # where nothing can be said; higher degrees need more views of a point than SfM tracks have
 
@@ -34,7 +31,7 @@ class Decision:
     """A setting that was left to the photos. figure: the measurement that decided it, None where too little was seen. because: why, in words."""
 
     setting: str
-    value: str | int | float
+    value: str | int
     figure: float | None
     because: str
 
@@ -52,18 +49,15 @@ def decide(
     empty = transparent_is_empty(settings) or any(sized.empty is not None for sized in photos)
     pixels = sum(sized.camera.width * sized.camera.height for sized in photos)
     settings = settings.decided(**budget(len(photos), pixels), sky="none" if empty else "dome", transparency="empty" if empty else "unseen")
-    if not JUDGES.keys() & set(settings.undecided):
+    asked = [name for name in JUDGES if name in settings.undecided]
+    if not asked:
         return settings.decided(), ()
     evidence = gather_evidence(points, photos)
     taken = {name: judge(evidence) for name, judge in JUDGES.items()}
     if empty:
         taken |= {name: _of_renders(name) for name in ("appearance", "transients") if taken[name].figure is None}
-    told = []
-    for name, decision in taken.items():
-        if name in settings.undecided:  # which exposure_jitter is not once there are no looks
-            settings = settings.decided(**{name: decision.value})
-            told.append(decision)
-    return settings.decided(), tuple(told)
+    decided = settings.decided(**{name: decision.value for name, decision in taken.items()})
+    return decided, tuple(taken[name] for name in asked)
 
 
 def appearance(evidence: Evidence) -> Decision:
@@ -101,18 +95,9 @@ def sh_degree(evidence: Evidence) -> Decision:
     return Decision("sh_degree", 1, evidence.view_dependence, share)
 
 
-def exposure_jitter(evidence: Evidence) -> Decision:
-    """Up to MOST_JITTER."""
-    if evidence.exposure_spread is None:
-        return Decision("exposure_jitter", MOST_JITTER, None, f"{TOO_FEW} how much exposures differ")
-    spread = evidence.exposure_spread
-    why = f"exposures differ by {math.expm1(spread):.0%} (standard deviation); training varies them by half as much, at most {MOST_JITTER}"
-    return Decision("exposure_jitter", round(min(JITTER_SHARE * spread, MOST_JITTER), 3), spread, why)
-
-
 def _of_renders(name: str) -> Decision:
     """Renders of one thing in one light: there, looks and masks that are kept unjudged cost 1.8 dB (biker, 200 px, 600 steps)."""
     return Decision(name, "off", None, f"{TOO_FEW} what differs, and photos cut out of empty space are taken for renders in one light")
 
 
-JUDGES = {"appearance": appearance, "transients": transients, "sh_degree": sh_degree, "exposure_jitter": exposure_jitter}
+JUDGES = {"appearance": appearance, "transients": transients, "sh_degree": sh_degree}

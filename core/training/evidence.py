@@ -22,7 +22,6 @@ CLOSEST = 1000  # expected or matched places looked at for passers-by: those see
 FEWEST_CLOSEST = 300
 STRANGE, STRANGE_STEPS = 4.0, 20.0  # a place is strange if off by that many medians of its photo and 8-bit steps
 STEPS = 255.0
-DARK = 5 / STEPS  # darker colours count as this dark: their ratios are noise
 
 
 @dataclass(frozen=True)
@@ -31,14 +30,13 @@ class Evidence:
 
     colour_spread: of a point over the photos, 8-bit steps. spread_beyond_tone: the same after a gain and an offset for each photo and
     channel, its tone. view_dependence: share, up to 1, of the latter that the viewing direction explains. strange_share: of places, those
-    that look unlike what photos from nearly the same place show. exposure_spread: standard deviation of the photos' exposures, as logarithms.
+    that look unlike what photos from nearly the same place show.
     """
 
     colour_spread: float | None = None
     spread_beyond_tone: float | None = None
     view_dependence: float | None = None
     strange_share: float | None = None
-    exposure_spread: float | None = None
 
 
 def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidence:
@@ -54,7 +52,6 @@ def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidenc
         spread_beyond_tone=shared_spread(matched, left),
         view_dependence=view_dependence(matched, left),
         strange_share=strange_share(places, places.colour - in_tone(tones, places.photo, base[places.point])),
-        exposure_spread=exposure_spread(matched, base),
     )
 
 
@@ -138,12 +135,6 @@ def view_dependence(sightings: Sightings, difference: np.ndarray) -> float | Non
         explained += fitted - 3 * (whole - fitted) / (len(rows) - 4)
         total += whole
     return max(explained / total, 0.0) if total else 0.0
-
-
-def exposure_spread(sightings: Sightings, base: np.ndarray) -> float:
-    """The standard deviation of the photos' exposures, as logarithms: of each, the median ratio of its colours to the base colours (P, 3)."""
-    ratios = np.log(np.maximum(sightings.colour, DARK) / np.maximum(base[sightings.point], DARK))
-    return float(np.std([np.median(ratios[rows], axis=0).mean() for rows in rows_of_each(sightings.photo)]))
 
 
 def strange_share(places: Sightings, difference: np.ndarray) -> float | None:

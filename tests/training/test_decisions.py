@@ -57,7 +57,6 @@ def test_a_wild_collection_keeps_everything():
     assert taken["sh_degree"].figure < 0.6 * decisions.LEAST_VIEW_DEPENDENCE  # 4 %: light changes far more than the viewing direction
     assert taken["appearance"].figure > 3 * decisions.LEAST_SPREAD_BEYOND_TONE  # 12.9
     assert taken["transients"].figure > 2 * decisions.LEAST_STRANGE_SHARE  # 4.9 %
-    assert taken["exposure_jitter"].value == config.MOST_JITTER
 
 
 def test_a_copy_in_nerfstudios_format_is_judged_alike(tmp_path):
@@ -72,7 +71,6 @@ def test_a_copy_in_nerfstudios_format_is_judged_alike(tmp_path):
 def test_real_wild_collections_keep_everything(name):
     taken = decided_for(load_collection(real(name)))
     assert values(taken) == ("full", "on") and taken["sh_degree"].value == 1
-    assert 0.05 < taken["exposure_jitter"].value < config.MOST_JITTER  # their cameras meter well
 
 
 def test_a_real_calm_collection_needs_no_looks_and_no_masks():
@@ -114,8 +112,6 @@ def test_figures_on_either_side_of_a_bound_decide():
     assert decisions.transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE)).value == "on"
     assert decisions.sh_degree(evidence(view_dependence=decisions.LEAST_VIEW_DEPENDENCE - 0.01)).value == 0
     assert decisions.sh_degree(evidence()).value == 1
-    for spread, jitter in ((0.0, 0.0), (0.2, 0.1), (3.0, config.MOST_JITTER), (None, config.MOST_JITTER)):
-        assert decisions.exposure_jitter(evidence(exposure_spread=spread)).value == jitter
 
 
 # --- who may overrule it
@@ -124,9 +120,9 @@ def test_figures_on_either_side_of_a_bound_decide():
 def test_what_is_given_is_not_decided(tmp_path, monkeypatch):
     collection = known_collection(tmp_path, plain, photos=12)
     taken = decided_for(collection, Settings(appearance="exposure", sh_degree=2))
-    assert list(taken) == ["transients", "exposure_jitter"]
+    assert list(taken) == ["transients"]
     monkeypatch.setattr(decisions, "gather_evidence", None)  # not even looked at
-    assert decided_for(collection, Settings(appearance="full", transients="on", sh_degree=0, exposure_jitter=0.1)) == {}
+    assert decided_for(collection, Settings(appearance="full", transients="on", sh_degree=0)) == {}
     assert decided_for(collection, preset("paper")) == {}
 
 

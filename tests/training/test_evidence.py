@@ -7,7 +7,6 @@ import pytest
 
 from core.training.evidence import (
     Evidence,
-    exposure_spread,
     fit_tones,
     gather_evidence,
     in_tone,
@@ -54,17 +53,6 @@ def test_what_neighbours_share_counts_in_full(random):
     noise = 6 / 255 * random.normal(size=(len(made), 3))
     expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(PHOTOS / (PHOTOS - 1))  # the mean over the photos is taken off
     assert shared_spread(made, shift[made.photo] + noise) == pytest.approx(expected, rel=0.05)
-
-
-def test_exposures_are_told_whatever_the_white_balance_and_wrong_matches(random):
-    base = random.uniform(0.2, 0.8, (POINTS, 3))
-    exposure, balance = 0.3 * random.normal(size=PHOTOS), 0.1 * random.normal(size=(PHOTOS, 3))
-    gains = np.exp(exposure[:, None] + balance - balance.mean(axis=1, keepdims=True))
-    made = sightings(random, lambda photo, point, *_: gains[photo] * base[point] + 0.02 * random.normal(size=(len(photo), 3)))
-    wrong = random.uniform(size=len(made)) < 0.1
-    made = replace(made, colour=np.where(wrong[:, None], random.uniform(size=(len(made), 3)), made.colour))
-    assert exposure_spread(made, base) == pytest.approx(exposure.std(), rel=0.05)
-    assert exposure_spread(made, 3 * base) == pytest.approx(exposure.std(), rel=0.05)  # whatever exposure the base colours have
 
 
 def test_a_few_wrong_matches_do_not_decide(random):

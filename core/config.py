@@ -218,9 +218,7 @@ class Settings:
         if self.transparency == "empty" and self.sky == "dome":
             raise BadSetting("transparency=empty with sky=dome: a dome leaves nothing empty.", "Leave one of them out.")
         if self.densify_from > self.densify_until:
-            raise BadSetting(
-                f"densify_from={self.densify_from} is after densify_until={self.densify_until}.", "Growth must start first."
-            )
+            raise BadSetting(f"densify_from={self.densify_from} is after densify_until={self.densify_until}.", "Growth must start first.")
         if self.mask_start > self.mask_apply:
             raise BadSetting(f"mask_start={self.mask_start} is after mask_apply={self.mask_apply}.", "A mask must learn before it hides.")
 

@@ -27,9 +27,7 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
         raise BadInput(f"{path} cannot be opened: {problem.strerror}.", f"Give the path of a {wanted}.") from None
     except plyfile.PlyElementParseError as problem:
         row = f" at row {problem.row}" if problem.row is not None else ""
-        raise BadInput(
-            f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again."
-        ) from None
+        raise BadInput(f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again.") from None
     except (plyfile.PlyParseError, ValueError) as problem:
         fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
         raise BadInput(f"{path} is not a .ply: {fault}.", f"Give a {wanted}.") from None

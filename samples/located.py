@@ -53,9 +53,11 @@ def main(run_folder: Path | None) -> None:
         click.echo(f"{photo.name}: {found.agreeing} of {found.matched} features agree, {off:.2f} px of {WIDTH_PX} off; {gains}")
     click.echo(f"{len(rows)} of {len(collection.split('test'))} found")
     if rows:
-        click.echo("median {:.2f} px off; mean of encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(
-            np.median([row[0] for row in rows]), *np.mean([row[1:] for row in rows], axis=0)
-        ))
+        click.echo(
+            "median {:.2f} px off; mean of encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(
+                np.median([row[0] for row in rows]), *np.mean([row[1:] for row in rows], axis=0)
+            )
+        )
 
 
 def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:

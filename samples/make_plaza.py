@@ -90,14 +90,10 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
         collection = shots.variant(collection, variant)
     tested = [shot for shot in collection if shot.name in test]
     central = sorted(tested, key=lambda shot: abs(shot.view.centre[0]))[:STYLE_VIEWS]
-    takes = [
-        partial(_take, s, output, f"dense/images/{s.name}.jpg", f"truth/masks/{s.name}.png", grid) for s in collection
-    ]
+    takes = [partial(_take, s, output, f"dense/images/{s.name}.jpg", f"truth/masks/{s.name}.png", grid) for s in collection]
     extra = [partial(_take, s, output, f"styles/{s.name}.jpg", None, grid) for s in styles]
     extra += [partial(_clean, s, s.look, output, f"truth/clean/{s.name}.png", grid) for s in tested]
-    extra += [
-        partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central
-    ]
+    extra += [partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central]
     with get_context("spawn").Pool(processes) as pool:
         results = []
         for number, result in enumerate(pool.imap(_run, takes + extra), start=1):
@@ -108,34 +104,25 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
     print()
     taken = results[: len(takes)]
     figures = write_model([photo for photo, _ in taken], output / "dense" / "sparse", shots.SEED)
-    rows = [
-        f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza"
-        for number, shot in enumerate(collection, 1)
-    ]
+    rows = [f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza" for number, shot in enumerate(collection, 1)]
     (output / TABLE).write_text("filename\tid\tsplit\tdataset\n" + "\n".join(rows) + "\n")
     record = {
         "model": {**figures, "scale": SCALE, "rotation": ROTATION.tolist(), "origin": ORIGIN.tolist()},
         "photos": {shot.name: _record(shot, occluded=share) for shot, (_, share) in zip(collection, taken)},
         "styles": {shot.name: _record(shot) for shot in styles},
     }
-    (output / "truth" / "looks.json").write_text(
-        json.dumps(_rounded(record), separators=(",", ":")).replace('},"0', '},\n"0') + "\n"
-    )
+    (output / "truth" / "looks.json").write_text(json.dumps(_rounded(record), separators=(",", ":")).replace('},"0', '},\n"0') + "\n")
     print(f"{output}: {len(collection)} photos, {len(test)} of them test; {figures}")
 
 
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description="Make the plaza sample: photos, truth and COLMAP model.")
-    parser.add_argument(
-        "--output", type=Path, default=Path(__file__).parent / "plaza", help="folder to write (default: samples/plaza)"
-    )
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "plaza", help="folder to write (default: samples/plaza)")
     kinds = "; ".join(f"{name}: {what}" for name, what in shots.VARIANTS.items())
     parser.add_argument("--variant", choices=shots.VARIANTS, help=f"{kinds}; needs --output")
     parser.add_argument("--times", type=int, default=1, help="as many photos of each light as that (default: 1); needs --output")
-    parser.add_argument(
-        "--grid", type=int, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)"
-    )
+    parser.add_argument("--grid", type=int, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)")
     parser.add_argument("--processes", type=int, default=2, help="processes to work in (default: 2)")
     parser.add_argument("--force", action="store_true", help="replace the folder if it holds such a collection")
     given = parser.parse_args()

@@ -21,9 +21,7 @@ class Elsewhere(Tensor):
 
     @staticmethod
     def __new__(cls, kept: Tensor):
-        return Tensor._make_wrapper_subclass(
-            cls, kept.size(), strides=kept.stride(), dtype=kept.dtype, device=DEVICE, requires_grad=False
-        )
+        return Tensor._make_wrapper_subclass(cls, kept.size(), strides=kept.stride(), dtype=kept.dtype, device=DEVICE, requires_grad=False)
 
     def __init__(self, kept: Tensor):
         self.kept = kept

@@ -20,9 +20,7 @@ pytest.importorskip("triton", reason="Triton is not installed")
 
 from samples.measurements import on_gpu, peer
 
-CARD = SimpleNamespace(
-    max_threads_per_multi_processor=2048, regs_per_multiprocessor=65_536, shared_memory_per_multiprocessor=233_472
-)
+CARD = SimpleNamespace(max_threads_per_multi_processor=2048, regs_per_multiprocessor=65_536, shared_memory_per_multiprocessor=233_472)
 
 
 class Moment:

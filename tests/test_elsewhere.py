@@ -80,6 +80,7 @@ def scene(tmp_path, monkeypatch):
 
 def test_the_whole_story(scene, tmp_path, monkeypatch):
     """With growth, pruning, masks, L_regTS and the checks of held-out quality."""
+
     class Impatient(Heard):
         def progress(self, what, done, total, note="", share=None):
             if done == 5:

@@ -79,9 +79,7 @@ def test_it_is_measured_baked_and_faded(trained, tmp_path):
     assert {finding.name for finding in examine(folder, Heard())} > {"steps", "looks"}
 
 
-@pytest.mark.parametrize(
-    "write", [write_nerfstudio, write_blender, lambda given, root: write_nerf_osr(given, root, splits(given))]
-)
+@pytest.mark.parametrize("write", [write_nerfstudio, write_blender, lambda given, root: write_nerf_osr(given, root, splits(given))])
 def test_every_format_is_looked_at_before_training(write, tmp_path):
     names = [f"photo_{index}.png" for index in range(9)]
     root = write(SmallScene(names=names, model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
@@ -96,16 +94,12 @@ def splits(given):
 
 
 def test_points_of_a_file_train_as_well_though_nobody_knows_who_sees_them(tmp_path):
-    root = write_nerfstudio(
-        SmallScene(names=[f"{index}.png" for index in range(9)]).write(tmp_path / "colmap"), tmp_path / "scene"
-    )
+    root = write_nerfstudio(SmallScene(names=[f"{index}.png" for index in range(9)]).write(tmp_path / "colmap"), tmp_path / "scene")
     settings = small_settings(steps=STEPS).changed(appearance="auto", transients="auto", sh_degree=-1)
     heard = Heard()
     folder = pipeline.train(root, settings, tmp_path / "run", heard)
     assert not (tmp_path / "scene-scene").exists()
     said = "\n".join(heard.lines)
     assert "Nothing says which photo sees which point" in said
-    assert (
-        "appearance=full: too few points are known to be shared by photos to tell whether their light differs" in said
-    )
+    assert "appearance=full: too few points are known to be shared by photos to tell whether their light differs" in said
     assert load_run(folder).settings.sh_degree == 1

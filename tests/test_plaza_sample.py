@@ -24,7 +24,6 @@ def names_of_test_photos() -> list[str]:
     return [Path(row["filename"]).stem for row in rows() if row["split"] == "test"]
 
 
-
 def picture(path: str) -> np.ndarray:
     """8-bit RGB of the sample as float in [0, 1]."""
     read = cv2.imread(str(PLAZA / path))

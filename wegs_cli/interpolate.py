@@ -8,9 +8,7 @@ import click
 @click.command(short_help="Fade from one look to another.")
 @click.argument("first")
 @click.argument("last")
-@click.option(
-    "--steps", type=click.IntRange(min=2), default=10, show_default=True, help="Number of frames, including both ends."
-)
+@click.option("--steps", type=click.IntRange(min=2), default=10, show_default=True, help="Number of frames, including both ends.")
 @click.option("--view", metavar="NAME", help="Photo whose camera is used.  [default: the first held-out one]")
 @click.option("--no-refine", is_flag=True, help="Take looks as the encoder reads them; see `wegs bake`.")
 @click.option("--ply", is_flag=True, help="Also write one .ply per frame.")

@@ -67,20 +67,16 @@ def settings_options(command: Callable) -> Callable:
         click.option(
             "--config",
             type=click.Path(path_type=Path),
-            help="TOML file with lines such as `steps = 2000` or `preset = \"quick\"`; the command line overrides it.",
+            help='TOML file with lines such as `steps = 2000` or `preset = "quick"`; the command line overrides it.',
         ),
-        click.option(
-            "--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Any setting listed below; repeatable."
-        ),
+        click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Any setting listed below; repeatable."),
     ]
     for decorate in reversed(decorators):
         command = decorate(command)
     return command
 
 
-def settings_from(
-    preset_name: str | None, config: Path | None, assignments: tuple[str, ...], typed: dict[str, Any]
-) -> Settings:
+def settings_from(preset_name: str | None, config: Path | None, assignments: tuple[str, ...], typed: dict[str, Any]) -> Settings:
     """Settings: command line beats file beats preset beats default. typed: options, None where not typed. The file may name a preset."""
     written = {} if config is None else _read_toml(config)
     _no_options_among((*(written.keys() - {"preset"}), *(assignment.partition("=")[0].strip() for assignment in assignments)))

@@ -73,23 +73,17 @@ class Enc2(nn.Module):
         super().__init__()
         self.bands = bands
         channels = CHANNELS[-1]
-        self.convolutions = nn.ModuleList(
-            rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3)
-        )
+        self.convolutions = nn.ModuleList(rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3))
         self.embedding = nn.Linear(channels + 3 * bands, embedding_size)
 
-    def summary(
-        self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
-    ) -> Float[Tensor, " d"]:
+    def summary(self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]) -> Float[Tensor, " d"]:
         """What the embedding is a linear map of. static: the mask that weighs the photo's colours."""
         colours = band_colours(photo, static, self.bands)
         for convolution in self.convolutions:
             features = F.relu(convolution(features))
         return torch.cat([features.mean((2, 3))[0], colours])
 
-    def forward(
-        self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
-    ) -> Float[Tensor, " e"]:
+    def forward(self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]) -> Float[Tensor, " e"]:
         return self.embedding(self.summary(features, photo, static))
 
     @torch.no_grad()
@@ -132,9 +126,7 @@ class PhotoEncoder(nn.Module):
         if settings.appearance != "off" and settings.embedding == "encoder":
             self.enc2 = Enc2(settings.embedding_size, settings.colour_bands)
 
-    def forward(
-        self, photo: Float[Tensor, "3 h w"], masked: bool
-    ) -> tuple[Float[Tensor, " e"] | None, Float[Tensor, "1 h4 w4"] | None]:
+    def forward(self, photo: Float[Tensor, "3 h w"], masked: bool) -> tuple[Float[Tensor, " e"] | None, Float[Tensor, "1 h4 w4"] | None]:
         """Embedding and mask (1 = static, at 1/4 of the photo's size, rounded up), each None if it is not built.
 
         photo: shrunk, [0, 1]. masked: whether the mask steers the embedding; if not, it is encoded with M := 1.

@@ -41,9 +41,7 @@ class SHTransfer(nn.Module):
         place_columns = encoded_size(3, settings.position_octaves)
         first_inputs = self.learned_columns + place_columns + (0 if self.mixes else settings.embedding_size)
         width = settings.transfer_width
-        self.layers = nn.ModuleList(
-            nn.Linear(inputs, width) for inputs in (first_inputs, *(width,) * (settings.transfer_layers - 2))
-        )
+        self.layers = nn.ModuleList(nn.Linear(inputs, width) for inputs in (first_inputs, *(width,) * (settings.transfer_layers - 2)))
         for layer in self.layers:
             nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
             nn.init.zeros_(layer.bias)

@@ -10,20 +10,14 @@ from core.kernels.compiled import part
 
 # tanh x = x P(x^2) / Q(x^2), fitted on [0, SATURATED] for the least relative error, 2e-8; beyond it float32 rounds tanh to 1.
 SATURATED = np.float32(9.0)
-P_0, P_1, P_2, P_3, P_4 = map(
-    np.float32, (9.9999998e-01, 1.33810681e-01, 3.49563718e-03, 2.06098358e-05, 1.33555958e-08)
-)
+P_0, P_1, P_2, P_3, P_4 = map(np.float32, (9.9999998e-01, 1.33810681e-01, 3.49563718e-03, 2.06098358e-05, 1.33555958e-08))
 Q_1, Q_2, Q_3, Q_4 = map(np.float32, (4.67143837e-01, 2.58771722e-02, 3.28571276e-04, 7.77696447e-07))
 ONE, TWO = np.float32(1.0), np.float32(2.0)
 # Taylor's series of sin and cos at (pi / 2) x, in powers of x^2; the first term left out is below 1e-8 for |x| <= 1.
 QUARTER_TURN = np.pi / 2
 FACTORIALS = np.cumprod(np.array([1.0, *range(1, 15)]))
-S_0, S_1, S_2, S_3, S_4, S_5, S_6 = (
-    (-1) ** k * QUARTER_TURN ** (2 * k + 1) / FACTORIALS[2 * k + 1] for k in range(7)
-)
-C_1, C_2, C_3, C_4, C_5, C_6, C_7 = (
-    (-1) ** k * QUARTER_TURN ** (2 * k) / FACTORIALS[2 * k] for k in range(1, 8)
-)
+S_0, S_1, S_2, S_3, S_4, S_5, S_6 = ((-1) ** k * QUARTER_TURN ** (2 * k + 1) / FACTORIALS[2 * k + 1] for k in range(7))
+C_1, C_2, C_3, C_4, C_5, C_6, C_7 = ((-1) ** k * QUARTER_TURN ** (2 * k) / FACTORIALS[2 * k] for k in range(1, 8))
 
 
 @part

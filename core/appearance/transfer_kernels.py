@@ -92,9 +92,7 @@ def evaluate(
             multiply(before, False, hidden_weights[layer], hidden_biases[layer : layer + 1], here, ZERO)
         multiply(here, False, output_weight, output_bias.reshape(1, -1), y, ANY)
         multiply(inputs, False, skip_weight, y, y, ANY)
-        bound_softly(
-            without_padding(y, output.shape[1], narrow), bound, base[first:last].reshape(-1), output[first:last].reshape(-1)
-        )
+        bound_softly(without_padding(y, output.shape[1], narrow), bound, base[first:last].reshape(-1), output[first:last].reshape(-1))
 
 
 @kernel

@@ -160,9 +160,7 @@ def _inputs_of(learned: Tensor, latents: Tensor | None, means: Tensor, octaves: 
     return _Inputs(_array_of(learned), latent_array, _array_of(means), octaves, np.float32(bound))
 
 
-def _evaluated(
-    inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool
-) -> _Evaluated:
+def _evaluated(inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool) -> _Evaluated:
     """All layers; onto `base` unless that is empty."""
     weights = [_padded(weight) for weight in (*_transposed(hidden_layers), *_transposed(output_layer))]
     rows = len(inputs.learned)

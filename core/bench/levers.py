@@ -103,9 +103,7 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _measure_recompiled(
-    backend: str, arrays: dict[str, np.ndarray], cameras: list[Camera], budget: float
-) -> tuple[list[np.ndarray], Spread]:
+def _measure_recompiled(backend: str, arrays: dict[str, np.ndarray], cameras: list[Camera], budget: float) -> tuple[list[np.ndarray], Spread]:
     rasterizer = create(backend)  # imports the kernels only now
     splats = Splats(**{name: torch.from_numpy(array) for name, array in arrays.items()})
     rasterizer.render(splats, cameras[0])  # compiles, for seconds that no repeat may count

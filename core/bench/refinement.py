@@ -23,9 +23,7 @@ from core.report import Report
 from core.words import counted
 
 MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, 128)  # steps
-NOTES = (
-    "Medians and quartiles over photos. half: the right half is scored, which was not seen; full: what was fitted is scored.",
-)
+NOTES = ("Medians and quartiles over photos. half: the right half is scored, which was not seen; full: what was fitted is scored.",)
 
 
 def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:

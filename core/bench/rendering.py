@@ -83,9 +83,7 @@ class Choice:
 
 
 @torch.no_grad()
-def rendering_figure(
-    splats: Splats, cameras: list[Camera], name: str, title: str, seed: int, report: Report, budget: float, full: bool
-) -> Figure:
+def rendering_figure(splats: Splats, cameras: list[Camera], name: str, title: str, seed: int, report: Report, budget: float, full: bool) -> Figure:
     """All backends on a CPU and levers on these splats (float32) and cameras. budget: see `stopwatch.timed`.
 
     full: kernels compiled with all thresholds, not only with one coarser one each.

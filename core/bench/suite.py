@@ -50,9 +50,7 @@ class Size:
 
 
 SMALL = Size(share=0.2, gaussians=4000, budget=0.5, resolution=160, seeds=1, views=8, photos=4, cameras=1)
-FULL = Size(
-    share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, resolution=-1, seeds=3, views=32, photos=100, cameras=3
-)
+FULL = Size(share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, resolution=-1, seeds=3, views=32, photos=100, cameras=3)
 
 
 def bench(
@@ -70,9 +68,7 @@ def bench(
     Each figure is written as soon as it is measured.
     """
     if scene is not None and run_folder is not None:
-        raise BadInput(
-            "A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is."
-        )
+        raise BadInput("A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is.")
     if scene is not None and set(names) == {"rendering"}:
         raise BadInput("Rendering is measured on the built-in scene.", "Leave SCENE out, or give a run with --run.")
     files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)

@@ -25,9 +25,7 @@ COLUMNS = {
     "psnr": history.HELD_OUT,
     "ssim": "held_out_ssim",
 }
-NOTES = (
-    "A few held-out photos, each in the look that its whole photo gives, unrefined. Seconds without these checks.",
-)
+NOTES = ("A few held-out photos, each in the look that its whole photo gives, unrefined. Seconds without these checks.",)
 
 
 @dataclass(frozen=True)

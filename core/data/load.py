@@ -33,9 +33,7 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
     kind = find_kind(path)
     if kind == "photos":
         scene = path.resolve().name + "-scene"
-        raise BadInput(
-            f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}"
-        )
+        raise BadInput(f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}")
     home = home_of(path)
     posed = _read(home, kind)
     if home != path:

@@ -95,9 +95,7 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     notes += name_them("without any SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
     notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
-    collection = Collection(
-        root.resolve().name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes)
-    )
+    collection = Collection(root.resolve().name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes))
     masks = {name: photo.mask for name, photo in named.items() if photo.mask is not None}
     collection = with_masks_by_name(collection, masks, posed.source) if masks else collection
     return collection.undivided() if all_photos else collection
@@ -136,9 +134,7 @@ def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
         frame = SceneFrame.around(positions[finite], quantile=0.5)
         finite[finite] = np.linalg.norm(frame.to_scene(positions[finite]), axis=1) < STRAY
     dropped = int((~finite).sum())
-    return finite, (
-        [f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out."] if dropped else []
-    )
+    return finite, ([f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out."] if dropped else [])
 
 
 def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:

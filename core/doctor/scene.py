@@ -12,6 +12,7 @@ from core.data.collection import Collection, Photo, astray
 from core.data.load import FOUND_BY_SFM
 from core.data.photos.file import named_with_fault
 from core.data.photos.folder import fuller_below, list_photos, list_unreadable
+from core.data.photos.lookalikes import Pictures
 from core.data.photos.pixels import load_photo, read_pixels
 from core.data.placing import USUAL_FOCAL_LENGTHS
 from core.data.sfm.features import LEAST_PHOTOS
@@ -92,9 +93,7 @@ def _cameras(collection: Collection) -> list[Finding]:
     photos, total = collection.photos, len(collection.photos)
     cameras = {photo.name: photo.camera for photo in photos}
     squeezed = [name for name, c in cameras.items() if abs(np.log(c.fx / c.fy)) > ASPECT]
-    crooked = [
-        name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
-    ]
+    crooked = [name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE]
     far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
     away = [photo.name for photo in photos if len(collection.points) and _shown(photo, collection.points) < SHOWN]
     lengths = np.array([_focal_length(camera) for camera in cameras.values()])
@@ -183,13 +182,16 @@ def _photo_findings(unusable: dict[str, str], flat: list[str], total: int) -> li
 def _plain_photos(root: Path, report: Report) -> list[Finding]:
     """Findings about photos without cameras: whether they can be read, and what comes next."""
     folder = find_photos(root)
-    paths, unusable, flat, sizes = list_photos(folder), {}, [], []
+    paths, unusable, flat, again, sizes, pictures = list_photos(folder), {}, [], [], [], Pictures()
     for number, path in enumerate(paths):
         report.progress("Photos", number + 1, len(paths), path.name)
         try:
             pixels = read_pixels(path)
         except BadInput as problem:
             unusable[named_with_fault(path.name, path, problem)] = problem.fix
+            continue
+        if before := pictures.meet(path.name, pixels):
+            again.append(f"{path.name}: {before}")
             continue
         sizes.append(pixels.shape[0] * pixels.shape[1] / 1e6)
         if pixels.std() < FLAT:
@@ -200,7 +202,8 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
     finds = f"`{command('wegs', 'train', root)}` finds them ({counted(pairs, 'pair')} to match, up to {time}) and trains"
     meaning, fix = f"photos without cameras; next, {finds}", ""
     if len(sizes) < LEAST_PHOTOS:
-        meaning, fix = "photos without cameras", f"Add photos of the same place: at least {LEAST_PHOTOS} that can be read are needed to find cameras."
+        needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
+        meaning, fix = "photos without cameras", f"Add photos of the same place: {needed}."
     if around := scene_around(folder):
         meaning, fix = f"photos of the {around[1]} scene {around[0]}", "Give that folder to use its cameras."
     others = [path.name for path in list_unreadable(folder)]
@@ -208,6 +211,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         Finding("scene", figure, meaning, fix),
         *_photos_elsewhere(root, folder),
         *_photo_findings(unusable, flat, len(paths)),
+        _named("pictures stored twice", again, len(paths), "the largest file of each is used", ""),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]  # fmt: skip
 

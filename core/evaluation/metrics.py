@@ -21,18 +21,14 @@ def quantised(picture: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
     return (picture.detach().clamp(0, 1) * 255).round() / 255
 
 
-def psnr(
-    image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
-) -> float:
+def psnr(image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> float:
     """-10 log10 of the mean squared error over the valid pixels (dB); inf for equal pictures, NaN if none is valid."""
     squares = (image.double() - photo.double()) ** 2
     error = float(squares.mean() if valid is None else squares[valid].mean())
     return math.inf if error == 0 else -10 * math.log10(error)
 
 
-def ssim(
-    image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
-) -> float | None:
+def ssim(image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> float | None:
     """Structural similarity (Wang et al. 2004) for a range of 1, in float64; 1 for equal pictures.
 
     Only windows inside the picture that contain nothing but valid pixels count: there is no padding, as in nerfbaselines. The original

@@ -62,10 +62,7 @@ class Results:
                     for metric, value in asdict(scores).items():
                         found.setdefault(against, {}).setdefault(look, {}).setdefault(metric, []).append(value)
         return {
-            against: {
-                look: {metric: _mean(values) for metric, values in metrics.items()}
-                for look, metrics in by_look.items()
-            }
+            against: {look: {metric: _mean(values) for metric, values in metrics.items()} for look, metrics in by_look.items()}
             for against, by_look in found.items()
         }
 

@@ -283,9 +283,7 @@ def lane_sums(typing_context, a, b, c, d, e, f, g, h):
         vectors = list(args)
         for first, second in ((even, odd), (even, odd), (lower, upper)):
             pairs = zip(vectors[::2], vectors[1::2])
-            vectors = [
-                builder.fadd(shuffled(builder, *pair, first), shuffled(builder, *pair, second)) for pair in pairs
-            ]
+            vectors = [builder.fadd(shuffled(builder, *pair, first), shuffled(builder, *pair, second)) for pair in pairs]
         return vectors[0]
 
     return float8(*[float8] * 8), generate

@@ -24,9 +24,7 @@ SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not b
 
 
 @torch.no_grad()
-def find_look(
-    trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
-) -> Look:
+def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
     """The look that `word` stands for.
 
     mask: a picture, white where the photo is to be used; what it hides does not enter the look at all. refine: refine the encoder's look

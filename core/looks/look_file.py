@@ -19,9 +19,7 @@ def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, prun
     maker = maker_of(trained.identity, trained.sky if sky else 0, look.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
     if dropped:
-        report.warn(
-            f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion) left out."
-        )
+        report.warn(f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion) left out.")
     written = len(splats) - dropped
     gone = []
     if pruned.gaussians:

@@ -71,9 +71,7 @@ def load(path: Path, identity: str, size: int, step: int) -> Look:
         embedding = torch.tensor([float(number) for number in numbers], dtype=torch.float32)
         tone = torch.tensor(facts["tone"], dtype=torch.float32) if "tone" in facts else None
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
-        raise BadInput(
-            f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME."
-        ) from None
+        raise BadInput(f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME.") from None
     if owner != identity:
         raise BadInput(f"{path} was saved by run {owner}, not by {identity}.", "Name its run with --run, or save it again.")
     if (saved_at := facts.get("step", step)) != step:

@@ -22,9 +22,7 @@ from core.training.on_disk import run_folders
 from core.words import counted
 
 
-def evaluate(
-    folder: Path | None, protocol: str = "half", report: Report = QUIET, *, refine: bool = True, keep_pictures: bool = False
-) -> Results:
+def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, *, refine: bool = True, keep_pictures: bool = False) -> Results:
     """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png of the protocol into the run.
 
     keep_pictures: also every render and photo, as they were compared, into its pictures/.

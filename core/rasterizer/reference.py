@@ -183,9 +183,7 @@ def offsets_from(camera: Camera, means: Float[Tensor, "n 3"]) -> Float[Tensor, "
     return means - means.new_tensor(camera.centre)
 
 
-def in_camera_axes(
-    camera: Camera, offsets: Float[Tensor, "n 3"]
-) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]]:
+def in_camera_axes(camera: Camera, offsets: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]]:
     """x right, y down, z forward."""
     x, y, z = offsets.unbind(dim=1)
     # Term by term: a matrix product may round each row in its own way, and equal depths have to stay equal.
@@ -193,9 +191,7 @@ def in_camera_axes(
     return right, down, forward
 
 
-def jacobians(
-    camera: Camera, x_slopes: Float[Tensor, " n"], y_slopes: Float[Tensor, " n"], depths: Float[Tensor, " n"]
-) -> Float[Tensor, "n 2 3"]:
+def jacobians(camera: Camera, x_slopes: Float[Tensor, " n"], y_slopes: Float[Tensor, " n"], depths: Float[Tensor, " n"]) -> Float[Tensor, "n 2 3"]:
     """d(pixel) / d(camera axes) at slopes x / z and y / z, which are clamped to the neighbourhood of the picture.
 
     Without the clamp a wide Gaussian beside the picture has a footprint out of all proportion; it is the original's,

@@ -35,9 +35,7 @@ class Camera:
     def resized(self, width: int, height: int) -> "Camera":
         """The same view at another picture size (pixels); x and y scale independently."""
         x, y = width / self.width, height / self.height
-        return replace(
-            self, fx=self.fx * x, fy=self.fy * y, cx=self.cx * x, cy=self.cy * y, width=width, height=height
-        )
+        return replace(self, fx=self.fx * x, fy=self.fy * y, cx=self.cx * x, cy=self.cy * y, width=width, height=height)
 
     def shrunk(self, share: float) -> "Camera":
         """The same view at `share` of its size, but no larger than it is, and of a pixel at least."""

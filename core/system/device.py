@@ -17,9 +17,7 @@ def chosen(device: str, backend: str) -> torch.device:
     `auto` is the GPU where one can be used, unless a backend of the CPU was asked for. Raises BadSetting for `cuda` without one.
     """
     if device == "cuda" and not torch.cuda.is_available():
-        raise BadSetting(
-            "device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver."
-        )
+        raise BadSetting("device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver.")
     if device != "cuda" and (device != AUTO or backend == "cpu" or not can_use_gpu()):
         return CPU
     # Otherwise cuDNN rounds what it convolves to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of such sums.

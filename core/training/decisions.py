@@ -39,9 +39,7 @@ class Decision:
         return asdict(self)
 
 
-def decide(
-    settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto]
-) -> tuple[Settings, tuple[Decision, ...]]:
+def decide(settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto]) -> tuple[Settings, tuple[Decision, ...]]:
     """Settings in which nothing is left to be decided, and the decisions taken; none where all was given.
 
     points: SfM points (P, 3), scene frame. photos: the training photos, decoded at training size.

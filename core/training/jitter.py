@@ -21,9 +21,7 @@ def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "
     return torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
 
 
-def jittered(
-    shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None
-) -> tuple[Float[Tensor, "3 h w"], Target]:
+def jittered(shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None) -> tuple[Float[Tensor, "3 h w"], Target]:
     """Both with each channel times its gain; for None as they are."""
     if gain is None:
         return shown, target

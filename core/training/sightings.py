@@ -58,10 +58,7 @@ def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sighting
     distances = np.linalg.norm(rays, axis=2)
     rays /= np.maximum(distances, 1e-12)[..., None]
     degrees = _nearest(rays, distances, matched)
-    parts = [
-        _in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number])
-        for number, sized in enumerate(photos)
-    ]
+    parts = [_in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number]) for number, sized in enumerate(photos)]
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     return Sightings(*columns)
 

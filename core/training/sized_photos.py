@@ -99,9 +99,7 @@ def load_sized_photo(photo: Photo, sizes: Sizes, device: torch.device = CPU, tra
     return SizedPhoto(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
 
 
-def shown_on(
-    device: torch.device, pixels: np.ndarray, valid: np.ndarray | None
-) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
+def shown_on(device: torch.device, pixels: np.ndarray, valid: np.ndarray | None) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
     """The pixels in [0, 1], and where they are valid, on a device."""
     return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(device)
 

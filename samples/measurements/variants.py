@@ -40,17 +40,13 @@ VARIANTS = {
     # On plaza degree 1 is half a dB better for it than the degree 0 that looks call for.
     PLAIN: Variant(PRESETS["vanilla"] | {"sh_degree": 1}, 18.44, 140.8),
     "embedding as an input of G_phi (paper)": Variant({"embedding_enters": "input"}),
-    "paper's G_phi: input, 4 layers of 128": Variant(
-        {"embedding_enters": "input", "transfer_layers": 4, "transfer_width": 128}
-    ),
+    "paper's G_phi: input, 4 layers of 128": Variant({"embedding_enters": "input", "transfer_layers": 4, "transfer_width": 128}),
     "geometry moves from step 0 (paper)": Variant({"geometry_from": 0.0}),
     "no colours of bands (paper)": Variant({"colour_bands": 0}),
     "no exposure jitter (paper)": Variant({"exposure_jitter": 0.0}),
     "no sky (paper)": Variant({"sky": "none"}),
     "no pruning by contribution (paper)": Variant({"prune_contribution": 0.0}),
-    "mask learns by the picture's error (paper)": Variant(
-        {name: PRESETS["paper"][name] for name in ("mask_loss", "mask_regularisation")}
-    ),
+    "mask learns by the picture's error (paper)": Variant({name: PRESETS["paper"][name] for name in ("mask_loss", "mask_regularisation")}),
     "no latent a Gaussian (paper)": Variant({"latent_size": 0}),
     "latent of 8 a Gaussian": Variant({"latent_size": 8}),
 }

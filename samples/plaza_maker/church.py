@@ -89,11 +89,7 @@ def portico() -> list[Group]:
         middle = np.array([side * 4.62, 0, 11.86])
         pediment.append(make("box", middle + [0, -3.55, 0], (4.95, 3.55, 0.16), "marble", rotation=lean))
         pediment.append(make("box", middle + [0, -3.4, 0.2], (4.9, 3.4, 0.07), "tiles", rotation=lean))
-    acroteria = [
-        part
-        for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25))
-        for part in _person_of_stone(x, -6.4, z, 1.15, "marble")
-    ]
+    acroteria = [part for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25)) for part in _person_of_stone(x, -6.4, z, 1.15, "marble")]
     return [*columns, group(entablature), group(pediment), group(acroteria)]
 
 
@@ -118,11 +114,7 @@ def nave() -> list[Group]:
         )
         for side in (-1, 1)
     ]
-    panes = [
-        _box((side * 10.0 - 0.12, y - 0.95, 4.2), (side * 10.0 + 0.12, y + 0.95, 8.5), "glass")
-        for side in (-1, 1)
-        for y in bays
-    ]
+    panes = [_box((side * 10.0 - 0.12, y - 0.95, 4.2), (side * 10.0 + 0.12, y + 0.95, 8.5), "glass") for side in (-1, 1) for y in bays]
     inside = [
         make("box", (0, 0.75, PLATFORM + 2.8), (1.7, 0.1, 2.8), "bronze_door"),
         *_person_of_stone(-5.6, 0.05, 2.45, 1.5, "marble"),
@@ -167,9 +159,7 @@ def cupola() -> list[Group]:
     ]
     for number in range(6):
         angle = number * np.pi / 3 + 0.2
-        lantern.append(
-            make("frustum", (x + 1.15 * np.cos(angle), y + 1.15 * np.sin(angle), 25.8), (0.14, 0.14, 1.1), "marble")
-        )
+        lantern.append(make("frustum", (x + 1.15 * np.cos(angle), y + 1.15 * np.sin(angle), 25.8), (0.14, 0.14, 1.1), "marble"))
     return [group(drum), group(shell), group(lantern)]
 
 
@@ -184,9 +174,7 @@ def tower() -> list[Group]:
     ]
     slits = [make("arch", (x, y, z), (0.34, 3.5, 1.0), "marble") for z in (4.5, 10.5)]
     shaft = [
-        _box(
-            (x - half - 0.35, y - half - 0.35, 0), (x + half + 0.35, y + half + 0.35, 1.6), "ashlar", block=(1.4, 0.52)
-        ),
+        _box((x - half - 0.35, y - half - 0.35, 0), (x + half + 0.35, y + half + 0.35, 1.6), "ashlar", block=(1.4, 0.52)),
         make("box", (x, y, 9.2), (half, half, 7.7), "brick", half=(half, half), band=4.4, offset=1.2, holes=slits),
         make("box", (x, y, 9.2), (0.9, 0.9, 7.0), "glass"),
         _box((x - half - 0.3, y - half - 0.3, 16.9), (x + half + 0.3, y + half + 0.3, 17.3), "marble", dentils=0.4),
@@ -213,9 +201,7 @@ def tower() -> list[Group]:
     )
     for (dx, dy), rotation in faces:
         place = (x + dx * half, y + dy * half, 14.4)
-        shaft.append(
-            make("frustum", place, (1.25, 1.25, 0.12), "clock", rotation=np.array(rotation, float), radius=1.25)
-        )
+        shaft.append(make("frustum", place, (1.25, 1.25, 0.12), "clock", rotation=np.array(rotation, float), radius=1.25))
     return [group(shaft), group(top)]
 
 

@@ -77,11 +77,7 @@ def populate(rng: np.random.Generator, static: World, view: View, share: float) 
             continue
         hits = cast(World((newcomer,)), origin, directions)
         mine = (hits.number >= 0) & (hits.distance < depth)
-        if (
-            not 0 < mine.mean() < LARGEST
-            or hits.distance.min() < 1.2
-            or (covered | mine).mean() > min(share + 0.04, 0.26)
-        ):
+        if not 0 < mine.mean() < LARGEST or hits.distance.min() < 1.2 or (covered | mine).mean() > min(share + 0.04, 0.26):
             continue
         people.append(newcomer)
         covered |= mine

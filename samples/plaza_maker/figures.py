@@ -75,9 +75,7 @@ def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0, heading
             **shirt,
         )
     )
-    parts.append(
-        make("sphere", at(0, 0, 1.42), np.array([0.13 * girth, 0.21 * girth, 0.10]) * size, rotation=turn, **shirt)
-    )
+    parts.append(make("sphere", at(0, 0, 1.42), np.array([0.13 * girth, 0.21 * girth, 0.10]) * size, rotation=turn, **shirt))
     parts.append(body((0, 0, 1.42), (0.01, 0, 1.56), 0.06, 0.055, **flesh))
     parts.append(make("sphere", at(0.02, 0, 1.65), np.array([0.105, 0.085, 0.125]) * size, rotation=turn, **flesh))
     parts.append(make("sphere", at(-0.015, 0, 1.685), np.array([0.115, 0.097, 0.118]) * size, rotation=turn, **hair))
@@ -211,9 +209,7 @@ def car(rng: np.random.Generator, x: float, y: float, heading: float) -> Group:
             lights=0.0,
         ),
         cabin,
-        *_wheels(
-            x, y, c, s, [(f * long * 0.62, side * (wide - 0.05)) for f in (-1, 1) for side in (-1, 1)], 0.33, 0.12
-        ),
+        *_wheels(x, y, c, s, [(f * long * 0.62, side * (wide - 0.05)) for f in (-1, 1) for side in (-1, 1)], 0.33, 0.12),
     ]
     return group(parts, transient=True)
 
@@ -240,9 +236,7 @@ def bus(rng: np.random.Generator, x: float, y: float, heading: float, van: bool 
         inside=0.0 if van else 0.8,
     )
     places = [(f * long * 0.66, side * (wide - 0.08)) for f in (-1, 1) for side in (-1, 1)]
-    roof = make(
-        "box", (x, y, 0.5 + 2 * tall), (long * 0.85, wide * 0.85, 0.1), "skin", yaw=degrees, colour=(0.5, 0.5, 0.5)
-    )
+    roof = make("box", (x, y, 0.5 + 2 * tall), (long * 0.85, wide * 0.85, 0.1), "skin", yaw=degrees, colour=(0.5, 0.5, 0.5))
     return group([body, roof, *_wheels(x, y, c, s, places, 0.4 if van else 0.48, 0.13)], transient=True)
 
 

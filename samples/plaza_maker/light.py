@@ -75,11 +75,7 @@ def _irradiance(world, look, points, normal, turn, turns):
     Sub-sample `turn` of `turns` looks at its own point of the sun's disc and its own directions of the sky.
     """
     total = np.zeros_like(points)
-    jitter = (
-        np.array([np.cos(turn * 2.4), np.sin(turn * 2.4), np.sin(turn * 5.1)])
-        * look.sun_width
-        * np.sqrt((turn + 0.5) / turns)
-    )
+    jitter = np.array([np.cos(turn * 2.4), np.sin(turn * 2.4), np.sin(turn * 5.1)]) * look.sun_width * np.sqrt((turn + 0.5) / turns)
     toward = np.asarray(look.sun_direction) + jitter
     toward = (toward / np.linalg.norm(toward)).astype(np.float32)
     if max(look.sun) > 0 and toward[2] > 0:
@@ -124,9 +120,7 @@ def render(world: World, look: Look, view: View, grid: int) -> Picture:
         picture = np.zeros_like(directions)
         picture[:, ~seen] = sky(look, directions[:, ~seen])
         spread = 0.8 / (view.focal_px * grid)
-        albedo, normal, flat, emission, gloss = (
-            a[..., seen] for a in _surfaces(world, look, origin, directions, hits, spread)
-        )
+        albedo, normal, flat, emission, gloss = (a[..., seen] for a in _surfaces(world, look, origin, directions, hits, spread))
         towards = directions[:, seen]
         points = origin[:, None] + towards * hits.distance[seen] + flat * np.float32(0.012)
         value = albedo * _irradiance(world, look, points, normal, turn, samples) + emission

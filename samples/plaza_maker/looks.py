@@ -159,9 +159,7 @@ def draw_look(kind: str, rng: np.random.Generator, clouds: float | None = None) 
     azimuths, elevations, sun, zenith, horizon, glow, cover, lamps, exposure = _WEATHER[kind]
     clouds = rng.uniform(*cover) if clouds is None else clouds
     direction = _toward(rng.uniform(*azimuths), rng.uniform(*elevations))
-    sun, zenith, horizon = (
-        np.array(c) * rng.uniform(0.85, 1.15, 3) * rng.uniform(0.85, 1.15) for c in (sun, zenith, horizon)
-    )
+    sun, zenith, horizon = (np.array(c) * rng.uniform(0.85, 1.15, 3) * rng.uniform(0.85, 1.15) for c in (sun, zenith, horizon))
     grey = 0.55 * sun + 0.35 * (zenith + horizon)
     if kind == "overcast":
         light, shade = horizon * rng.uniform(1.0, 1.25), horizon * rng.uniform(0.55, 0.8)
@@ -213,9 +211,7 @@ def develop(look: Look, radiance: np.ndarray) -> np.ndarray:
     reach = np.hypot(width, height) / 2
     corner = ((x + 0.5 - width / 2) ** 2 + (y + 0.5 - height / 2) ** 2) / reach**2
     light = radiance * look.exposure * (1 - look.vignette * corner)[..., None] * np.float32(look.balance)
-    filmed = (
-        light * (1 + light / 2.6**2) / (1 + light * 0.55)
-    )  # Reinhard's curve, white at about 2.6, its foot made steeper
+    filmed = light * (1 + light / 2.6**2) / (1 + light * 0.55)  # Reinhard's curve, white at about 2.6, its foot made steeper
     value = np.clip(filmed, 0, 1) ** (1 / (2.2 * look.gamma))
     smooth = value * value * (3 - 2 * value)
     value = value + look.contrast * (smooth - value)

@@ -66,9 +66,7 @@ def fluted(point, normal, footprint, params):
     wave = np.sin(angle * count) * sharp
     drum = stripe(point[2] + params.get("offset", 0.0), 1.45, 0.04, footprint)
     grain = fractal(angle * 3, point[2] * 0.7, 51, 4)
-    albedo = mix(LIMESTONE * 1.1, SHADE * 0.95, np.clip(1.5 * grain - 0.4, 0, 1)) * (
-        1 - 0.30 * sharp * (1 - np.cos(angle * count)) / 2
-    )
+    albedo = mix(LIMESTONE * 1.1, SHADE * 0.95, np.clip(1.5 * grain - 0.4, 0, 1)) * (1 - 0.30 * sharp * (1 - np.cos(angle * count)) / 2)
     tilt = np.stack([-np.sin(angle) * wave, np.cos(angle) * wave, np.zeros_like(wave)]) * 0.9
     return Surface(mix(albedo, GROUT, 0.6 * drum), tilt)
 
@@ -165,9 +163,7 @@ def bronze_door(point, normal, footprint, params):
     """Two wings of square panels with studs."""
     u, v = point[0], point[2]
     frame = np.maximum(stripe(u, 0.8, 0.12, footprint), stripe(v, 0.9, 0.12, footprint))
-    boss = np.clip(
-        (0.17 - np.hypot((u / 0.8 % 1 - 0.5) * 0.8, (v / 0.9 % 1 - 0.5) * 0.9)) / np.maximum(footprint, 1e-3), 0, 1
-    )
+    boss = np.clip((0.17 - np.hypot((u / 0.8 % 1 - 0.5) * 0.8, (v / 0.9 % 1 - 0.5) * 0.9)) / np.maximum(footprint, 1e-3), 0, 1)
     patina = fractal(u * 4, v * 2, 101, 4)
     albedo = mix(
         mix(colour(0.20, 0.13, 0.07), colour(0.13, 0.22, 0.17), np.clip(2 * patina - 0.6, 0, 1)),

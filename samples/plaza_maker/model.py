@@ -10,9 +10,7 @@ import pycolmap
 from plaza_maker.cameras import View
 
 SCALE = 0.25  # model units a metre; SfM knows no metres
-ROTATION = cv2.Rodrigues(np.radians([-84.0, 5.0, -3.0]))[
-    0
-]  # square to model: about y down and z forward, a few degrees off
+ROTATION = cv2.Rodrigues(np.radians([-84.0, 5.0, -3.0]))[0]  # square to model: about y down and z forward, a few degrees off
 ORIGIN = np.array([2.0, -6.0, 4.0])  # the model's origin in the square, metres
 POSE_NOISE_DEGREES, CENTRE_NOISE, FOCAL_NOISE = 0.025, 0.010, 0.0007  # standard deviations; centres in metres
 FEATURE_NOISE_PX = 0.35
@@ -49,9 +47,7 @@ def _lifted(taken: Taken, pixels: np.ndarray) -> np.ndarray:
     """The points of the square (P, 3) seen at pixels (P, 2), which are middles of pixels."""
     rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
     view = taken.view
-    local = np.stack(
-        [(pixels[:, 0] - view.width / 2) / view.focal_px, (pixels[:, 1] - view.height / 2) / view.focal_px], axis=1
-    )
+    local = np.stack([(pixels[:, 0] - view.width / 2) / view.focal_px, (pixels[:, 1] - view.height / 2) / view.focal_px], axis=1)
     local = np.concatenate([local, np.ones((len(local), 1))], axis=1) * taken.depth[rows, columns, None]
     return local @ view.world_to_camera + view.centre
 
@@ -71,9 +67,7 @@ def _features(taken: Taken) -> np.ndarray:
 def _sees(taken: Taken, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which points (P, 3) a photo shows, not hidden by anything, and where: (P,) bool, (P, 2) px."""
     pixels, depth = taken.view.project(points)
-    inside = (
-        (depth > 0.5) & (pixels > 3).all(axis=1) & (pixels < [taken.view.width - 3, taken.view.height - 3]).all(axis=1)
-    )
+    inside = (depth > 0.5) & (pixels > 3).all(axis=1) & (pixels < [taken.view.width - 3, taken.view.height - 3]).all(axis=1)
     columns, rows = (np.where(inside, pixels[:, axis], 0).astype(int) for axis in (0, 1))
     close = np.abs(taken.depth[rows, columns] - depth) < 0.012 * depth + 0.05
     return inside & close & ~taken.transient[rows, columns], pixels
@@ -105,9 +99,7 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
     return [tracks[index] for index in chosen]
 
 
-def _loose_tracks(
-    photos: list[Taken], rng: np.random.Generator, count: int, on_passers_by: bool
-) -> list[tuple[_Track, np.ndarray]]:
+def _loose_tracks(photos: list[Taken], rng: np.random.Generator, count: int, on_passers_by: bool) -> list[tuple[_Track, np.ndarray]]:
     """Short tracks with the (wrong) place they stand for: on passers-by, or matches far off in depth."""
     result = []
     while len(result) < count:
@@ -152,19 +144,12 @@ def _believed(view: View, rng: np.random.Generator) -> _Camera:
     wobble = cv2.Rodrigues(np.radians(rng.normal(0, POSE_NOISE_DEGREES, 3)))[0]
     centre = to_model((view.centre + rng.normal(0, CENTRE_NOISE, 3))[None])[0]
     focal = view.focal_px * (1 + rng.normal(0, FOCAL_NOISE))
-    return _Camera(
-        wobble @ view.world_to_camera @ ROTATION.T, centre, focal, np.array([view.width / 2, view.height / 2])
-    )
+    return _Camera(wobble @ view.world_to_camera @ ROTATION.T, centre, focal, np.array([view.width / 2, view.height / 2]))
 
 
 def _triangulate(cameras: list[_Camera], pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """The point nearest to all rays, weighted by its depth; its errors (px), and its widest angle (degrees)."""
-    rays = np.stack(
-        [
-            np.append((pixel - camera.middle) / camera.focal_px, 1.0) @ camera.world_to_camera
-            for camera, pixel in zip(cameras, pixels)
-        ]
-    )
+    rays = np.stack([np.append((pixel - camera.middle) / camera.focal_px, 1.0) @ camera.world_to_camera for camera, pixel in zip(cameras, pixels)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     centres = np.stack([camera.centre for camera in cameras])
     weights = np.ones(len(rays))
@@ -173,9 +158,7 @@ def _triangulate(cameras: list[_Camera], pixels: np.ndarray) -> tuple[np.ndarray
         point = np.linalg.lstsq(across.sum(0), (across @ centres[:, :, None]).sum(0)[:, 0], rcond=None)[0]
         focal = np.array([camera.focal_px for camera in cameras])
         weights = (focal / np.maximum(np.linalg.norm(point - centres, axis=1), 1e-3)) ** 2
-    errors = np.array(
-        [np.linalg.norm(camera.project(point[None])[0] - pixel) for camera, pixel in zip(cameras, pixels)]
-    )
+    errors = np.array([np.linalg.norm(camera.project(point[None])[0] - pixel) for camera, pixel in zip(cameras, pixels)])
     angle = np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1)))
     return point, errors, float(angle)
 
@@ -214,18 +197,14 @@ def write_model(photos: list[Taken], folder: Path, seed: int) -> dict:
     for number, (taken, camera, found) in enumerate(zip(photos, cameras, features), start=1):
         params = [camera.focal_px, camera.focal_px, *camera.middle]
         reconstruction.add_camera_with_trivial_rig(
-            pycolmap.Camera(
-                model="PINHOLE", width=taken.view.width, height=taken.view.height, params=params, camera_id=number
-            )
+            pycolmap.Camera(model="PINHOLE", width=taken.view.width, height=taken.view.height, params=params, camera_id=number)
         )
         image = pycolmap.Image(name=taken.name, keypoints=np.array(found), camera_id=number, image_id=number)
         pose = np.column_stack([camera.world_to_camera, -camera.world_to_camera @ camera.centre])
         reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
     for (point, track, errors), track_elements in zip(points, elements):
         shades = [photos[n].photo[int(pixel[1]), int(pixel[0])] for n, pixel in track.seen]
-        made = reconstruction.add_point3D(
-            point, pycolmap.Track(track_elements), np.mean(shades, axis=0).round().astype(np.uint8)
-        )
+        made = reconstruction.add_point3D(point, pycolmap.Track(track_elements), np.mean(shades, axis=0).round().astype(np.uint8))
         reconstruction.points3D[made].error = float(errors.mean())
     folder.mkdir(parents=True, exist_ok=True)
     reconstruction.write_binary(str(folder))

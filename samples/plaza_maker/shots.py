@@ -50,13 +50,8 @@ def _test_names(shots: list[Shot]) -> set[str]:
     forward = np.array([shot.view.world_to_camera[2] for shot in shots])
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) + 25 * (1 - forward @ forward.T)
     nearness = np.sort(apart, axis=1)[:, 1:5].mean(axis=1)
-    unfit = (
-        np.array([shot.view.focal_px > 400 or shot.share == 0 or shot.view.dip < np.radians(4) for shot in shots]) * 100
-    )
-    return {
-        min((near, shot.name) for near, shot in zip(nearness + unfit, shots) if shot.look.kind == kind)[1]
-        for kind in KINDS
-    }
+    unfit = np.array([shot.view.focal_px > 400 or shot.share == 0 or shot.view.dip < np.radians(4) for shot in shots]) * 100
+    return {min((near, shot.name) for near, shot in zip(nearness + unfit, shots) if shot.look.kind == kind)[1] for kind in KINDS}
 
 
 def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
@@ -64,9 +59,7 @@ def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
     rng = np.random.default_rng(SEED)
     groups = static_groups()
     sizes = np.cumsum([len(one.solids) for one in groups])
-    church = int(
-        next(size for size, one in zip(sizes, groups) if one.centre[0] < -15)
-    )  # the loggia is the church's last group
+    church = int(next(size for size, one in zip(sizes, groups) if one.centre[0] < -15))  # the loggia is the church's last group
     obstacles = int(sizes[-1] - 1)
     kinds = [kind for kind, count in COUNTS.items() for _ in range(times * count)]
     count = len(kinds)

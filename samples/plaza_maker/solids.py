@@ -78,9 +78,7 @@ def limb(start, end, start_radius, end_radius, material, **params) -> Solid:
     side /= np.linalg.norm(side)
     rotation = np.stack([side, np.cross(axis, side), axis])
     size = (start_radius, start_radius, length / 2)
-    return make(
-        "frustum", (start + end) / 2, size, material, rotation=rotation, taper=end_radius / start_radius, **params
-    )
+    return make("frustum", (start + end) / 2, size, material, rotation=rotation, taper=end_radius / start_radius, **params)
 
 
 def _slabs(origin, inverse, low, high):
@@ -130,9 +128,7 @@ def _frustum_interval(solid, o, d):
 
 def _prism_interval(solid, o, d):
     half, length, height = (np.float32(v) for v in solid.size)
-    enter, leave = _slabs(
-        o, 1 / d, np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32)
-    )
+    enter, leave = _slabs(o, 1 / d, np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32))
     for sign in (-1, 1):  # the two roof planes: sign * x * height + z * half <= half * height
         speed = sign * d[0] * height + d[2] * half
         distance = half * height - (sign * o[0] * height + o[2] * half)
@@ -149,9 +145,7 @@ def _arch_interval(solid, o, d):
     low, high = np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32)
     enter, leave = _slabs(o, inverse, low, high)
     rise = o[2] - height
-    round_enter, round_leave = _quadric(
-        d[0] * d[0] + d[2] * d[2], o[0] * d[0] + rise * d[2], o[0] * o[0] + rise * rise - half * half
-    )
+    round_enter, round_leave = _quadric(d[0] * d[0] + d[2] * d[2], o[0] * d[0] + rise * d[2], o[0] * o[0] + rise * rise - half * half)
     first, second = (-length - o[1]) * inverse[1], (length - o[1]) * inverse[1]
     round_enter = np.maximum(round_enter, np.minimum(first, second))
     round_leave = np.minimum(round_leave, np.maximum(first, second))

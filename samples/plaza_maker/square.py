@@ -70,9 +70,7 @@ def fountain() -> list[Group]:
     for number in range(4):
         angle = np.pi / 4 + number * np.pi / 2
         c, s = np.cos(angle), np.sin(angle)
-        basin.append(
-            make("sphere", (x + 1.35 * c, y + 1.35 * s, 1.0), (0.42, 0.42, 0.5), "metal", colour=(0.2, 0.3, 0.24))
-        )
+        basin.append(make("sphere", (x + 1.35 * c, y + 1.35 * s, 1.0), (0.42, 0.42, 0.5), "metal", colour=(0.2, 0.3, 0.24)))
         basin.append(
             limb(
                 (x + 1.6 * c, y + 1.6 * s, 1.35),
@@ -247,10 +245,7 @@ def lamps() -> tuple[Lamp, ...]:
     posts = [Lamp(np.array([x, y, 4.7]), np.array([1.0, 0.66, 0.32]) * 3.6, 15.0) for x, y in LAMPS]
     floods = [Lamp(np.array([x, y, 0.5]), np.array([1.0, 0.74, 0.42]) * 9.0, 24.0) for x, y in FLOODLIGHTS]
     inner = [Lamp(np.array([x, -3.0, 7.6]), np.array([1.0, 0.6, 0.25]) * 4.0, 12.0) for x in (-5.0, 0.0, 5.0)]
-    crown = [
-        Lamp(np.array([x, y, 14.2]), np.array([0.75, 0.85, 1.0]) * 6.0, 16.0)
-        for x, y in ((-7.5, 5.0), (7.5, 5.0), (0.0, 3.0))
-    ]
+    crown = [Lamp(np.array([x, y, 14.2]), np.array([0.75, 0.85, 1.0]) * 6.0, 16.0) for x, y in ((-7.5, 5.0), (7.5, 5.0), (0.0, 3.0))]
     belfry = [Lamp(np.array([14.6, 5.0, 21.0]), np.array([1.0, 0.6, 0.25]) * 3.0, 8.0)]
     arcade = [Lamp(np.array([x, 6.0, 3.8]), np.array([1.0, 0.6, 0.25]) * 2.0, 10.0) for x in (-19.5, -14.5)]
     return (*posts, *floods, *inner, *crown, *belfry, *arcade)

@@ -86,15 +86,9 @@ def house(point, normal, footprint, params):
     wall = np.asarray(params["colour"], np.float32)[:, None] * (0.72 + 0.5 * wear)
     wall = mix(wall, colour(0.62, 0.58, 0.5), stripe(v, storey, 0.22, blur))
     opening = within(x, -0.48, 0.48, blur) * within(y, 0.9, 2.5, blur)
-    shutters = (
-        within(np.abs(x), 0.5, 0.95, blur)
-        * within(y, 0.9, 2.5, blur)
-        * (scatter(column, axis, row, seed=seed + 1) < 0.7)
-    )
+    shutters = within(np.abs(x), 0.5, 0.95, blur) * within(y, 0.9, 2.5, blur) * (scatter(column, axis, row, seed=seed + 1) < 0.7)
     bars = np.maximum(within(x, -0.04, 0.04, blur), stripe(y - 0.9, 0.55, 0.06, blur))
-    albedo = mix(
-        wall, np.asarray(params["shutter"], np.float32), shutters * (0.75 + 0.25 * stripe(v, 0.16, 0.08, blur))
-    )
+    albedo = mix(wall, np.asarray(params["shutter"], np.float32), shutters * (0.75 + 0.25 * stripe(v, 0.16, 0.08, blur)))
     albedo = mix(albedo, mix(colour(0.05, 0.06, 0.08), colour(0.5, 0.48, 0.45), bars), opening)
     side = axis != 2
     albedo = np.where(side, albedo, colour(0.30, 0.16, 0.11)[:, None] * (0.7 + 0.6 * wear)).astype(np.float32)
@@ -154,9 +148,7 @@ def paint(point, normal, footprint, params):
     spot = spot * within(z, -height * 0.3, height * 0.1, footprint) * params.get("lights", 1.0)
     tone = np.where(point[0] > 0, colour(0.9, 0.88, 0.8)[:, None], colour(0.6, 0.05, 0.04)[:, None])
     gloss = 0.1 + 0.3 * pane
-    return Surface(
-        mix(albedo, tone, spot), None, tone * spot * 1.5 + LAMPLIGHT[:, None] * pane * params.get("inside", 0.0), gloss
-    )
+    return Surface(mix(albedo, tone, spot), None, tone * spot * 1.5 + LAMPLIGHT[:, None] * pane * params.get("inside", 0.0), gloss)
 
 
 def tyre(point, normal, footprint, params):

@@ -59,7 +59,5 @@ def engraved(lines: list[str], width: int, height: int, scale: float, thickness:
     for number, line in enumerate(lines):
         (wide, tall), _ = cv2.getTextSize(line, cv2.FONT_HERSHEY_TRIPLEX, scale, thickness)
         baseline = int(height * (number + 0.5) / len(lines) + tall / 2)
-        cv2.putText(
-            picture, line, ((width - wide) // 2, baseline), cv2.FONT_HERSHEY_TRIPLEX, scale, 255, thickness, cv2.LINE_AA
-        )
+        cv2.putText(picture, line, ((width - wide) // 2, baseline), cv2.FONT_HERSHEY_TRIPLEX, scale, 255, thickness, cv2.LINE_AA)
     return picture.astype(np.float32) / 255

@@ -158,9 +158,7 @@ def test_transfer_honours_residual_and_detach_sh():
     assert output is sh
 
 
-@pytest.mark.parametrize(
-    "changes", [{}, {"latent_size": 3}, {"residual": False}, {"appearance": "exposure"}, {"appearance": "off"}], ids=str
-)
+@pytest.mark.parametrize("changes", [{}, {"latent_size": 3}, {"residual": False}, {"appearance": "exposure"}, {"appearance": "off"}], ids=str)
 def test_bake_equals_transfer_bit_for_bit(changes):
     model = model_of(**changes)
     splats, embedding = splats_of(2600), torch.randn(6)

@@ -19,9 +19,7 @@ QUALITY = Quantity("quality", "dB", more_is_better=True)
 MADE_ON = {"cpu": "Some, CPU", "threads": "2", "wegs": "1", "seed": "7"}
 
 
-def point(
-    label: str, work: float, error: float, curve: str = "a", is_default: bool = False, quality: float | None = None
-):
+def point(label: str, work: float, error: float, curve: str = "a", is_default: bool = False, quality: float | None = None):
     values = {"seconds": Spread.exactly(work), "error": Spread.exactly(error)}
     if quality is not None:
         values["quality"] = Spread(quality, quality - 1, quality + 1)
@@ -45,9 +43,7 @@ def test_a_spread_is_median_and_quartiles_in_any_order():
 
 
 def test_the_front_holds_what_nothing_beats():
-    made = figure(
-        point("slow and exact", 9, 0), point("fast and rough", 1, 0.5), point("beaten", 9, 0.1), point("worse", 2, 0.6)
-    )
+    made = figure(point("slow and exact", 9, 0), point("fast and rough", 1, 0.5), point("beaten", 9, 0.1), point("worse", 2, 0.6))
     assert labels(made.front(made.panels[0])) == ["fast and rough", "slow and exact"]
     assert labels(made.beaten_by(made.points[2], made.panels[0])) == ["slow and exact"]
 

@@ -57,6 +57,4 @@ def test_where_no_photo_can_be_measured_it_is_said_why(trained):
 def test_no_held_out_photo_is_said(trained):
     train = trained.collection.split("train")
     with pytest.raises(BadInput, match="nothing to draw"):
-        refinement_figure(
-            {"run": replace(trained, collection=replace(trained.collection, photos=train))}, ("full",), 3, Report()
-        )
+        refinement_figure({"run": replace(trained, collection=replace(trained.collection, photos=train))}, ("full",), 3, Report())

@@ -49,7 +49,9 @@ def test_a_history_that_says_nothing_is_refused(small_run, tmp_path, text):
         training_figure([Course("bad", (copied(small_run, tmp_path, lambda _: text),))], "T")
 
 
-@pytest.mark.parametrize("step, fix", [(0, "type: wegs train --resume -o "), (3, "type: wegs train --resume -o "), (40, "Train without --all-photos on a scene")])
+@pytest.mark.parametrize(
+    "step, fix", [(0, "type: wegs train --resume -o "), (3, "type: wegs train --resume -o "), (40, "Train without --all-photos on a scene")]
+)
 def test_a_run_stopped_before_its_first_check_can_go_on(small_run, tmp_path, step, fix):
     stopped = copied(small_run, tmp_path, lambda _: f"{HEAD}\n3,1.0,9,1,1,1,0,\n")
     saved = checkpoint.load(checkpoint.newest(small_run))

@@ -64,9 +64,7 @@ def frame_of(image: pycolmap.Image, file_path: str) -> dict:
     }
 
 
-def write_nerfstudio(
-    colmap: Path, root: Path, points: str | None = "sparse_pc.ply", world: pycolmap.Sim3d | None = None, **facts
-) -> Path:
+def write_nerfstudio(colmap: Path, root: Path, points: str | None = "sparse_pc.ply", world: pycolmap.Sim3d | None = None, **facts) -> Path:
     """transforms.json and images/ in `root`, which is returned; points: the .ply to write as well. facts: for the top of the file.
 
     world: from the model's world to that of the poses and the .ply.
@@ -76,9 +74,7 @@ def write_nerfstudio(
     if points:
         write_ply(root / points, model_of(colmap, world))
         facts["ply_file_path"] = points
-    write_json(
-        root / "transforms.json", {**facts, "frames": [frame_of(image, f"images/{image.name}") for image in images]}
-    )
+    write_json(root / "transforms.json", {**facts, "frames": [frame_of(image, f"images/{image.name}") for image in images]})
     return root
 
 
@@ -132,9 +128,7 @@ def write_ply(path: Path, model: pycolmap.Reconstruction) -> None:
     """The model's points, in text."""
     points = [model.points3D[number] for number in sorted(model.points3D)]
     header = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
-    header += [f"property double {axis}" for axis in "xyz"] + [
-        f"property uchar {name}" for name in ("red", "green", "blue")
-    ]
+    header += [f"property double {axis}" for axis in "xyz"] + [f"property uchar {name}" for name in ("red", "green", "blue")]
     rows = [" ".join([*(repr(float(x)) for x in point.xyz), *map(str, point.color)]) for point in points]
     path.write_text("\n".join([*header, "end_header", *rows]) + "\n")
 

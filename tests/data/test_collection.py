@@ -55,5 +55,7 @@ def test_a_photo_is_called_by_its_name_or_what_of_it_is_clear(tmp_path):
         photo = collection.called(word)
         return photo and photo.name
 
-    assert [called(word) for word in ("a/1.jpg", "a/1", "b/2.png", "b/2", "2", "2.png.jpg", "2019.05")] == ["a/1.jpg"] * 2 + ["b/2.png.jpg"] * 4 + ["2019.05.jpg"]
+    assert [called(word) for word in ("a/1.jpg", "a/1", "b/2.png", "b/2", "2", "2.png.jpg", "2019.05")] == ["a/1.jpg"] * 2 + ["b/2.png.jpg"] * 4 + [
+        "2019.05.jpg"
+    ]
     assert [called(word) for word in ("1", "1.jpg", "2019", "c/2")] == [None] * 4

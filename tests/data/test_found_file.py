@@ -18,7 +18,9 @@ def renamed(tmp_path, names):
     return root, scene
 
 
-@pytest.mark.parametrize("name", ["photo_{}", "Photo_{}.PNG", "photo_{}.jpg", "/home/me/photos/photo_{}.png", "C:\\photos\\photo_{}.png", "left/photo_{}.JPG"])
+@pytest.mark.parametrize(
+    "name", ["photo_{}", "Photo_{}.PNG", "photo_{}.jpg", "/home/me/photos/photo_{}.png", "C:\\photos\\photo_{}.png", "left/photo_{}.JPG"]
+)
 def test_other_suffixes_capitals_and_folders(tmp_path, name):
     root, scene = renamed(tmp_path, [name.format(index) for index in range(4)])
     collection = load_collection(root)

@@ -171,7 +171,9 @@ def test_a_mask_that_is_missing_is_called_so(collection, tmp_path):
     given = {"photo_0.png": tmp_path / ("m" * 300), "photo_1.png": tmp_path / "gone.png"}
     found = with_masks_by_name(collection, given, tmp_path)
     assert found.photos[0].mask is None and not any("with a mask" in note for note in found.notes)
-    assert found.notes[-2] == f"2 photos whose mask is missing, used whole: photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
+    assert (
+        found.notes[-2] == f"2 photos whose mask is missing, used whole: photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
+    )
     with pytest.raises(BadInput, match="The mask .*gone.png cannot be opened"):
         load_photo(replace(found.photos[1], mask=tmp_path / "gone.png"), 48, 36)
 

@@ -154,7 +154,9 @@ def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_lat
     assert held_out() == ["photo_0.png"]
     (made / "test.txt").write_text("photo_3.png")  # the user's own
     assert held_out() == ["photo_3.png"]
-    (photos / "x.tsv").write_text("filename\tid\tsplit\n" + "".join(f"photo_{index}.png\t1\t{'test' if index == 1 else 'train'}\n" for index in range(4)))
+    (photos / "x.tsv").write_text(
+        "filename\tid\tsplit\n" + "".join(f"photo_{index}.png\t1\t{'test' if index == 1 else 'train'}\n" for index in range(4))
+    )
     assert held_out() == ["photo_1.png"]
     (photos / "x.tsv").unlink()
     assert held_out() == ["photo_3.png"]
@@ -190,9 +192,7 @@ def test_one_photo(tmp_path):
 def test_loading_twice_is_the_same(tmp_path):
     root = SmallScene(names=[f"{index}.png" for index in (3, 1, 2)]).write(tmp_path / "scene")
     first, second = load_collection(root), load_collection(root)
-    assert (
-        [photo.name for photo in first.photos] == ["1.png", "2.png", "3.png"] == [photo.name for photo in second.photos]
-    )
+    assert [photo.name for photo in first.photos] == ["1.png", "2.png", "3.png"] == [photo.name for photo in second.photos]
     assert (first.points == second.points).all() and (first.point_colours == second.point_colours).all()
 
 

@@ -9,7 +9,9 @@ from core.data.placing import Placing, PosedPhoto
 from core.words import is_harmless
 
 
-@pytest.mark.parametrize("odd, words", [(2, "2 photos with an unusual focal length, used"), (3, "3 photos of 4 with a focal length that no lens has")])
+@pytest.mark.parametrize(
+    "odd, words", [(2, "2 photos with an unusual focal length, used"), (3, "3 photos of 4 with a focal length that no lens has")]
+)
 def test_unusual_focal_lengths_are_harmless_unless_most_are(tmp_path, odd, words):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((60, 80, 3), np.uint8))
     placing = Placing("missing")

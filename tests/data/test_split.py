@@ -183,9 +183,7 @@ def test_rows_that_are_too_short(tmp_path):
 
 
 def test_long_lists_are_cut_but_counted(tmp_path):
-    (tmp_path / "x.tsv").write_text(
-        table(*((name, "", "train", "x") for name in NAMES[:15]), ("q.jpg", "1", "train", "x"))
-    )
+    (tmp_path / "x.tsv").write_text(table(*((name, "", "train", "x") for name in NAMES[:15]), ("q.jpg", "1", "train", "x")))
     note = split(tmp_path)[1][0]
     assert note.startswith("15 photos") and note.endswith("l.jpg and 3 more")
 
@@ -193,9 +191,7 @@ def test_long_lists_are_cut_but_counted(tmp_path):
 def test_phototourism_scene(tmp_path):
     root = SmallScene().write(tmp_path / "scene", "dense/images", "dense/sparse")
     names = [f"photo_{index}.png" for index in range(4)]
-    (root / "plaza.tsv").write_text(
-        table(*((name, "1.0", "test" if name == names[1] else "train", "x") for name in names))
-    )
+    (root / "plaza.tsv").write_text(table(*((name, "1.0", "test" if name == names[1] else "train", "x") for name in names)))
     collection = load_collection(root)
     assert collection.kind == "phototourism" and collection.notes == ()
     assert [photo.name for photo in collection.split("test")] == [names[1]]

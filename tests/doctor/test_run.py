@@ -112,7 +112,10 @@ def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
     run = pipeline.train(scene, small_settings(steps=1, prune_contribution=0.0), tmp_path / "run")
     findings, _ = examined(run)
     assert findings["photos placed"].figure == "9 of 20"
-    assert findings["odd focal lengths"].figure.startswith("9 of 9 (photo_0.png: 56.2,") and "add photos from in between" in findings["odd focal lengths"].advice
+    assert (
+        findings["odd focal lengths"].figure.startswith("9 of 9 (photo_0.png: 56.2,")
+        and "add photos from in between" in findings["odd focal lengths"].advice
+    )
     assert {"photos placed", "odd focal lengths"} <= asked_for(findings)
 
 

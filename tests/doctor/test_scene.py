@@ -147,7 +147,8 @@ def test_points_to_be_triangulated_need_two_photos(tmp_path, photos, needed):
 def save_photos(folder, count):
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(count):
-        picture = np.random.default_rng(number).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+        cells = np.random.default_rng(number).integers(0, 256, (HEIGHT // 10, WIDTH // 10, 3), np.uint8)
+        picture = cv2.resize(cells, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
         assert cv2.imwrite(str(folder / f"{number}.png"), picture)
 
 
@@ -156,7 +157,14 @@ def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, wor
     save_photos(tmp_path, count)
     findings, heard = examined(tmp_path)
     assert findings["scene"].meaning == f"photos without cameras; next, `wegs train {tmp_path}` finds them ({words}) and trains"
-    assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 4 checks, nothing to do."
+    assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 5 checks, nothing to do."
+
+
+def test_pictures_stored_twice_are_told_and_not_matched_with_themselves(tmp_path):
+    save_photos(tmp_path, 3)
+    assert cv2.imwrite(str(tmp_path / "again.jpg"), cv2.imread(str(tmp_path / "0.png")), [cv2.IMWRITE_JPEG_QUALITY, 90])
+    findings, _ = examined(tmp_path)
+    assert findings["pictures stored twice"].figure == "1 of 4 (again.jpg: 0.png)" and "(3 pairs to match" in findings["scene"].meaning
 
 
 def test_one_photo_is_too_few_to_find_cameras(tmp_path):

@@ -28,10 +28,7 @@ def made_weights(backbone):
         layers[f"Conv_{index}"] = {"kernel": weights.astype(np.float32), "bias": np.zeros(out, np.float32)}
         into = out
     ends = np.cumsum([count for _, count in lpips.TRUNKS[backbone].stages]) - 1
-    heads = {
-        f"NetLinLayer_{stage}": {"Conv_0": {"kernel": random.random((1, 1, CHANNELS[backbone][end], 1))}}
-        for stage, end in enumerate(ends)
-    }
+    heads = {f"NetLinLayer_{stage}": {"Conv_0": {"kernel": random.random((1, 1, CHANNELS[backbone][end], 1))}} for stage, end in enumerate(ends)}
     return {lpips.TRUNKS[backbone].key: layers, **heads}
 
 

@@ -78,8 +78,7 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
         outside.write_bytes(photo.path.read_bytes())
         crowd, mask = with_crowd(photo, tmp_path, ORANGE)
         wanted, hidden, seen = (
-            rendered(trained, find_look(trained, str(path), hiding))
-            for path, hiding in ((outside, None), (crowd, mask), (crowd, None))
+            rendered(trained, find_look(trained, str(path), hiding)) for path, hiding in ((outside, None), (crowd, mask), (crowd, None))
         )
         moved.append(float((hidden - wanted).abs().mean()))
         leaked.append(float((seen - wanted).abs().mean()))

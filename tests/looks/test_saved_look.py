@@ -27,7 +27,10 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
         ("", "not a saved look"),
         ("{}", "not a saved look"),
         ('{"name": "a", "source": "b", "run": "other", "embedding": [1, 2]}', "saved by run other"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 5, "embedding": [1, 2]}', "saved at step 5; the run is at step 7 now. Save the look again"),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 5, "embedding": [1, 2]}',
+            "saved at step 5; the run is at step 7 now. Save the look again",
+        ),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 finite numbers"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),

@@ -24,7 +24,10 @@ def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, mo
     heard = Heard()
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "a run", heard)
     said = "\n".join(heard.lines)
-    assert "! 1 photo of the train split that cannot be used: photo_0.png" in said and "! 1 photo of the test split that cannot be used: photo_2.png" in said
+    assert (
+        "! 1 photo of the train split that cannot be used: photo_0.png" in said
+        and "! 1 photo of the test split that cannot be used: photo_2.png" in said
+    )
     assert f"Next: wegs bake --run '{folder}'" in said  # not the newest of ./runs, and with a space
     with pytest.raises(BadInput, match="photo_0.jpg ends before"):
         pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "a.ply")

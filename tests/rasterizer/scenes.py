@@ -72,9 +72,7 @@ def cloud(
     return in_world(view, local, random.normal(size=(count, 4)), np.log(axes), np.log(opacity / (1 - opacity)), sh)
 
 
-def in_world(
-    view: Camera, local, quaternions, log_scales, logit_opacities, sh, dtype: torch.dtype = torch.float32
-) -> Splats:
+def in_world(view: Camera, local, quaternions, log_scales, logit_opacities, sh, dtype: torch.dtype = torch.float32) -> Splats:
     """Splats from arrays; `local` (N, 3) holds the means in camera axes."""
     means = np.asarray(local) @ view.world_to_camera + view.centre
     arrays = means, quaternions, log_scales, logit_opacities, sh

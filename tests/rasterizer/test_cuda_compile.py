@@ -34,9 +34,7 @@ USUAL = (75, 90)  # the oldest and one with 228 kB of shared memory; the others 
 GENERATIONS = (75, 80, 86, 89, 90, 100)
 
 
-@pytest.mark.parametrize(
-    "capability", [number if number in USUAL else pytest.param(number, marks=pytest.mark.slow) for number in GENERATIONS]
-)
+@pytest.mark.parametrize("capability", [number if number in USUAL else pytest.param(number, marks=pytest.mark.slow) for number in GENERATIONS])
 def test_kernels_compile_and_spill_nothing(capability):
     command = [sys.executable, "-m", "tests.rasterizer.compiled_kernels", str(capability)]
     environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}

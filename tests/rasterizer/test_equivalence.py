@@ -39,6 +39,7 @@ def drawn_by(backend: str, scene: str) -> Outcome:
     judge = verdict(SCENES[scene])
     return outcome(backend_or_skip(backend, scene), judge.scene, torch.float32, judge.cotangent)
 
+
 @in_every_scene
 def test_scenes_test_something(name):
     """Few pixels stand at a threshold, and depths are equal or clearly apart: rounding decides no comparison."""
@@ -175,9 +176,7 @@ def test_no_value_makes_a_picture_or_a_gradient_non_finite(name, poisons):
     rendering.image.square().sum().backward()
     for parameter, tensor in (poisoned.tensors() | {"probe": probe}).items():
         assert torch.isfinite(tensor.grad).all(), parameter
-    not_finite = ~torch.stack([t.detach().reshape(12, -1).isfinite().all(1) for t in poisoned.tensors().values()]).all(
-        0
-    )
+    not_finite = ~torch.stack([t.detach().reshape(12, -1).isfinite().all(1) for t in poisoned.tensors().values()]).all(0)
     for parameter, tensor in poisoned.tensors().items():
         assert (tensor.grad[not_finite] == 0).all(), parameter
     assert not set(torch.nonzero(not_finite).flatten().tolist()) & set(rasterizer.visible(poisoned, view).rows.tolist())

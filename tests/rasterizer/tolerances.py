@@ -91,12 +91,7 @@ def steady_pixels(scene: Scene) -> Tensor:
     rows = ReferenceRasterizer().visible(splats, camera).rows
     rows = rows[front_to_back(splats[rows], camera)]
     seen = project(splats[rows], camera)
-    raw = torch.cat(
-        [
-            coverage(pixels, seen.centres, seen.conics, seen.opacities)
-            for pixels in pixel_chunks(camera, len(rows), seen.centres)
-        ]
-    )
+    raw = torch.cat([coverage(pixels, seen.centres, seen.conics, seen.opacities) for pixels in pixel_chunks(camera, len(rows), seen.centres)])
     alphas = torch.where(raw < ALPHA_MIN, 0, raw).clamp_max(ALPHA_MAX)
     behind = torch.cumprod(1 - alphas, dim=1)
     before = torch.cat([torch.ones_like(behind[:, :1]), behind[:, :-1]], dim=1)

@@ -56,7 +56,11 @@ def test_the_command_line_sets_it(soft_limit_put_back):
 def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
     assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == sized_photos.TARGET_BYTES
     memory.hold_to(8)
-    assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == sized_photos.TARGET_SHARE * memory.limit() < sized_photos.TARGET_BYTES
+    assert (
+        sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes
+        == sized_photos.TARGET_SHARE * memory.limit()
+        < sized_photos.TARGET_BYTES
+    )
 
 
 @pytest.mark.parametrize("gib", [float("inf"), float("nan")])

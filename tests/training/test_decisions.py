@@ -101,7 +101,10 @@ def test_figures_on_either_side_of_a_bound_decide():
     def evidence(**figures):
         return Evidence(**{"colour_spread": 20.0, "spread_beyond_tone": 9.0, "view_dependence": 0.9, "strange_share": 0.1} | figures)
 
-    for seen, why in ((evidence(strange_share=None), "fewer than 300 places"), (Evidence(), "too few points are known to be shared by photos to tell")):
+    for seen, why in (
+        (evidence(strange_share=None), "fewer than 300 places"),
+        (Evidence(), "too few points are known to be shared by photos to tell"),
+    ):
         taken = decisions.transients(seen)
         assert taken.value == "on" and why in taken.because and "whether there are passers-by; `--transients off` leaves masks out" in taken.because
     assert "to tell whether their light differs; `--appearance off` leaves looks out" in decisions.appearance(Evidence()).because

@@ -56,9 +56,7 @@ def trained_quality(scene: SmallScene, folder) -> float:
     live = bake(trained, find_look(trained, "neutral"))
     frame, camera = trained.collection.frame.for_files(), trained.collection.photos[0].camera
     from_file = read_ply(output / f"point_cloud/iteration_{settings.steps}/point_cloud.ply").in_scene(frame)
-    pictures = [
-        create("cpu").render(splats, camera).image for splats in (live, replace(from_file, sh=from_file.sh[:, :4]))
-    ]
+    pictures = [create("cpu").render(splats, camera).image for splats in (live, replace(from_file, sh=from_file.sh[:, :4]))]
     # A file in the world frame rounds coordinates by up to 1e-5 of the scene: 2e-3 px here, times colours of order 1.
     torch.testing.assert_close(*pictures, rtol=0, atol=5e-3)
     with (output / "history.csv").open() as file:
@@ -121,13 +119,9 @@ SPOILT = {
     "focal length of 1e-3 px": lambda given: with_camera(given, fx=1e-3, fy=1e-3),
     "camera a million units off": lambda given: with_camera(given, centre=np.array([1e6, 0.0, 0.0])),
     "camera in the middle of the points": lambda given: with_camera(given, centre=np.zeros(3)),
-    "camera that looks away": lambda given: with_camera(
-        given, world_to_camera=np.diag([-1.0, 1.0, -1.0]) @ given.photos[0].camera.world_to_camera
-    ),
+    "camera that looks away": lambda given: with_camera(given, world_to_camera=np.diag([-1.0, 1.0, -1.0]) @ given.photos[0].camera.world_to_camera),
     "a black and a white photo": lambda given: with_picture(with_picture(given, 0, 0), 1, 255),
-    "photos without points": lambda given: replace(
-        given, photos=tuple(replace(photo, points=np.zeros(0, np.int64)) for photo in given.photos)
-    ),
+    "photos without points": lambda given: replace(given, photos=tuple(replace(photo, points=np.zeros(0, np.int64)) for photo in given.photos)),
 }
 
 
@@ -162,9 +156,7 @@ def test_a_single_photo_and_photos_that_are_all_the_same(collection, tmp_path):
 @pytest.mark.parametrize("points", [1, 50])
 def test_points_in_one_place_allow_gaussians_around_them(collection, tmp_path, points):
     same = [np.repeat(array[:1], points, axis=0) for array in (collection.points, collection.point_colours)]
-    trainer, _ = run(
-        replace(collection, points=same[0], point_colours=same[1]), tmp_path / "run", prune_contribution=0.0
-    )
+    trainer, _ = run(replace(collection, points=same[0], point_colours=same[1]), tmp_path / "run", prune_contribution=0.0)
     assert trainer.gaussians.solid > 0
 
 
@@ -178,10 +170,7 @@ def test_a_run_that_loses_all_its_gaussians_says_so_and_goes_on(collection, tmp_
 def test_a_view_of_nothing_is_a_step_like_any_other(collection, tmp_path):
     """Without a sky a camera that looks away sees no Gaussian at all."""
     away = np.diag([-1.0, 1.0, -1.0])
-    blind = tuple(
-        replace(photo, camera=replace(photo.camera, world_to_camera=away @ photo.camera.world_to_camera))
-        for photo in collection.photos
-    )
+    blind = tuple(replace(photo, camera=replace(photo.camera, world_to_camera=away @ photo.camera.world_to_camera)) for photo in collection.photos)
     before = Trainer(collection, small_settings(sky="none", steps=9), tmp_path).gaussians.parameters
     unchanged = {"densify_from": 1.0, "densify_until": 1.0, "prune_contribution": 0.0}
     trainer, messages = run(replace(collection, photos=blind), tmp_path / "run", sky="none", steps=9, **unchanged)
@@ -205,9 +194,7 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     assert trainer.mask_mean < mask_weights.COLLAPSED
     mask = trainer.model.read(trainer.photos[0].encoder_input, 0).mask
     weights = mask_weights.pixel_weights(mask, HEIGHT, WIDTH, float(mask.detach().mean()))
-    assert float(weights.mean()) == pytest.approx(
-        mask_weights.COLLAPSED, abs=0.02
-    )  # bilinear resizing moves the mean a little
+    assert float(weights.mean()) == pytest.approx(mask_weights.COLLAPSED, abs=0.02)  # bilinear resizing moves the mean a little
 
 
 def test_masks_that_hide_nothing_yet_are_not_complained_of(collection, tmp_path):

@@ -43,9 +43,7 @@ def read_nerf_osr(root: Path) -> Posed:
         raise BadInput(f"{source / TRAINING / 'rgb'} holds no photos.", fix)
     held_out = next((split for split in HELD_OUT if photos[split]), None)
     notes = [
-        Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True)
-        for split in HELD_OUT
-        if photos[split] and split != held_out
+        Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True) for split in HELD_OUT if photos[split] and split != held_out
     ]
     used = [(split, place) for split in (TRAINING, held_out) if split for place in photos[split]]
     several = len({place for _, place in used}) < len(used)

@@ -127,9 +127,7 @@ class _Reading:
         lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
         if not lists:
             return photos
-        if not all(
-            isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
-        ):
+        if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()):
             raise BadInput(f"{source} has a ..._filenames that is not a list of file names.", "Correct or remove it.")
         paths = {photo.path for photo in photos}
         meant = {row: Path(name) for name, row in rows_of((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}

@@ -51,3 +51,18 @@ class Thumbnail:
     def _tiles(self) -> np.ndarray:
         side = DETAIL_SIDE // TILES
         return self.detail.reshape(TILES, side, TILES, side).swapaxes(1, 2).reshape(TILES * TILES, side * side)
+
+
+class Pictures:
+    """Pictures that were met, by name."""
+
+    def __init__(self):
+        self._met: dict[str, Thumbnail] = {}
+
+    def meet(self, name: str, pixels: np.ndarray) -> str | None:
+        """The name under which this picture was met before; None for a new one, which is remembered. pixels: as for `Thumbnail.of`."""
+        thumbnail = Thumbnail.of(pixels)
+        before = next((other for other, met in self._met.items() if thumbnail.shows_same(met)), None)
+        if before is None:
+            self._met[name] = thumbnail
+        return before

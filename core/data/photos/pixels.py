@@ -213,9 +213,7 @@ def _over_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
     return np.rint(pixels * share + 255 * (1 - share)).astype(np.uint8)
 
 
-def _undistort(
-    pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray]:
+def _undistort(pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
     channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]
     most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if header.orientation >= 5 else wanted))

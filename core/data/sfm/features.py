@@ -102,9 +102,7 @@ def _number(work: Path, names: list[str]) -> None:
     pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)
 
 
-def match(
-    work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO
-) -> None:
+def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO) -> None:
     """Match the pairs of photos, into the database.
 
     verify: estimate the epipolar geometry of each pair, keep the matches that fit it, and add more along its lines (guided matching;

@@ -1,7 +1,6 @@
 """Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
 
 import os
-import shutil
 from dataclasses import asdict
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from core.data.formats.model_file import quiet
 from core.data.photos.distortion import lens_of
 from core.data.photos.file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
 from core.data.photos.folder import copies_among, list_photos, list_unreadable, no_photos
-from core.data.photos.lookalikes import Thumbnail
+from core.data.photos.lookalikes import Pictures
 from core.data.photos.pixels import read_pixels
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, extract, match
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
@@ -85,7 +84,7 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     """
     folder.mkdir()
     by_length = sorted(paths, key=lambda path: (len(path.name), path.name))  # of a.jpg and "a (1).jpg" the copy is the latter
-    copies, turned, twins, seen = {}, 0, copies_among(by_length), {}
+    copies, turned, twins, pictures = {}, 0, copies_among(by_length), Pictures()
     headers = {path: _header(path) for path in paths}
     fullest_first = sorted(enumerate(paths, 1), key=lambda item: _fullness(item[1], headers[item[1]]), reverse=True)  # of one picture this is used
     for done, (number, path) in enumerate(fullest_first, 1):
@@ -96,18 +95,15 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
             if isinstance(header := headers[path], BadInput):
                 raise header
             pixels = read_pixels(path)  # always decoded: some damage shows only then
-            thumbnail = Thumbnail.of(pixels)
-            if twin := next((name for name, other in seen.items() if thumbnail.shows_same(other)), None):
+            upright_jpeg = header.kind == "jpeg" and header.orientation == 1
+            content = path.read_bytes() if upright_jpeg else _encode(path, pixels, header)
+            if twin := pictures.meet(path.name, pixels):
                 raise BadInput(f"{path.name} is the picture {twin} once more, and no larger.")
-            if header.kind == "jpeg" and header.orientation == 1:
-                shutil.copyfile(path, folder / copy)
-            else:
-                (folder / copy).write_bytes(_encode(path, pixels, header))
+            (folder / copy).write_bytes(content)
             turned += header.orientation != 1
             name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
             name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
             copies[copy] = f"{number}-{name}" if name in copies.values() else name
-            seen[path.name] = thumbnail
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")
         report.progress("Photos", done, len(paths))

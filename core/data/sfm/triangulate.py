@@ -36,9 +36,7 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
             what = f"{counted(len(names), 'photo')} to train on can be read; at least {LEAST_PHOTOS} are needed to triangulate points"
             raise BadInput(f"{what}.", "Add photos, or points to start from (ply_file_path in a transforms.json).")
         extract(work, names, report, work / MASKS)
-        pairs = [
-            (names[first], names[second]) for first, second in partners([camera for _, camera in cameras.values()])
-        ]
+        pairs = [(names[first], names[second]) for first, second in partners([camera for _, camera in cameras.values()])]
         match(work, pairs, report, verify=False, ratio=RATIO)
         known = _known(work, cameras)
         _keep_epipolar(work, cameras, pairs)

@@ -40,12 +40,7 @@ def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
     total = w + x + y + z + logit_opacities[i]
     for k in range(3):
         total += np.float64(means[i, k]) + log_scales[i, k]
-    return (
-        depth > NEAR
-        and total - total == 0
-        and w * w + x * x + y * y + z * z >= QUATERNION_MIN_NORM2
-        and logit_opacities[i] >= LEAST_LOGIT
-    )
+    return depth > NEAR and total - total == 0 and w * w + x * x + y * y + z * z >= QUATERNION_MIN_NORM2 and logit_opacities[i] >= LEAST_LOGIT
 
 
 @part
@@ -170,9 +165,7 @@ def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
 
 
 @kernel
-def find_visible(
-    counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible
-):
+def find_visible(counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible):
     """Write to `visible` (N,) bool which Gaussians are not culled. Takes blocks off `counter` until none are left."""
     count = len(means)
     while True:

@@ -89,9 +89,7 @@ def write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, 
 
 
 @part
-def ellipse_backward(
-    i, offset, quaternions, log_scales, rotation, lens, limits, sums, to_quaternions, to_log_scales, to_probe
-):
+def ellipse_backward(i, offset, quaternions, log_scales, rotation, lens, limits, sums, to_quaternions, to_log_scales, to_probe):
     """From the sums over the pixels to quaternion, log scales and probe, written, and dL/d(offset), returned."""
     fx, fy, _, _ = lens
     axis_x, axis_y, axis_z = row(rotation, 0), row(rotation, 1), row(rotation, 2)

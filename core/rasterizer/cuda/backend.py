@@ -104,9 +104,7 @@ class _Render(torch.autograd.Function):
         )  # fmt: skip
         sums = torch.empty(count, SLOT_COLUMNS, device=device)
         if count:  # a grid cannot be empty
-            blend_backward.add_up[(count,)](
-                lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **UNFUSED
-            )
+            blend_backward.add_up[(count,)](lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **UNFUSED)
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
         probe_gradient = torch.empty(count if ctx.probed else 0, 2, device=device)
         project_backward.project_backward[blocks(count, project_backward.BLOCK)](
@@ -159,9 +157,7 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pair
     return Prepared(camera, view, footprints, tile_counts, lists, columns)
 
 
-def draw(
-    prepared: Prepared, background: Colour, strongest: Tensor | None = None
-) -> tuple[Tensor, Tensor, Tensor]:
+def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
     """The picture (height, width, 3), the transmittance (height, width), and the tiles' ends, see `blend_forward`.
 
     strongest: zeros (slots,), to become the largest alpha * transmittance of each slot.

@@ -84,9 +84,7 @@ def front_to_back(depths: Tensor, tile_counts: Tensor) -> tuple[Tensor, Tensor]:
     return order, slot_starts
 
 
-def tile_lists(
-    order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, columns: int, rows: int, slots: int
-) -> TileLists:
+def tile_lists(order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, columns: int, rows: int, slots: int) -> TileLists:
     """The lists of a picture of `columns` by `rows` tiles; slots: their number, slot_starts[-1], or more."""
     tiles = columns * rows
     key = torch.int16 if tiles <= TILES_OF_16_BITS else torch.int32

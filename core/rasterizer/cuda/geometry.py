@@ -157,9 +157,7 @@ def ellipse(view, offset, depth, quaternion, log_scale):
     _, _, axes = axes_of(quaternion)
     scales = scales_of(log_scale)
     x_gradient, y_gradient = pixel_gradients(view, inverse_depth, clamped_x, clamped_y)
-    a, b, c, determinant = covariance(
-        projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
-    )
+    a, b, c, determinant = covariance(projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales))
     centre_x = tl.load(view + FOCAL_X) * x + tl.load(view + MIDDLE_X)
     centre_y = tl.load(view + FOCAL_Y) * y + tl.load(view + MIDDLE_Y)
     return centre_x, centre_y, a, b, c, determinant

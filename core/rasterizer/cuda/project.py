@@ -41,9 +41,7 @@ def tiles_touched(view, x, y, slope, half_height, half_width, lean, shows):
     most_rows = tl.max(rows, axis=0)
     step = 0
     while step < most_rows:
-        first, last = touched_columns(
-            x, y, slope, half_height, half_width, lean, first_row + step, tl.load(view + WIDTH)
-        )
+        first, last = touched_columns(x, y, slope, half_height, half_width, lean, first_row + step, tl.load(view + WIDTH))
         touched += tl.where(step < rows, last - first, 0)
         step += 1
     return touched

@@ -57,9 +57,7 @@ def project_backward(
     depth = tl.where(drawn, depth_of(view, offset), 1.0)
 
     at = sums + row * SLOT_COLUMNS
-    to_offset, to_quaternion, to_log_scale, to_x, to_y = ellipse_backward(
-        view, offset, depth, quaternion, log_scale, at, drawn
-    )
+    to_offset, to_quaternion, to_log_scale, to_x, to_y = ellipse_backward(view, offset, depth, quaternion, log_scale, at, drawn)
     through_colour = colour_backward(row, offset, sh, footprints, at, to_sh, known, drawn, COEFFICIENTS)
     store_3(to_means, row, where_3(drawn, add(to_offset, through_colour)), known)
     store_3(to_log_scales, row, where_3(drawn, to_log_scale), known)
@@ -177,9 +175,7 @@ def colour_backward(row, offset, sh, footprints, sums, to_sh, known, drawn, COEF
     at = footprints + row * footprint.COLUMNS
     # A colour that was clamped at zero has no gradient.
     red = tl.where(tl.load(at + footprint.RED, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_RED, mask=drawn), 0.0)
-    green = tl.where(
-        tl.load(at + footprint.GREEN, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_GREEN, mask=drawn), 0.0
-    )
+    green = tl.where(tl.load(at + footprint.GREEN, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_GREEN, mask=drawn), 0.0)
     blue = tl.where(tl.load(at + footprint.BLUE, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_BLUE, mask=drawn), 0.0)
     to_basis = ()
     for k in tl.static_range(COEFFICIENTS):

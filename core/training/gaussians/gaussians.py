@@ -125,15 +125,12 @@ class Gaussians:
     def from_tensors(flat: dict[str, Tensor], sky: int) -> "Gaussians":
         """The inverse of `tensors`; raises KeyError or ValueError for a set that is incomplete or does not fit together."""
         groups = {
-            group: {key.split(".", 1)[1]: tensor for key, tensor in flat.items() if key.startswith(group + ".")}
-            for group in ("parameters", *MOMENTS)
+            group: {key.split(".", 1)[1]: tensor for key, tensor in flat.items() if key.startswith(group + ".")} for group in ("parameters", *MOMENTS)
         }
         rows = {len(tensor) for tensor in flat.values()}
         if len(rows) != 1 or any(tensor.dtype != torch.float32 for tensor in groups["parameters"].values()):
             raise ValueError(f"{sorted(rows)} Gaussians in tensors of one set, or parameters that are not float32")
-        return Gaussians(
-            **groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky=sky
-        )
+        return Gaussians(**groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky=sky)
 
 
 def free_columns(name: str, columns: int) -> int:

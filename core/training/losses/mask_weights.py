@@ -12,9 +12,7 @@ def enlarged(mask: Float[Tensor, "1 h w"], height: int, width: int) -> Float[Ten
     return F.interpolate(mask[None], size=(height, width), mode="bilinear", align_corners=False)[0, 0]
 
 
-def pixel_weights(
-    mask: Float[Tensor, "1 h w"], height: int, width: int, mask_mean: float
-) -> Float[Tensor, "H W"]:
+def pixel_weights(mask: Float[Tensor, "1 h w"], height: int, width: int, mask_mean: float) -> Float[Tensor, "H W"]:
     """The mask as weights of the picture's pixels, detached.
 
     mask_mean: running mean over photos. Below COLLAPSED the masks are raised until their mean is COLLAPSED again.

@@ -141,9 +141,7 @@ class Target:
         return other
 
 
-def photometric(
-    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
-) -> Float[Tensor, ""]:
+def photometric(image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float) -> Float[Tensor, ""]:
     """The scalar to minimise.
 
     image: the render, not clamped; the only input that gets a gradient. weight: w, from 0 (ignored) to 1, or None for 1
@@ -160,9 +158,7 @@ def photometric(
     return plain_photometric(image, target, weight, ssim_weight)
 
 
-def plain_photometric(
-    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
-) -> Float[Tensor, ""]:
+def plain_photometric(image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float) -> Float[Tensor, ""]:
     """`photometric` in plain torch: what the kernel has to equal."""
     planes = planes_of(image, target.valid)
     error = _error(planes, target.planes, target.mean, target.mean_square, ssim_weight)
@@ -172,9 +168,7 @@ def plain_photometric(
     return weighted.sum() / target.valid_pixels
 
 
-def photometric_paper(
-    image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
-) -> Float[Tensor, ""]:
+def photometric_paper(image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float) -> Float[Tensor, ""]:
     """`photometric` as the paper writes it: both pictures are multiplied by the mask before L1 and SSIM.
 
     The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero.
@@ -183,9 +177,7 @@ def photometric_paper(
     return photometric(image * mask[..., None], target.masked(mask), None, ssim_weight)
 
 
-def photometric_of_mask(
-    image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
-) -> Float[Tensor, ""]:
+def photometric_of_mask(image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float) -> Float[Tensor, ""]:
     """`photometric_paper` as the mask sees it: the gradient goes into the mask, and none into the image."""
     return plain_photometric(image.detach() * mask[..., None], target.masked(mask), None, ssim_weight)
 

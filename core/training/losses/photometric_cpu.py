@@ -28,9 +28,7 @@ _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _THIRD = np.float32(0.5), np.float32(1 / 3)
 
 
-def photometric_cpu(
-    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
-) -> Float[Tensor, ""]:
+def photometric_cpu(image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float) -> Float[Tensor, ""]:
     """`core.training.losses.photometric.photometric` for float32 on the CPU."""
     return _Photometric.apply(image, target, weight, ssim_weight)
 
@@ -118,9 +116,7 @@ def _blur_products(x, y, row, lines):
     squares[:] = _ZERO
     products[:] = _ZERO
     for tap in range(5):
-        _add_rows(
-            _TAPS[tap], x[row + tap], x[row + 10 - tap], y[row + tap], y[row + 10 - tap], means, squares, products
-        )
+        _add_rows(_TAPS[tap], x[row + tap], x[row + 10 - tap], y[row + tap], y[row + 10 - tap], means, squares, products)
     # The middle row, as two halves of itself.
     _add_rows(_HALF * _K5, x[row + 5], x[row + 5], y[row + 5], y[row + 5], means, squares, products)
 
@@ -169,9 +165,7 @@ def _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, grad
         for channel in range(3):
             for k in range(3):
                 _blur_down(slopes[k, channel], row, lines[k, 5:])
-            _combine(
-                lines, x[channel, row + 5], y[channel, row + 5], weights[row], (_ONE - share) * scale, factor, line
-            )
+            _combine(lines, x[channel, row + 5], y[channel, row + 5], weights[row], (_ONE - share) * scale, factor, line)
             for i in range(width):
                 gradient[row, i, channel] = line[i]
 

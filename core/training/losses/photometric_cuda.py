@@ -73,9 +73,7 @@ def blur_along(plane, taps, pixel, column, width, known):
 
 
 @triton.jit(do_not_specialize=SIZES)
-def compare(
-    blurred, x, y, y_means, y_squares, weights, taps, error, slopes, share, scale, height, width, BLOCK: tl.constexpr
-):
+def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, share, scale, height, width, BLOCK: tl.constexpr):
     """The error (height, width) and the derivatives (3 products, 3, height, width) of the loss by the windowed means."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)

@@ -25,9 +25,7 @@ def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
     return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
 
 
-def residual_loss(
-    residual: Float[Tensor, "v c 3"], weight: float
-) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
+def residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
     """weight * L_regSH, its gradient by the residual, and the mean absolute residual (0 without Gaussians).
 
     The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's.

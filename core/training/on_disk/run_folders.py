@@ -95,9 +95,7 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
         if not is_run(output):
             raise BadInput(f"{output} holds files that are no run.", "Choose another -o, or empty it yourself.")
         if not force:
-            raise BadInput(
-                f"{output} holds a run.", "Add --force to replace it, --resume to go on with it, or choose another -o."
-            )
+            raise BadInput(f"{output} holds a run.", "Add --force to replace it, --resume to go on with it, or choose another -o.")
     return output
 
 

@@ -327,9 +327,7 @@ def test_all_photos_missing(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     for path in (root / "images").iterdir():
         path.unlink()
-    with pytest.raises(
-        BadInput, match="No photo of .*4 photos of the model missing .*photo_0.png.* Put the photos into"
-    ):
+    with pytest.raises(BadInput, match="No photo of .*4 photos of the model missing .*photo_0.png.* Put the photos into"):
         load_collection(root)
 
 

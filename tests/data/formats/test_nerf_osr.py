@@ -51,9 +51,7 @@ def test_validation_photos_are_held_out_where_there_are_no_test_photos(scene):
     assert used(load_collection(scene)) == {"photo_1.png": "train", "photo_2.png": "train", "photo_3.png": "test"}
     shutil.rmtree(scene / "final" / "validation")
     collection = load_collection(scene)
-    assert used(collection) == {"photo_1.png": "test", "photo_2.png": "train"} and notes_with(
-        collection, "every 8th photo"
-    )
+    assert used(collection) == {"photo_1.png": "test", "photo_2.png": "train"} and notes_with(collection, "every 8th photo")
 
 
 def test_photos_of_one_name_are_told_apart_by_their_split(scene):
@@ -125,7 +123,9 @@ def test_nothing_to_train_on(scene):
         read_nerf_osr(scene / "final" / "train")
     for path in (scene / "final" / "train" / "intrinsics").iterdir():
         path.write_text("nothing")
-    with pytest.raises(BadInput, match="leaves no photo to train on: 2 photos whose text file in intrinsics/ does not hold 16 numbers, not used.* Correct"):
+    with pytest.raises(
+        BadInput, match="leaves no photo to train on: 2 photos whose text file in intrinsics/ does not hold 16 numbers, not used.* Correct"
+    ):
         load_collection(scene)
     shutil.rmtree(scene / "final" / "train" / "rgb")
     with pytest.raises(BadInput, match="final/train/rgb holds no photos"):

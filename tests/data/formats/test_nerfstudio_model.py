@@ -107,6 +107,7 @@ def test_a_model_without_tracks_says_so(scene):
 
 def moved(shift):
     """The second camera moved along the line of all."""
+
     def change(number, frame):
         frame["transform_matrix"][0][3] += shift * (number == 1)
 

@@ -80,10 +80,7 @@ def test_a_third_radial_term_is_taken_along(tmp_path):
 def test_the_sample_has_the_same_cameras_in_every_format(tmp_path):
     given = load_collection(PLAZA)
     splits = {photo.name: photo.split for photo in given.photos}
-    lists = {
-        f"{split}_filenames": [f"images/{name}" for name in splits if splits[name] == split]
-        for split in ("train", "test")
-    }
+    lists = {f"{split}_filenames": [f"images/{name}" for name in splits if splits[name] == split] for split in ("train", "test")}
     shown = given.frame.to_world(given.points)
     for root in (write_nerfstudio(PLAZA, tmp_path / "a", None, **lists), write_nerf_osr(PLAZA, tmp_path / "b", splits)):
         found = load_collection(root)
@@ -118,12 +115,8 @@ def test_intrinsics_at_the_top(scene, top, fx, fy, cx):
 
 
 def test_a_frames_own_intrinsics_come_first_and_photos_may_differ(scene):
-    changed(
-        scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150), facts["frames"][2].update(fl_x=170))
-    )
-    assert [photo.camera.fx for photo in load_collection(scene).photos] == pytest.approx(
-        [150, 150, 170, 150], rel=1e-12
-    )
+    changed(scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150), facts["frames"][2].update(fl_x=170)))
+    assert [photo.camera.fx for photo in load_collection(scene).photos] == pytest.approx([150, 150, 170, 150], rel=1e-12)
 
 
 def test_instant_ngps_fisheyes(scene):
@@ -141,9 +134,7 @@ def test_camera_models_in_any_letters_and_none(scene, model):
 # --- where photos are
 
 
-@pytest.mark.parametrize(
-    "change", [str.upper, lambda name: name.removesuffix(".png"), lambda name: name.replace("/", "\\")]
-)
+@pytest.mark.parametrize("change", [str.upper, lambda name: name.removesuffix(".png"), lambda name: name.replace("/", "\\")])
 def test_paths_without_a_suffix_and_of_windows(scene, change):
     if change is str.upper:
         (scene / "images").rename(scene / "IMAGES")
@@ -167,9 +158,7 @@ def test_of_photos_that_were_shrunk_and_not_kept_the_small_ones_are_used(scene):
 def test_photos_elsewhere(scene, tmp_path):
     (scene / "images").rename(tmp_path / "elsewhere")
     paths = [str(tmp_path / "elsewhere" / "photo_0.png"), *(f"../elsewhere/photo_{number}.png" for number in (1, 2, 3))]
-    changed(
-        scene, lambda facts: [frame.update(file_path=path) for frame, path in zip(facts["frames"], paths, strict=True)]
-    )
+    changed(scene, lambda facts: [frame.update(file_path=path) for frame, path in zip(facts["frames"], paths, strict=True)])
     assert [photo.name for photo in load_collection(scene).photos] == SmallScene().names
 
 
@@ -220,9 +209,7 @@ def test_frames_that_are_wrong_are_named_and_the_others_used(scene, fault, words
 
 def test_no_frame_that_can_be_used(scene):
     changed(scene, lambda facts: [spoil("camera_model", "EQUIRECTANGULAR")(frame) for frame in facts["frames"]])
-    with pytest.raises(
-        BadInput, match="No photo of .*transforms.json can be used: 4 photos with a camera_model that is not supported"
-    ):
+    with pytest.raises(BadInput, match="No photo of .*transforms.json can be used: 4 photos with a camera_model that is not supported"):
         load_collection(scene)
 
 
@@ -232,9 +219,7 @@ def test_a_scaled_camera_sees_the_same_and_rounded_digits_are_made_whole(scene):
     assert farthest_px(scaled, plain, SmallScene().points) < EXACT_PX
     changed(
         scene,
-        lambda facts: facts["frames"][2].update(
-            transform_matrix=np.round(facts["frames"][2]["transform_matrix"], 3).tolist()
-        ),
+        lambda facts: facts["frames"][2].update(transform_matrix=np.round(facts["frames"][2]["transform_matrix"], 3).tolist()),
     )
     rounded = load_collection(scene)
     matrix = rounded.photos[2].camera.world_to_camera
@@ -306,9 +291,7 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     collection = load_collection(scene)
     assert [photo.mask and photo.mask.name for photo in collection.split("train")] == ["1.png", "2.png", None]
     assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.name == "0.png"
-    assert notes_with(collection, "2 photos with a mask from") and notes_with(
-        collection, "whose mask is missing, used whole: photo_3.png ("
-    )
+    assert notes_with(collection, "2 photos with a mask from") and notes_with(collection, "whose mask is missing, used whole: photo_3.png (")
     assert not load_photo(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
 
 

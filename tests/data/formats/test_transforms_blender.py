@@ -35,9 +35,7 @@ def test_blender_scenes(tmp_path, blender):
 
 def test_blenders_validation_photos_are_held_out_only_where_there_are_no_test_photos(blender):
     shutil.copy(blender / "transforms_test.json", blender / "transforms_val.json")
-    assert notes_with(
-        load_collection(blender), "transforms_val.json is not used: transforms_test.json is what is held out"
-    )
+    assert notes_with(load_collection(blender), "transforms_val.json is not used: transforms_test.json is what is held out")
     (blender / "transforms_test.json").unlink()
     assert splits_of(load_collection(blender)) == ["test", "train", "train", "train"]
     (blender / "transforms_val.json").unlink()
@@ -53,9 +51,7 @@ def test_blender_splits_that_are_empty(blender):
     write_json(blender / "transforms_test.json", {"frames": []})
     assert splits_of(load_collection(blender)) == ["test", "train", "train"]
     shutil.rmtree(blender / "train")
-    with pytest.raises(
-        BadInput, match="No photo of .*transforms_train.json can be used: 3 photos of transforms_train.json missing"
-    ):
+    with pytest.raises(BadInput, match="No photo of .*transforms_train.json can be used: 3 photos of transforms_train.json missing"):
         load_collection(blender)
     write_json(blender / "transforms_train.json", {"frames": []})
     with pytest.raises(BadInput, match="transforms_train.json has no frames"):

@@ -37,9 +37,7 @@ def splits(collection):
     ],
 )  # fmt: skip
 def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
-    collection = load_collection(
-        changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()}))
-    )
+    collection = load_collection(changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()})))
     assert splits(collection) == expected
     assert note is None or notes_with(collection, note)
 

@@ -54,9 +54,7 @@ def test_orientation_is_taken_out_and_the_rest_stays():
     assert [index for index in range(len(block)) if block[index] != upright[index]] == [19]
 
 
-@pytest.mark.parametrize(
-    "block", [b"", b"II", b"II*\0\xff\xff\xff\xff", b"nonsense", exif_block(6)[:16], exif_block(77)]
-)
+@pytest.mark.parametrize("block", [b"", b"II", b"II*\0\xff\xff\xff\xff", b"nonsense", exif_block(6)[:16], exif_block(77)])
 def test_broken_exif_means_not_turned(block):
     assert orientation_of(block) == 1
 

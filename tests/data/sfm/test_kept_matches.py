@@ -57,7 +57,9 @@ def counts(database) -> tuple[int, int]:
 
 
 def is_same(scene, other) -> bool:
-    return all((scene / "sparse/0" / name).read_bytes() == (other / "sparse/0" / name).read_bytes() for name in ("cameras.bin", "images.bin", "points3D.bin"))
+    return all(
+        (scene / "sparse/0" / name).read_bytes() == (other / "sparse/0" / name).read_bytes() for name in ("cameras.bin", "images.bin", "points3D.bin")
+    )
 
 
 @pytest.mark.parametrize(("stage", "found"), [("Features", (2, 0)), ("Matches", (6, 8)), ("Cameras", (6, 15))])
@@ -151,7 +153,9 @@ def test_a_damaged_database_is_not_used(tmp_path, content):
     (tmp_path / DATABASE).write_bytes(whole[: len(whole) // 2] if content == "half" else content)
     heard = Heard()
     keep_if_of({}, tmp_path, heard)
-    assert heard.lines == ([AGAIN] if content == b"" else []) and (tmp_path / DATABASE).exists() == (content == b"")  # empty: of a stop before the first table
+    assert heard.lines == ([AGAIN] if content == b"" else []) and (tmp_path / DATABASE).exists() == (
+        content == b""
+    )  # empty: of a stop before the first table
 
 
 def test_two_at_once_do_not_share(tmp_path, monkeypatch):

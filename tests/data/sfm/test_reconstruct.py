@@ -164,7 +164,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
 
     for seed in range(2):
         noise_photo(tmp_path / f"{seed}.jpg", seed)
-    monkeypatch.setattr("shutil.copyfile", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(WegsError, match="The disk is full"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg"]

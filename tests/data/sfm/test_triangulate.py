@@ -132,7 +132,10 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
         assert found.root == points and found.changed_since(collection) == []
         assert all(photo.path.is_relative_to(now / "photos") and photo.path.is_file() for photo in found.photos)
     (now / "photos").rename(tmp_path / "other")  # alone
-    with pytest.raises(BadInput, match="holds the points of .*project.photos, which is gone. Move it back, or write where it is now into .*triangulated.json, as its scene"):
+    with pytest.raises(
+        BadInput,
+        match="holds the points of .*project.photos, which is gone. Move it back, or write where it is now into .*triangulated.json, as its scene",
+    ):
         load_collection(points)
     trained = SimpleNamespace(collection=run_config.read_config(run_folder)[2], folder=run_folder)
     with pytest.raises(BadInput, match="cannot be read: the scene .*project.photos is gone. .*triangulated.json, as its scene"):
@@ -206,9 +209,7 @@ def test_plain_photos_beside_a_description_are_pointed_to_it(corner, tmp_path, m
     shutil.copy(corner / "transforms.json", tmp_path)
     heard = Heard()
     scene_of_photos(tmp_path / "images", tmp_path / "found", heard)
-    assert heard.lines == [
-        f"! {tmp_path} is a nerfstudio scene: give that folder to use its cameras. Now they are found anew."
-    ]
+    assert heard.lines == [f"! {tmp_path} is a nerfstudio scene: give that folder to use its cameras. Now they are found anew."]
 
 
 # --- the parts

@@ -18,6 +18,7 @@ import click
 import numpy as np
 import torch
 
+from core.appearance.colouring import Colouring
 from core.data import load_collection
 from core.data.collection import Collection, Photo
 from core.data.sfm.locate import locate
@@ -73,11 +74,11 @@ def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
     """PSNR (dB) of the right half in the look of the left one: as encoded, refined with the camera found, and with the known one."""
     view = held_out_view(trained, trained.collection.view(photo.name))
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
-    looks = [(fits[0].start, None), *(list(refining(trained, fit))[-1] for fit in fits)]
+    looks = [Colouring(fits[0].start), *(list(refining(trained, fit))[-1] for fit in fits)]
     scored = fits[0].scored
     valid = None if view.valid is None else view.valid[:, scored]
-    render = trained.seen_by(view.camera)
-    pictures = (render(embedding, tone) for embedding, tone in looks)
+    seen = trained.seen_by(view.camera)
+    pictures = (seen.render(look) for look in looks)
     return [psnr(quantised(picture)[:, scored], fits[0].photo[:, scored], valid) for picture in pictures]
 
 

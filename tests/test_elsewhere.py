@@ -103,6 +103,7 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
     pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
     monkeypatch.setattr(lpips, "load", lambda: Lpips("alex", made_weights("alex")))
     monkeypatch.setattr("core.appearance.refinement.STEPS", 2)
+    monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 2)
     scores = pipeline.evaluate(folder, protocol="full").views[0].scores["photo"]
     assert scores["refined"].lpips > 0 and scores["refined"].psnr >= scores["zero_shot"].psnr - 0.1  # L1 is refined
 

@@ -1,87 +1,149 @@
-"""Refinement: a look is fitted to the photo that it was read from, seen by that photo's own camera."""
+"""Refinement: a look is fitted to the photo that it was read from, seen by that photo's own camera.
+
+First the embedding and the tone, and the weights that embeddings give, which may take values that no embedding gives. Then also those
+weights that all looks share: the SH transfer has places as an input, so it can learn where in this one photo a shadow falls. What the
+photo does not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
+"""
 
 from collections.abc import Callable, Iterator
 from math import cos, pi
-from typing import NamedTuple
+from typing import Protocol, runtime_checkable
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from core.appearance.colouring import Changes, Colouring
 from core.system.threads import threads_for_blocks
 
-STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; the rate falls to zero along half a cosine
+STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; a rate falls to zero along half a cosine
+LATER_STEPS, HIDDEN_RATE = 64, 0.003  # of the second part; 128 steps at 0.001 end within 0.1 dB
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
+APART_RATE = 0.02  # of weights that embeddings give, in units of how widely they differ between looks
+UNSEEN, HOLD = 2000, 0.1  # Gaussians out of view that a step looks at, and the weight of how far they move
 CELLS = 40  # along the longer side: a photo is compared with its render in means over cells
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
 FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
 
 
-class Refined(NamedTuple):
-    """A look: embedding and tone (core.appearance.tone)."""
+@runtime_checkable
+class Refinable(Protocol):
+    """What a camera sees of a scene whose look follows a Colouring.
 
-    embedding: Float[Tensor, " e"]
-    tone: Float[Tensor, "2 3"]
+    sky: how much of each pixel is sky, [0, 1]; None if there is none that is told from the place. weights_apart: how widely the weights that
+    an embedding gives differ between looks. weights_shared: those of the SH transfer that all looks share. Of either, there may be none.
+    """
 
+    sky: Float[Tensor, "h w"] | None
+    weights_apart: Changes
+    weights_shared: Changes
 
-Render = Callable[[Float[Tensor, " e"], Float[Tensor, "2 3"] | None], Float[Tensor, "h w 3"]]  # of embedding and tone
-Bound = Callable[[Float[Tensor, " e"]], Float[Tensor, " e"]]
+    def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
+        """The view in this look; differentiable in all of the look that it follows."""
+
+    def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
+        """The embedding, or the nearest to it that a refinement may take."""
+
+    def unseen(self, most: int, generator: torch.Generator) -> Int[Tensor, " r"]:
+        """Rows of Gaussians that the camera does not see, drawn at random; fewer than `most` if there are no more."""
+
+    def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
+        """Their SH in this look; differentiable as `render`."""
 
 
 def refinement(
-    render: Render,
-    bound: Bound,
+    seen: Refinable,
     start: Float[Tensor, " e"],
     picture: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w"] | None = None,
     tone: Float[Tensor, "2 3"] | None = None,
-    sky: Float[Tensor, "h w"] | None = None,
-) -> Iterator[Refined]:
-    """The best look after 0, 1, ... STEPS of Adam on embedding and tone, which begin as given; none if looks follow no embedding.
+) -> Iterator[Colouring]:
+    """The best look after 0, 1, ... STEPS + LATER_STEPS steps, from an embedding and a tone; STEPS if looks share no weights, none if they
+    follow no embedding.
 
     It minimises the mean |render - picture| of cell means: detail finer than a cell says where things lie, not how they are lit. L1,
-    because passers-by would pull harder on a squared error. sky: how much of each pixel is sky; all of it together counts no more than the
-    place, whose look a photo that is mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept,
-    the start included. bound: keeps an embedding where it may go; beyond, the SH transfer makes up colours for what the photo does not
-    show. The result is the same for any number of threads, which torch's own matrix products do not ensure on every processor.
+    because passers-by would pull harder on a squared error. All sky together counts no more than the place, whose look a photo that is
+    mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. Embeddings stay
+    within `bound`; beyond, the SH transfer makes up colours for what the photo does not show. The result is the same for any number of
+    threads, which torch's own matrix products do not ensure on every processor.
     """
-    embedding = start.detach().clone().requires_grad_()
-    gains = (torch.ones(2, 3, device=start.device) if tone is None else tone).log().requires_grad_()
+    embedding = start.detach().clone()
+    gains = (torch.ones(2, 3, device=start.device) if tone is None else tone).log()
+    changes = {name: torch.zeros_like(spread) for name, spread in seen.weights_apart.items()}
+    weights = 1.0 if seen.sky is None else _cell_weights(seen.sky, valid)
+
+    def look() -> Colouring:
+        return Colouring(embedding, gains.exp(), changes or None)
+
+    def off(look: Colouring) -> Tensor:
+        return (weights * _cell_means(seen.render(look) - picture, valid).abs()).mean()
+
+    learning = [_Learning(embedding, RATE, seen.bound), _Learning(gains, TONE_RATE)]
+    learning += [_Learning(changes[name], APART_RATE * spread) for name, spread in seen.weights_apart.items()]
     with torch.enable_grad(), threads_for_blocks():
-        if not render(embedding, torch.ones_like(gains)).requires_grad:
+        if not seen.render(Colouring(embedding, gains.exp().detach())).requires_grad:
             return
-    learning = _Learning(embedding, RATE), _Learning(gains, TONE_RATE)
-    weights = 1.0 if sky is None else _cell_weights(sky, valid)
-    best, least = None, float("inf")
-    for step in range(STEPS + 1):
-        with torch.enable_grad(), threads_for_blocks():
-            loss = (weights * _cell_means(render(embedding, gains.exp()) - picture, valid).abs()).mean()
-            gradients = torch.autograd.grad(loss, (embedding, gains), materialize_grads=True)
-        if float(loss.detach()) < least or best is None:
-            best, least = Refined(embedding.detach().clone(), gains.detach().exp()), float(loss.detach())
-        yield best
+    best = yield from _descent(learning, STEPS, look, lambda: off(look()))
+    if not seen.weights_shared:
+        return
+
+    first, generator = best, torch.Generator().manual_seed(0)
+    learning = [_Learning(change, APART_RATE * seen.weights_apart[name]) for name, change in (first.changes or {}).items()]
+    changes = {name: one.value for name, one in zip(first.changes or {}, learning)}
+    changes |= {name: torch.zeros_like(weight) for name, weight in seen.weights_shared.items()}
+    learning += [_Learning(changes[name], HIDDEN_RATE) for name in seen.weights_shared]
+
+    def later() -> Colouring:
+        return Colouring(first.embedding, first.tone, changes)
+
+    def moved() -> Tensor:
+        rows = seen.unseen(UNSEEN, generator)
         with torch.no_grad():
-            for one, gradient in zip(learning, gradients):
-                one.step(gradient, share=(1 + cos(pi * step / STEPS)) / 2)
-            embedding.copy_(bound(embedding))
+            stay = seen.harmonics(rows, first)
+        return (seen.harmonics(rows, later()) - stay).abs().mean() if len(rows) else stay.new_zeros(())
+
+    steps = _descent(learning, LATER_STEPS, later, lambda: off(later()) + HOLD * moved())
+    next(steps)  # the first part's best
+    yield from steps
 
 
 class _Learning:
-    """Adam (Kingma & Ba 2015) for one tensor. torch's own would import its compiler, which takes as long as half of a refinement."""
+    """Adam (Kingma & Ba 2015) for one tensor, in place. torch's own would import its compiler, which takes as long as half of a refinement.
 
-    def __init__(self, value: Tensor, rate: float):
-        self.value, self.rate, self.count = value, rate, 0
+    rate: of each number, or of all. bound: where the tensor may be.
+    """
+
+    def __init__(self, value: Tensor, rate: float | Tensor, bound: Callable[[Tensor], Tensor] | None = None):
+        self.value, self.rate, self.bound, self.count = value.requires_grad_(), rate, bound, 0
         self.first, self.second = torch.zeros_like(value), torch.zeros_like(value)
 
+    @torch.no_grad()
     def step(self, gradient: Tensor, share: float) -> None:
-        """Move the value, in place, at `share` of the rate."""
+        """Move the value at `share` of the rate."""
         self.count += 1
         self.first.lerp_(gradient, 1 - BETA_1)
         self.second.lerp_(gradient**2, 1 - BETA_2)
         first, second = self.first / (1 - BETA_1**self.count), self.second / (1 - BETA_2**self.count)
         self.value -= share * self.rate * first / (second.sqrt() + EPSILON)
+        if self.bound is not None:
+            self.value.copy_(self.bound(self.value))
+
+
+def _descent(learning: list[_Learning], steps: int, look: Callable[[], Colouring], loss_of: Callable[[], Tensor]) -> Iterator[Colouring]:
+    """The best look after 0, 1, ... `steps` steps; returns the last of these."""
+    best, least = None, float("inf")
+    for step in range(steps + 1):
+        with torch.enable_grad(), threads_for_blocks():
+            loss = loss_of()
+            gradients = torch.autograd.grad(loss, [one.value for one in learning], materialize_grads=True)
+        if float(loss.detach()) < least or best is None:
+            best, least = look().kept(), float(loss.detach())
+        yield best
+        for one, gradient in zip(learning, gradients):
+            one.step(gradient, share=(1 + cos(pi * step / steps)) / 2)
+    return best
 
 
 def _cell_weights(sky: Float[Tensor, "h w"], valid: Bool[Tensor, "h w"] | None) -> Float[Tensor, "1 1 rows columns"]:

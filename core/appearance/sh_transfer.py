@@ -1,9 +1,12 @@
 """G_phi: from the base SH of a Gaussian and the embedding of a photo to the SH of that photo's look."""
 
+import copy
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from core.appearance.colouring import Changes
 from core.appearance.positional_encoding import encode, encoded_size
 from core.appearance.transfer_mlp import HiddenLayers, OutputLayer, blockwise_mlp, blockwise_sum, chunked_mlp
 from core.config import Settings
@@ -91,6 +94,29 @@ class SHTransfer(nn.Module):
         with threads_for_blocks():
             layers = self.hidden_layers(embedding), self.output_layer(embedding)
             return blockwise_sum(sh.flatten(1), self.encoded(sh), latents, means, *layers, *sizes).view_as(sh)
+
+    def changed(self, changes: Changes) -> "SHTransfer":
+        """The transfer with `changes` added to the weights that they name; differentiable in them."""
+        made = copy.deepcopy(self)
+        for name, change in changes.items():
+            owner, _, weight = name.rpartition(".")
+            module = made.get_submodule(owner)
+            value = getattr(module, weight).detach() + change
+            delattr(module, weight)  # a Parameter, whose place takes no other tensor
+            setattr(module, weight, value)
+        return made
+
+    @torch.no_grad()
+    def spread(self, embeddings: Float[Tensor, "k e"]) -> Changes:
+        """How widely the weights that an embedding gives differ between looks (standard deviations), where it gives the output layer's."""
+        if not self.mixes or len(embeddings) < 2:
+            return {}
+        return {"last.bias": self.last(embeddings).std(dim=0)}
+
+    @property
+    def hidden_weights(self) -> Changes:
+        """The weights that all looks share, by name."""
+        return {f"layers.{name}": weight.detach() for name, weight in self.layers.named_parameters()}
 
     def check(self, sh: Float[Tensor, "v c 3"], latents: Float[Tensor, "v l"] | None) -> None:
         """Raise BadInput unless these have the sizes of the settings."""

@@ -9,7 +9,7 @@ from functools import partial
 
 import torch
 
-from core.appearance.refinement import STEPS
+from core.appearance.refinement import LATER_STEPS, STEPS
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import spread_over
@@ -22,7 +22,7 @@ from core.looks.trained import TrainedRun
 from core.report import Report
 from core.words import counted
 
-MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, 128)  # steps
+MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, STEPS, STEPS + LATER_STEPS // 2, STEPS + LATER_STEPS)
 NOTES = ("Medians and quartiles over photos. half: the right half is scored, which was not seen; full: what was fitted is scored.",)
 
 
@@ -59,14 +59,14 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
 
 def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
-    fit, render = fit_of(subject, view, protocol), subject.seen_by(view.camera)
+    fit, seen = fit_of(subject, view, protocol), subject.seen_by(view.camera)
     next(refining(subject, fit), None)  # unmeasured: the first of all loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()
     for step, look in enumerate(refining(subject, fit)):
         seconds += time.perf_counter() - since
         if step in MEASURED:
             with torch.no_grad():
-                image = metrics.quantised(render(look.embedding, look.tone))
+                image = metrics.quantised(seen.render(look))
             part = None if view.valid is None else view.valid[:, fit.scored]
             psnr = metrics.psnr(image[:, fit.scored], fit.photo[:, fit.scored], part)
             first = course[0]["psnr"] if course else psnr
@@ -83,5 +83,5 @@ def _points(curve: str, protocol: str, courses: list[list[dict[str, float]]]) ->
         values = {name: spreads[name] for name in ("steps", "seconds")}
         values |= {f"{name}_{protocol}": spreads[name] for name in ("gain", "psnr")}
         steps = round(at[0]["steps"])
-        points.append(Point(curve, counted(steps, "step"), values, steps == STEPS))
+        points.append(Point(curve, counted(steps, "step"), values, steps == STEPS + LATER_STEPS))
     return points

@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float, UInt8
 from numpy import ndarray
 from torch import Tensor
 
-from core.appearance.refinement import Refined, refinement
+from core.appearance.colouring import Colouring
+from core.appearance.refinement import refinement
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
@@ -61,9 +62,9 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
     return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
 
 
-def refining(subject: Subject, fit: Fit) -> Iterator[Refined]:
+def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    return refinement(subject.seen_by(fit.camera), subject.bound, fit.start, fit.region, fit.valid, sky=subject.sky_in(fit.camera))
+    return refinement(subject.seen_by(fit.camera), fit.start, fit.region, fit.valid)
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def measure(
     fit = fit_of(subject, view, protocol)
     photo, scored = fit.photo, fit.scored
     height, width = photo.shape[:2]
-    looks = {"zero_shot": (fit.start, None)}
+    looks = {"zero_shot": Colouring(fit.start)}
     if refine:
         for refined in refining(subject, fit):
             looks["refined"] = refined
@@ -125,10 +126,10 @@ def measure(
         if protocol == "half":
             against["clean_right"] = (against["clean"][0], None, scored)
     scores: dict[str, dict[str, Scores]] = {name: {} for name in against}
-    render = subject.seen_by(view.camera)
-    for look, (embedding, tone) in looks.items():
+    seen = subject.seen_by(view.camera)
+    for look, colouring in looks.items():
         with torch.no_grad():
-            image = metrics.quantised(render(embedding, tone))
+            image = metrics.quantised(seen.render(colouring))
         for name, (truth, valid, columns) in against.items():
             part = None if valid is None else valid[:, columns]
             scores[name][look] = compare(image[:, columns], truth[:, columns], part, lpips)

@@ -42,9 +42,9 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     if word == NEUTRAL:
         return neutral_look(trained)
     if saved:
-        look = saved_look.load(saved, trained.identity, trained.settings.embedding_size, trained.step)
-        tone = None if look.tone is None else look.tone.to(trained.device)
-        return replace(look, embedding=look.embedding.to(trained.device), tone=tone)
+        model = trained.model
+        look = saved_look.load(saved, trained.identity, trained.step, model.mean_embedding, model.weights_apart | model.weights_shared)
+        return replace(look, **look.colouring.to(trained.device)._asdict())
     photo = _of_collection(trained, word)
     if photo is not None:
         return look_of_photo(trained, photo, mask, refine, report)

@@ -7,7 +7,7 @@ from pathlib import Path
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import STEPS, refinement
+from core.appearance.refinement import LATER_STEPS, STEPS, refinement
 from core.data import load_collection
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
@@ -89,7 +89,6 @@ def refined(
 ) -> Look | None:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
     best = None
-    steps = refinement(trained.seen_by(camera), trained.bound, look.embedding, pixels, valid, look.tone, trained.sky_in(camera))
-    for step, best in enumerate(steps):
-        report.progress("Refinement", step, STEPS)
-    return None if best is None else replace(look, embedding=best.embedding, tone=best.tone)
+    for step, best in enumerate(refinement(trained.seen_by(camera), look.embedding, pixels, valid, look.tone)):
+        report.progress("Refinement", step, STEPS + LATER_STEPS)
+    return None if best is None else replace(look, **best._asdict())

@@ -1,4 +1,4 @@
-"""Looks saved by name: an embedding in a small JSON file, which only the model that made it understands (one run at one step)."""
+"""Looks saved by name: an embedding, and what goes beyond it, in a JSON file, which only the model that made it understands (one run at one step)."""
 
 import json
 import re
@@ -6,11 +6,15 @@ from collections.abc import Collection
 from pathlib import Path
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
+from core.appearance.colouring import Changes
 from core.data.photos.names import names_without_suffixes
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
 from core.system.atomic import write_json
+from core.system.device import CPU
 from core.training.on_disk.run_folders import check_writable
 from core.words import counted
 
@@ -52,32 +56,49 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
     """
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
-    facts = {"name": look.name, "run": identity, "step": step, "source": look.source}
-    facts["embedding"] = [float(number) for number in look.embedding.detach()]
-    write_json(path, facts if look.tone is None else facts | {"tone": [[float(gain) for gain in row] for row in look.tone]})
+    embedding, tone, changes = look.colouring.kept().to(CPU)
+    facts = {"name": look.name, "run": identity, "step": step, "source": look.source, "embedding": embedding.tolist()}
+    if tone is not None:
+        facts["tone"] = tone.tolist()
+    if changes:
+        facts["changes"] = {name: change.tolist() for name, change in changes.items()}
+    write_json(path, facts)
     return path
 
 
-def load(path: Path, identity: str, size: int, step: int) -> Look:
+def load(path: Path, identity: str, step: int, embedding: Float[Tensor, " e"], weights: Changes) -> Look:
     """Read a look of the run `identity` after `step` steps; a file from a version that did not save the step is accepted.
 
-    Raises BadInput if it is anything else, or its embedding is not `size` finite numbers, or its tone, if any, not six gains >= 0.
+    embedding, weights: any embedding of the run, and the weights of its SH transfer that a look may change: their shapes count. Raises
+    BadInput if the file is anything else, or does not hold finite numbers of such shapes, or has a tone that is not six gains >= 0.
     """
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         source, owner, numbers = (facts[key] for key in ("source", "run", "embedding"))
-        embedding = torch.tensor([float(number) for number in numbers], dtype=torch.float32)
-        tone = torch.tensor(facts["tone"], dtype=torch.float32) if "tone" in facts else None
-    except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
+        found = _tensor(numbers)
+        tone = _tensor(facts["tone"]) if "tone" in facts else None
+        changes = {name: _tensor(change) for name, change in facts["changes"].items()} if "changes" in facts else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as problem:
         raise BadInput(f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME.") from None
     if owner != identity:
         raise BadInput(f"{path} was saved by run {owner}, not by {identity}.", "Name its run with --run, or save it again.")
     if (saved_at := facts.get("step", step)) != step:
         raise BadInput(f"{path} was saved at step {saved_at}; the run is at step {step} now.", "Save the look again.")
-    if len(embedding) != size or not embedding.isfinite().all():
-        raise BadInput(f"{path} does not hold {counted(size, 'finite number')}.", "Save the look again.")
+    if not _fits(found, embedding):
+        raise BadInput(f"{path} does not hold {counted(len(embedding), 'finite number')}.", "Save the look again.")
     if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
-    return Look(path.stem, str(source), embedding, tone)
+    if changes and not all(name in weights and _fits(change, weights[name]) for name, change in changes.items()):
+        raise BadInput(f"{path} changes weights that {identity} does not have.", "Save the look again.")
+    return Look(path.stem, str(source), found, tone, changes)
+
+
+def _tensor(numbers: list) -> Tensor:
+    """Raises TypeError, ValueError or OverflowError for what are no numbers in rows of one length."""
+    return torch.tensor(numbers, dtype=torch.float64).float()
+
+
+def _fits(found: Tensor, like: Tensor) -> bool:
+    return found.shape == like.shape and bool(found.isfinite().all())

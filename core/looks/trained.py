@@ -9,10 +9,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 import core.rasterizer
-from core.appearance import refinement
+from core.appearance.colouring import Changes, Colouring, blended
 from core.appearance.model import AppearanceModel
 from core.appearance.reach import Reach
-from core.appearance.refinement import Render
+from core.appearance.refinement import FARTHEST
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
@@ -78,40 +78,9 @@ class TrainedRun:
         mask = self.model.read(picture).mask
         return None if mask is None else mask[0]
 
-    def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
-        """The embedding, or the nearest to it that a refinement may take."""
-        return self.reach.nearest(embedding, refinement.FARTHEST)
-
-    def seen_by(self, camera: Camera) -> Render:
-        """A function that renders the camera's view in any look, as `bake` gives it; differentiable in the tone, and in the embedding if looks
-        follow it."""
-        visible = self.rasterizer.visible(self.splats, camera)
-        solid = len(self.splats) - self.sky
-        place, discs = visible.rows[visible.rows < solid], visible.rows[visible.rows >= solid] - solid
-        smooth_sky = self.smooth_sky if len(discs) else None
-        sources = visible.rows if smooth_sky is None else torch.cat([place, smooth_sky.shown + solid])
-        base = self.splats[sources].detached()
-        latents = None if self.latents is None else self.latents[sources].detach()
-        shown = self.splats[visible.rows].detached()
-
-        def render(embedding: Float[Tensor, " e"], tone: Float[Tensor, "2 3"] | None) -> Float[Tensor, "H W 3"]:
-            sh, _ = self.model.transfer(base.sh, base.means, embedding, latents)
-            if smooth_sky is not None:
-                sh = torch.cat([sh[: len(place)], smooth_sky.sh(sh[len(place) :], discs)])
-            seen = shown.with_sh(sh)
-            if tone is not None:
-                seen = toned(seen, tone, len(discs))
-            return self.rasterizer.render(seen, camera, self.background, pairs=visible.pairs).image
-
-        return render
-
-    @torch.no_grad()
-    def sky_in(self, camera: Camera) -> Float[Tensor, "H W"] | None:
-        """How much of each pixel of the camera's view is sky, [0, 1]; None without a dome."""
-        if not self.sky:
-            return None
-        dome = slice(len(self.splats) - self.sky, None)
-        return self.rasterizer.render(self.splats.marked(dome), camera).image[..., 0].clamp(0, 1)
+    def seen_by(self, camera: Camera) -> "RunView":
+        """What the camera sees of it, in any look."""
+        return RunView(self, camera)
 
     @cached_property
     def smooth_sky(self) -> SmoothSky | None:
@@ -156,14 +125,83 @@ class TrainedRun:
         return f", on {device.named(self.device)}" if self.settings.device == "cuda" else ""
 
 
+class RunView:
+    """What one camera sees of a run in any look, as `bake` gives it: a core.appearance.refinement.Refinable."""
+
+    def __init__(self, trained: TrainedRun, camera: Camera):
+        self.trained, self.camera = trained, camera
+        self.weights_apart, self.weights_shared = trained.model.weights_apart, trained.model.weights_shared
+        self.visible = trained.rasterizer.visible(trained.splats, camera)
+        solid = len(trained.splats) - trained.sky
+        rows = self.visible.rows
+        self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
+        self.smooth_sky = trained.smooth_sky if len(self.discs) else None
+        self.sources = self._base(rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid]))
+        self.shown = trained.splats[rows].detached()
+
+    def render(self, look: Colouring) -> Float[Tensor, "H W 3"]:
+        """The view in this look."""
+        sh = self._harmonics(*self.sources, look)
+        if self.smooth_sky is not None:
+            place = len(self.place)
+            sh = torch.cat([sh[:place], self.smooth_sky.sh(sh[place:], self.discs)])
+        seen = self.shown.with_sh(sh)
+        if look.tone is not None:
+            seen = toned(seen, look.tone, len(self.discs))
+        return self.trained.rasterizer.render(seen, self.camera, self.trained.background, pairs=self.visible.pairs).image
+
+    def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
+        """The SH of these Gaussians in this look, before tone and smooth sky."""
+        return self._harmonics(*self._base(rows), look)
+
+    def _base(self, rows: Int[Tensor, " r"]) -> tuple[Splats, Float[Tensor, "r l"] | None]:
+        trained = self.trained
+        return trained.splats[rows].detached(), None if trained.latents is None else trained.latents[rows].detach()
+
+    def _harmonics(self, base: Splats, latents: Float[Tensor, "r l"] | None, look: Colouring) -> Float[Tensor, "r c 3"]:
+        return self.trained.model.transfer(base.sh, base.means, look.embedding, latents, look.changes)[0]
+
+    def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
+        """The embedding, or the nearest to it that a refinement may take."""
+        return self.trained.reach.nearest(embedding, FARTHEST)
+
+    def unseen(self, most: int, generator: torch.Generator) -> Int[Tensor, " r"]:
+        """Rows of Gaussians out of view, drawn at random; the camera may see all."""
+        rows = self.out_of_view
+        return rows[torch.randperm(len(rows), generator=generator)[:most].to(rows.device)]
+
+    @cached_property
+    def out_of_view(self) -> Int[Tensor, " r"]:
+        """The rows of all Gaussians that the camera does not see."""
+        unseen = torch.ones(len(self.trained.splats), dtype=torch.bool, device=self.trained.device)
+        unseen[self.visible.rows] = False
+        return unseen.nonzero()[:, 0]
+
+    @cached_property
+    @torch.no_grad()
+    def sky(self) -> Float[Tensor, "H W"] | None:
+        """How much of each pixel is sky, [0, 1]; None without a dome."""
+        trained = self.trained
+        if not trained.sky:
+            return None
+        dome = slice(len(trained.splats) - trained.sky, None)
+        return trained.rasterizer.render(trained.splats.marked(dome), self.camera).image[..., 0].clamp(0, 1)
+
+
 @dataclass(frozen=True)
 class Look:
-    """A look by name. source: where it comes from, in words. tone: gains of place and sky, for what the embedding cannot express."""
+    """A look by name. source: where it comes from, in words. tone, changes: what the embedding cannot express; see Colouring."""
 
     name: str
     source: str
     embedding: Float[Tensor, " e"]
     tone: Float[Tensor, "2 3"] | None = None
+    changes: Changes | None = None
+
+    @property
+    def colouring(self) -> Colouring:
+        """Without the words."""
+        return Colouring(self.embedding, self.tone, self.changes)
 
 
 def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
@@ -196,7 +234,7 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
     rows: of those wanted, all by default; ascending, the whole dome among them.
     """
     latents = None if trained.latents is None else trained.latents[rows]
-    baked = trained.model.bake(trained.splats[rows], look.embedding, latents)
+    baked = trained.model.bake(trained.splats[rows], look.embedding, latents, look.changes)
     if trained.smooth_sky is not None:
         baked = trained.smooth_sky.over(baked)
     return baked if look.tone is None else toned(baked, look.tone, trained.sky)
@@ -212,8 +250,4 @@ def blend(first: Look, last: Look, share: float) -> Look:
     if share in (0.0, 1.0):
         return last if share else first
     name = f"{share:.3f} of the way from {first.name} to {last.name}"
-    tone = None
-    if first.tone is not None or last.tone is not None:
-        one = torch.ones(2, 3, device=first.embedding.device)
-        tone = torch.lerp(*(one if end.tone is None else end.tone for end in (first, last)), share)
-    return Look(name, name, torch.lerp(first.embedding, last.embedding, share), tone)
+    return Look(name, name, *blended(first.colouring, last.colouring, share))

@@ -174,6 +174,46 @@ def test_bake_equals_transfer_bit_for_bit(changes):
     assert len(model.bake(splats[:0], embedding, None if latents is None else latents[:0])) == 0
 
 
+@pytest.mark.parametrize("changes", [{}, {"embedding_enters": "input"}, {"residual": False}], ids=str)
+def test_changed_weights_bake_as_they_render_and_learn(changes):
+    """The gradient of a change is that of the weight; the model keeps its own."""
+    model, splats, embedding = model_of(**changes).requires_grad_(False), splats_of(100), torch.randn(6)
+    kept = model.transfer(splats.sh, splats.means, embedding)[0]
+    model.met_embeddings = torch.randn(5, 6)
+    names = model.weights_shared | model.weights_apart
+    assert ("last.bias" in names) == (changes != {"embedding_enters": "input"})
+    moved = {name: 0.05 * torch.randn_like(weight) for name, weight in names.items()}
+    for change in moved.values():
+        change.requires_grad_()
+    live = model.transfer(splats.sh, splats.means, embedding, changes=moved)[0]
+    live.sum().backward()
+    assert torch.equal(model.bake(splats, embedding, changes=moved).sh, live.detach()) and not torch.equal(live, kept)
+    assert torch.equal(model.transfer(splats.sh, splats.means, embedding, changes={})[0], kept)
+    with torch.no_grad():
+        for name, change in moved.items():
+            model.sh_transfer.get_parameter(name).add_(change)
+    model.requires_grad_()
+    whole = model.transfer(splats.sh, splats.means, embedding)[0]
+    whole.sum().backward()
+    assert torch.equal(whole, live)
+    for name, change in moved.items():
+        assert torch.equal(change.grad, model.sh_transfer.get_parameter(name).grad) and change.grad.any(), name
+
+
+def test_weights_are_apart_as_widely_as_looks_are():
+    """Standard deviations; none of a single look, and none where an embedding is an input or an affine map."""
+    model = model_of()
+    model.met_embeddings = torch.randn(1, 6)
+    assert not model.weights_apart
+    model.met_embeddings = torch.randn(4, 6)
+    expected = torch.stack([model.sh_transfer.last(embedding) for embedding in model.met_embeddings]).std(dim=0)
+    torch.testing.assert_close(model.weights_apart, {"last.bias": expected.detach()})
+    for changes in ({"embedding_enters": "input"}, {"appearance": "exposure"}, {"appearance": "off"}):
+        other = model_of(**changes)
+        other.met_embeddings = torch.randn(4, 6)
+        assert not other.weights_apart and bool(other.weights_shared) == ("appearance" not in changes)
+
+
 def test_bake_does_not_touch_the_scene():
     splats = splats_of(10)
     before = splats.sh.clone()

@@ -3,26 +3,23 @@
 import pytest
 import torch
 
-from core.appearance.refinement import CELLS, LEAST_SKY, STEPS, _cell_weights, refinement
+from core.appearance.refinement import CELLS, LATER_STEPS, LEAST_SKY, STEPS, _cell_weights, refinement
+from tests.flat_view import FlatView
 
 PICTURE = torch.full((4, 6, 3), 0.4)
 
 
-def flat(embedding, tone):
-    return (embedding * tone[0]).expand(4, 6, 3)
-
-
-def refined(picture, begin, valid=None, tone=None, bound=lambda embedding: embedding):
-    """The last look."""
-    *_, last = refinement(flat, bound, begin, picture, valid, tone)
-    return last
+def refined(picture, begin, valid=None, tone=None, **view):
+    """The last look, and its colour."""
+    *_, last = refinement(FlatView(picture.shape[:2], **view), begin, picture, valid, tone)
+    return last, FlatView((1, 1)).render(last)[0, 0]
 
 
 def test_it_never_makes_what_it_sees_worse():
     """A hair off, where Adam's first step leads past the colour by nearly its rate."""
-    begin = torch.full((3,), 0.4 + 1e-4)
-    steps = list(refinement(flat, lambda embedding: embedding, begin, PICTURE))
-    losses = [float((flat(*best) - PICTURE).abs().mean()) for best in steps]
+    begin, view = torch.full((3,), 0.4 + 1e-4), FlatView((4, 6))
+    steps = list(refinement(view, begin, PICTURE))
+    losses = [float((view.render(best) - PICTURE).abs().mean()) for best in steps]
     assert len(steps) == STEPS + 1 and torch.equal(steps[0].embedding, begin) and torch.equal(steps[1].embedding, begin)
     assert losses == sorted(losses, reverse=True) and losses[-1] < 2e-5  # the rate falls to zero
 
@@ -31,16 +28,16 @@ def test_invalid_pixels_do_not_count():
     picture, valid = PICTURE.clone(), torch.ones(4, 6, dtype=torch.bool)
     picture[:, 2:] = 0.9
     valid[:, 2:] = False
-    found = refined(picture, torch.full((3,), 0.8), valid)
-    assert (flat(*found) - 0.4).abs().max() < 0.01
+    _, colour = refined(picture, torch.full((3,), 0.8), valid)
+    assert (colour - 0.4).abs().max() < 0.01
 
 
 def test_it_begins_with_the_tone_that_was_read_and_moves_it():
     begin, tone = torch.full((3,), 0.8), torch.tensor([[0.25, 0.5, 0.5], [0.1, 0.1, 0.1]])
-    first = next(refinement(flat, lambda embedding: embedding, begin, PICTURE, tone=tone))
+    first = next(refinement(FlatView((4, 6)), begin, PICTURE, tone=tone))
     torch.testing.assert_close(first.tone, tone)
-    found = refined(PICTURE, begin, tone=tone)
-    assert (flat(*found) - 0.4).abs().max() < 0.01 and found.tone[0, 0] > 0.25
+    found, colour = refined(PICTURE, begin, tone=tone)
+    assert (colour - 0.4).abs().max() < 0.01 and found.tone[0, 0] > 0.25
     torch.testing.assert_close(found.tone[1], tone[1])  # nothing shows the sky
 
 
@@ -49,8 +46,30 @@ def test_what_is_finer_than_a_cell_does_not_move_a_look():
     side = 2 * CELLS
     chequered = torch.full((side, side, 3), 0.4)
     chequered[::2, ::2] = chequered[1::2, 1::2] = 0.9
-    *_, found = refinement(lambda embedding, tone: (embedding * tone[0]).expand(side, side, 3), lambda e: e, torch.full((3,), 0.5), chequered)
-    assert (found.embedding * found.tone[0] - 0.65).abs().max() < 1e-3  # by single pixels any colour between the two fits as well
+    _, colour = refined(chequered, torch.full((3,), 0.5))
+    assert (colour - 0.65).abs().max() < 1e-3  # by single pixels any colour between the two fits as well
+
+
+def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
+    """In units of how widely they differ between looks: one that hardly does stays."""
+    apart = {"last.bias": torch.tensor([0.5, 0.5, 1e-6])}
+    found, colour = refined(PICTURE, torch.full((3,), 0.8), weights_apart=apart, bound=lambda embedding: embedding.clamp(min=0.7))
+    assert (colour - 0.4).abs().max() < 0.01
+    assert (found.changes["last.bias"][:2] < -0.05).all() and found.changes["last.bias"][2].abs() < 1e-5
+
+
+@pytest.mark.parametrize("as_much, learned", [(0, True), (20, False)])
+def test_shared_weights_learn_later_unless_what_is_unseen_would_move_more_than_what_is_seen(as_much, learned):
+    """as_much: times that the colours of Gaussians out of view move as far as the picture. Only later can this picture be met at all."""
+    view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), weights_shared={"layers.0.bias": torch.zeros(3)})
+    view.harmonics = lambda rows, look: (
+        as_much * look.changes["layers.0.bias"].expand(len(rows), 1, 3) if look.changes else torch.zeros(len(rows), 1, 3)
+    )
+    steps = list(refinement(view, torch.full((3,), 0.9), torch.zeros(4, 6, 3)))
+    assert len(steps) == STEPS + 1 + LATER_STEPS and steps[STEPS].changes is None
+    assert torch.equal(steps[-1].tone, steps[STEPS].tone)
+    change = steps[-1].changes["layers.0.bias"] if steps[-1].changes else torch.zeros(3)
+    assert (change < -0.05).all() if learned else (change == 0).all()
 
 
 @pytest.mark.parametrize("columns, weight", [(0, 1.0), (10, 1.0), (20, 1.0), (30, 1 / 3), (39, LEAST_SKY), (40, LEAST_SKY)])
@@ -69,16 +88,15 @@ def test_what_a_photo_does_not_show_is_no_place():
 
 
 def test_an_embedding_stays_where_it_may_go():
-    found = refined(PICTURE, torch.full((3,), 0.8), bound=lambda embedding: embedding.clamp(min=0.7))
-    assert found.embedding.min() >= 0.7 and (flat(*found) - 0.4).abs().max() < 0.01  # the tone does the rest
+    found, colour = refined(PICTURE, torch.full((3,), 0.8), bound=lambda embedding: embedding.clamp(min=0.7))
+    assert found.embedding.min() >= 0.7 and (colour - 0.4).abs().max() < 0.01  # the tone does the rest
 
 
 def test_a_look_that_follows_no_embedding_is_left_alone():
-    assert not list(refinement(lambda embedding, tone: PICTURE * tone[0], lambda embedding: embedding, torch.zeros(3), PICTURE))
+    assert not list(refinement(FlatView((4, 6), follows=False), torch.zeros(3), PICTURE))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3)])
 def test_pictures_of_any_shape(size):
-    picture = torch.full((*size, 3), 0.4)
-    *_, found = refinement(lambda embedding, tone: (embedding * tone[0]).expand(*size, 3), lambda e: e, torch.full((3,), 0.5), picture)
-    assert (found.embedding * found.tone[0] - 0.4).abs().max() < 1e-3
+    _, colour = refined(torch.full((*size, 3), 0.4), torch.full((3,), 0.5))
+    assert (colour - 0.4).abs().max() < 1e-3

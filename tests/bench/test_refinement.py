@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from core.appearance.refinement import STEPS
+from core.appearance.refinement import LATER_STEPS, STEPS
 from core.bench.refinement import MEASURED, refinement_figure
 from core.data.collection import spread_over
 from core.errors import BadInput
@@ -27,7 +27,7 @@ def test_the_course_begins_and_ends_with_the_figures_of_the_evaluation(trained):
         assert points[-1].values[f"psnr_{protocol}"].median == scores["refined"].psnr
         assert points[0].values[f"gain_{protocol}"].median == 0
         assert [point.values["steps"].median for point in points] == list(MEASURED)
-        assert [point.is_default for point in points] == [steps == STEPS for steps in MEASURED]
+        assert [point.is_default for point in points] == [steps == STEPS + LATER_STEPS for steps in MEASURED]
         for panel in made.panels:  # figures of one protocol never stand beside those of the other
             assert (points[0] in made.shown(panel)) == panel.y.endswith(protocol)
         seconds = [point.values["seconds"].median for point in points]

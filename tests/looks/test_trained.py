@@ -53,6 +53,15 @@ def test_looks_mix_in_shares_and_end_as_themselves():
     assert mixed.name == "0.250 of the way from day to night" and blend(day, day, 0.5).tone is None
 
 
+def test_looks_mix_what_goes_beyond_embeddings_too():
+    """A look without a change of a weight is one whose change is zero."""
+    plain = Look("plain", "a photo", torch.zeros(2))
+    first, last = replace(plain, changes={"a": torch.ones(2), "b": torch.ones(3)}), replace(plain, changes={"b": 3 * torch.ones(3)})
+    mixed = blend(first, last, 0.25).changes
+    assert {name: change.tolist() for name, change in mixed.items()} == {"a": [0.75] * 2, "b": [1.5] * 3}
+    assert blend(plain, last, 0.5).changes["b"].tolist() == [1.5] * 3 and blend(plain, plain, 0.5).changes is None
+
+
 def test_results_tell_by_how_much_photos_were_shrunk(trained):
     assert pipeline.evaluate(trained.folder, refine=False).scale == 0.5
 

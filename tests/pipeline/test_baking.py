@@ -25,7 +25,7 @@ def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
         path = pipeline.bake_to_file(trained[0], word, tmp_path / f"{word}.ply")
         look = find_look(live, word)
         with torch.no_grad():
-            expected = live.seen_by(camera)(look.embedding, look.tone)
+            expected = live.seen_by(camera).render(look.colouring)
         baked = rasterizer.render(read_ply(path).in_scene(live.collection.frame), camera).image
         assert (baked - expected).abs().max() <= 0.5 / 255  # half an 8-bit step: no viewer can show the difference
 

@@ -132,7 +132,7 @@ def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | N
     if not known:
         return None
     own = find_look(trained, style, report=report)
-    seen = {photo.name: look_of_photo(trained, photo) for photo in trained.collection.split("train")}
+    seen = {photo.name: look_of_photo(trained, photo, refine=False) for photo in trained.collection.split("train")}
     found: dict[str, list[float]] = {}
     for name, path in known.items():
         camera = trained.camera(trained.collection.view(name))

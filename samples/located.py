@@ -8,6 +8,7 @@ left half, refined there with the camera that was found, and scored on the right
 
 import os
 import sys
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,7 +75,7 @@ def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
     """PSNR (dB) of the right half in the look of the left one: as encoded, refined with the camera found, and with the known one."""
     view = held_out_view(trained, trained.collection.view(photo.name))
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
-    looks = [Colouring(fits[0].start), *(list(refining(trained, fit))[-1] for fit in fits)]
+    looks = [Colouring(fits[0].start), *(deque(refining(trained, fit), maxlen=1)[0] for fit in fits)]
     scored = fits[0].scored
     valid = None if view.valid is None else view.valid[:, scored]
     seen = trained.seen_by(view.camera)

@@ -6,19 +6,17 @@ import torch
 class FlatView:
     """A Refinable of `size` (height, width). follows: whether the picture follows its look at all."""
 
-    def __init__(self, size, sky=None, bound=lambda embedding: embedding, follows=True, weights_apart=None, weights_shared=None):
+    def __init__(self, size, sky=None, bound=lambda embedding: embedding, follows=True, given_spread=None, hidden_weights=None):
         self.size, self.sky, self.bound, self.follows = size, sky, bound, follows
-        self.weights_apart, self.weights_shared = weights_apart or {}, weights_shared or {}
-        self.looks = []
+        self.given_spread, self.hidden_weights = given_spread or {}, hidden_weights or {}
 
     def render(self, look):
-        self.looks.append(look.kept())
         colour = look.embedding if look.tone is None else look.embedding * look.tone[0]
         colour = sum((look.changes or {}).values(), colour)
         return (colour if self.follows else colour.detach()).expand(*self.size, 3)
 
-    def unseen(self, most, generator):
-        return torch.arange(most)
+    def unseen(self, valid):
+        return torch.arange(3)
 
     def harmonics(self, rows, look):
         """What is out of view follows no look."""

@@ -29,8 +29,8 @@ import click
 def bake(appearance, output, run_folder, force, mask, no_refine, save_appearance, prune, sky) -> None:
     """Write the scene in the look of a photo, as a .ply that every 3DGS viewer opens.
 
-    The encoder reads the look from the photo. If the training has not seen the photo, but its camera is known (a held-out photo) or is
-    found among the scene's (a photo of the same place), the look is then refined until the scene, seen by that camera, fits the photo best.
+    The encoder reads the look from the photo. If the photo's camera is known (a photo of the scene) or is found among the scene's (a photo
+    of the same place), the look is then refined until the scene, seen by that camera, fits the photo best.
 
     \b
     Examples:

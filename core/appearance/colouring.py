@@ -6,18 +6,18 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-Changes = dict[str, Tensor]  # what is added to weights of the SH transfer, by their names in it
+Weights = dict[str, Tensor]  # of the SH transfer, by their names in it
 
 
 class Colouring(NamedTuple):
-    """tone: gains of place and sky (core.appearance.tone). changes: of the SH transfer, by which a look refined against a photo differs from all
-    that embeddings express. Without either, a look is its embedding's."""
+    """tone: gains of place and sky (core.appearance.tone). changes: what is added to weights of the SH transfer, by which a look refined against
+    a photo goes beyond all that embeddings express. Without either, a look is its embedding's."""
 
     embedding: Float[Tensor, " e"]
     tone: Float[Tensor, "2 3"] | None = None
-    changes: Changes | None = None
+    changes: Weights | None = None
 
-    def kept(self) -> "Colouring":
+    def detached(self) -> "Colouring":
         """A copy that learns no more."""
         tone = None if self.tone is None else self.tone.detach().clone()
         changes = None if self.changes is None else {name: change.detach().clone() for name, change in self.changes.items()}

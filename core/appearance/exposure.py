@@ -28,8 +28,9 @@ class ExposureTransfer(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
+        changes: None = None,
     ) -> Float[Tensor, "v c 3"]:
-        """The residual sh' - sh. Interface of SHTransfer; means and latents do not enter."""
+        """The residual sh' - sh. Interface of SHTransfer; means and latents do not enter, and no weights change."""
         base = sh.detach() if self.settings.detach_sh else sh
         matrix, offset = self.change(embedding)
         # Not a matrix product: a BLAS rounds a row differently in chunks of another size.

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.colouring import Changes
+from core.appearance.colouring import Weights
 from core.appearance.encoder import PhotoEncoder, PlainMask, shrink
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
@@ -125,7 +125,7 @@ class AppearanceModel(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
-        changes: Changes | None = None,
+        changes: Weights | None = None,
     ) -> tuple[Float[Tensor, "v c 3"], Float[Tensor, "v c 3"] | None]:
         """(sh', residual): the coefficients in a look, and what was added to the base to get them.
 
@@ -135,12 +135,8 @@ class AppearanceModel(nn.Module):
         """
         if self.sh_transfer is None:
             return sh, None
-        output = self.changed_transfer(changes)(sh, means, embedding, latents)
+        output = self.sh_transfer(sh, means, embedding, latents, changes)
         return (sh + output, output) if self.predicts_residuals else (output, None)
-
-    def changed_transfer(self, changes: Changes | None) -> nn.Module:
-        """The SH transfer of a look with these changes."""
-        return self.sh_transfer.changed(changes) if changes else self.sh_transfer
 
     @property
     def predicts_residuals(self) -> bool:
@@ -148,14 +144,15 @@ class AppearanceModel(nn.Module):
         return self.sh_transfer is not None and (self.settings.appearance != "full" or self.settings.residual)
 
     @property
-    def weights_apart(self) -> Changes:
-        """How widely weights of the SH transfer differ between the looks of the training photos; see SHTransfer.spread."""
+    def given_spread(self) -> Weights:
+        """How widely the weights that embeddings give differ between the training photos; see SHTransfer.given_spread."""
         looks = self.met_embeddings if self.embedding_table is None else self.embedding_table
-        return self.sh_transfer.spread(looks) if isinstance(self.sh_transfer, SHTransfer) else {}
+        with one_torch_thread():  # more would round differently
+            return self.sh_transfer.given_spread(looks) if isinstance(self.sh_transfer, SHTransfer) else {}
 
     @property
-    def weights_shared(self) -> Changes:
-        """The weights of the SH transfer that all looks share; none of the light exposure mode."""
+    def hidden_weights(self) -> Weights:
+        """Those of the SH transfer; none in the light exposure mode."""
         return self.sh_transfer.hidden_weights if isinstance(self.sh_transfer, SHTransfer) else {}
 
     def transfer_parameters(self) -> list[nn.Parameter]:
@@ -168,13 +165,13 @@ class AppearanceModel(nn.Module):
         splats: Splats,
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "n l"] | None = None,
-        changes: Changes | None = None,
+        changes: Weights | None = None,
     ) -> Splats:
         """The Gaussians in one look, without a gradient; on the CPU in float32 the same as by `transfer`, bit for bit."""
         base = splats.detached()
         adds = isinstance(self.sh_transfer, SHTransfer) and self.settings.residual
-        given = base.sh, base.means, embedding, latents
-        return base.with_sh(self.changed_transfer(changes).added(*given) if adds else self.transfer(*given, changes)[0])
+        given = base.sh, base.means, embedding, latents, changes
+        return base.with_sh(self.sh_transfer.added(*given) if adds else self.transfer(*given)[0])
 
     @property
     def reach(self) -> Reach:

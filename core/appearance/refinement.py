@@ -1,11 +1,11 @@
 """Refinement: a look is fitted to the photo that it was read from, seen by that photo's own camera.
 
-First the embedding and the tone, and the weights that embeddings give, which may take values that no embedding gives. Then also those
-weights that all looks share: the SH transfer has places as an input, so it can learn where in this one photo a shadow falls. What the
-photo does not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
+First the embedding and the tone, and the weights that embeddings give, which may take values that no embedding gives. Then the hidden
+layers of the SH transfer too: places are an input of these, so they can learn where in this one photo a shadow falls. What the photo does
+not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from math import cos, pi
 from typing import Protocol, runtime_checkable
 
@@ -14,31 +14,33 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from core.appearance.colouring import Changes, Colouring
+from core.appearance.colouring import Colouring, Weights
 from core.system.threads import threads_for_blocks
 
 STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; a rate falls to zero along half a cosine
 LATER_STEPS, HIDDEN_RATE = 64, 0.003  # of the second part; 128 steps at 0.001 end within 0.1 dB
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
-APART_RATE = 0.02  # of weights that embeddings give, in units of how widely they differ between looks
-UNSEEN, HOLD = 2000, 0.1  # Gaussians out of view that a step looks at, and the weight of how far they move
+GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely they differ between looks: in all, no more than twice as far
+HELD, HOLD = 2000, 0.05  # Gaussians that the photo does not show: as many a step looks at, and the weight of how far they move
 CELLS = 40  # along the longer side: a photo is compared with its render in means over cells
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
 FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
+
+Course = Generator[Colouring, None, Colouring]  # the best look so far after each step, and at the end
 
 
 @runtime_checkable
 class Refinable(Protocol):
     """What a camera sees of a scene whose look follows a Colouring.
 
-    sky: how much of each pixel is sky, [0, 1]; None if there is none that is told from the place. weights_apart: how widely the weights that
-    an embedding gives differ between looks. weights_shared: those of the SH transfer that all looks share. Of either, there may be none.
+    sky: how much of each pixel is sky, [0, 1]; None if there is none that is told from the place. given_spread: how widely the weights that
+    embeddings give differ between looks. hidden_weights: those of the SH transfer's hidden layers. Of either, there may be none.
     """
 
     sky: Float[Tensor, "h w"] | None
-    weights_apart: Changes
-    weights_shared: Changes
+    given_spread: Weights
+    hidden_weights: Weights
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
         """The view in this look; differentiable in all of the look that it follows."""
@@ -46,67 +48,70 @@ class Refinable(Protocol):
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""
 
-    def unseen(self, most: int, generator: torch.Generator) -> Int[Tensor, " r"]:
-        """Rows of Gaussians that the camera does not see, drawn at random; fewer than `most` if there are no more."""
+    def unseen(self, valid: Bool[Tensor, "h w"] | None) -> Int[Tensor, " r"]:
+        """Rows of the Gaussians of the place that the camera does not see in these pixels."""
 
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
         """Their SH in this look; differentiable as `render`."""
 
 
-def refinement(
-    seen: Refinable,
-    start: Float[Tensor, " e"],
-    picture: Float[Tensor, "h w 3"],
-    valid: Bool[Tensor, "h w"] | None = None,
-    tone: Float[Tensor, "2 3"] | None = None,
-) -> Iterator[Colouring]:
-    """The best look after 0, 1, ... STEPS + LATER_STEPS steps, from an embedding and a tone; STEPS if looks share no weights, none if they
-    follow no embedding.
+def steps_of(seen: Refinable) -> int:
+    """How many steps a refinement takes."""
+    return STEPS + LATER_STEPS if seen.hidden_weights else STEPS
+
+
+def refinement(seen: Refinable, start: Colouring, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> Iterator[Colouring]:
+    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`; none if looks follow no embedding.
 
     It minimises the mean |render - picture| of cell means: detail finer than a cell says where things lie, not how they are lit. L1,
     because passers-by would pull harder on a squared error. All sky together counts no more than the place, whose look a photo that is
-    mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. Embeddings stay
-    within `bound`; beyond, the SH transfer makes up colours for what the photo does not show. The result is the same for any number of
-    threads, which torch's own matrix products do not ensure on every processor.
+    mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. The result is
+    the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
-    embedding = start.detach().clone()
-    gains = (torch.ones(2, 3, device=start.device) if tone is None else tone).log()
-    changes = {name: torch.zeros_like(spread) for name, spread in seen.weights_apart.items()}
-    weights = 1.0 if seen.sky is None else _cell_weights(seen.sky, valid)
-
-    def look() -> Colouring:
-        return Colouring(embedding, gains.exp(), changes or None)
+    weights = torch.ones(()) if seen.sky is None else _cell_weights(seen.sky, valid)
+    whole = (weights * _cell_means(torch.ones_like(picture), valid)).mean()
 
     def off(look: Colouring) -> Tensor:
-        return (weights * _cell_means(seen.render(look) - picture, valid).abs()).mean()
+        return (weights * _cell_means(seen.render(look) - picture, valid).abs()).mean() / whole
 
-    learning = [_Learning(embedding, RATE, seen.bound), _Learning(gains, TONE_RATE)]
-    learning += [_Learning(changes[name], APART_RATE * spread) for name, spread in seen.weights_apart.items()]
     with torch.enable_grad(), threads_for_blocks():
-        if not seen.render(Colouring(embedding, gains.exp().detach())).requires_grad:
+        if not seen.render(Colouring(start.embedding.detach().clone().requires_grad_())).requires_grad:
             return
-    best = yield from _descent(learning, STEPS, look, lambda: off(look()))
-    if not seen.weights_shared:
-        return
+    best = yield from _as_a_whole(seen, start, off)
+    if seen.hidden_weights:
+        yield from _place_by_place(seen, best, off, seen.unseen(valid))
 
-    first, generator = best, torch.Generator().manual_seed(0)
-    learning = [_Learning(change, APART_RATE * seen.weights_apart[name]) for name, change in (first.changes or {}).items()]
-    changes = {name: one.value for name, one in zip(first.changes or {}, learning)}
-    changes |= {name: torch.zeros_like(weight) for name, weight in seen.weights_shared.items()}
-    learning += [_Learning(changes[name], HIDDEN_RATE) for name in seen.weights_shared]
 
-    def later() -> Colouring:
-        return Colouring(first.embedding, first.tone, changes)
+def _as_a_whole(seen: Refinable, start: Colouring, off: Callable[[Colouring], Tensor]) -> Course:
+    """Embedding, tone and the weights that embeddings give.
 
-    def moved() -> Tensor:
-        rows = seen.unseen(UNSEEN, generator)
+    Embeddings stay within `bound`: beyond, the SH transfer makes up colours for what the photo does not show.
+    """
+    embedding, tone, changes = start.detached()
+    gains = (torch.ones(2, 3, device=embedding.device) if tone is None else tone).log()
+    changes = {name: torch.zeros_like(spread) for name, spread in seen.given_spread.items()} | (changes or {})
+    learning = [_Learning(embedding, RATE, seen.bound), _Learning(gains, TONE_RATE)]
+    learning += [_Learning(changes[name], GIVEN_RATE * spread) for name, spread in seen.given_spread.items()]
+    return _descent(learning, STEPS, lambda: Colouring(embedding, gains.exp(), changes or None), off)
+
+
+def _place_by_place(seen: Refinable, first: Colouring, off: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]) -> Course:
+    """The hidden layers, and on from `first` the weights that embeddings give, while Gaussians of `unseen` are held where `first` has them."""
+    changes = {name: torch.zeros_like(weight) for name, weight in seen.hidden_weights.items()} | (first.detached().changes or {})
+    rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(seen.hidden_weights, HIDDEN_RATE)
+    generator = torch.Generator().manual_seed(0)
+
+    def moved(look: Colouring) -> Tensor:
+        few = len(unseen) <= HELD
+        rows = unseen if few else unseen[torch.randint(len(unseen), (HELD,), generator=generator).to(unseen.device)]
         with torch.no_grad():
-            stay = seen.harmonics(rows, first)
-        return (seen.harmonics(rows, later()) - stay).abs().mean() if len(rows) else stay.new_zeros(())
+            there = seen.harmonics(rows, first)
+        return (seen.harmonics(rows, look) - there).abs().sum(dim=1).mean() if len(rows) else there.new_zeros(())
 
-    steps = _descent(learning, LATER_STEPS, later, lambda: off(later()) + HOLD * moved())
-    next(steps)  # the first part's best
-    yield from steps
+    learning = [_Learning(changes[name], rate) for name, rate in rates.items()]
+    course = _descent(learning, LATER_STEPS, lambda: first._replace(changes=changes), lambda look: off(look) + HOLD * moved(look))
+    next(course)  # `first` itself, with which the first part ended
+    return (yield from course)
 
 
 class _Learning:
@@ -131,15 +136,16 @@ class _Learning:
             self.value.copy_(self.bound(self.value))
 
 
-def _descent(learning: list[_Learning], steps: int, look: Callable[[], Colouring], loss_of: Callable[[], Tensor]) -> Iterator[Colouring]:
-    """The best look after 0, 1, ... `steps` steps; returns the last of these."""
+def _descent(learning: list[_Learning], steps: int, look: Callable[[], Colouring], loss_of: Callable[[Colouring], Tensor]) -> Course:
+    """The best look after 0, 1, ... `steps` steps; returns the last of these. look: what is learned, as it is now."""
     best, least = None, float("inf")
     for step in range(steps + 1):
         with torch.enable_grad(), threads_for_blocks():
-            loss = loss_of()
+            now = look()
+            loss = loss_of(now)
             gradients = torch.autograd.grad(loss, [one.value for one in learning], materialize_grads=True)
         if float(loss.detach()) < least or best is None:
-            best, least = look().kept(), float(loss.detach())
+            best, least = now.detached(), float(loss.detach())
         yield best
         for one, gradient in zip(learning, gradients):
             one.step(gradient, share=(1 + cos(pi * step / steps)) / 2)

@@ -1,12 +1,11 @@
 """G_phi: from the base SH of a Gaussian and the embedding of a photo to the SH of that photo's look."""
 
-import copy
-
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.colouring import Changes
+from core.appearance.colouring import Weights
 from core.appearance.positional_encoding import encode, encoded_size
 from core.appearance.transfer_mlp import HiddenLayers, OutputLayer, blockwise_mlp, blockwise_sum, chunked_mlp
 from core.config import Settings
@@ -61,22 +60,23 @@ class SHTransfer(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
+        changes: Weights | None = None,
     ) -> Float[Tensor, "v c 3"]:
         """The bounded output for each Gaussian: the residual of its SH, or its SH where `residual` is off.
 
-        sh: base coefficients. means: scene frame, finite. latents: needed exactly if `latent_size` > 0. Differentiable in
-        all but `means`, and in `sh` unless `detach_sh`. A row's result does not depend on the other rows (bit for
+        sh: base coefficients. means: scene frame, finite. latents: needed exactly if `latent_size` > 0. changes: what is added to weights
+        meanwhile. Differentiable in all but `means`, and in `sh` unless `detach_sh`. A row's result does not depend on the other rows (bit for
         bit for float32 on the CPU). Raises BadInput if the sizes are not those of the settings.
         """
         sizes = self.settings.position_octaves, self.settings.residual_bound
         self.check(sh, latents)
         if not is_fast(sh):
-            layers = self.hidden_layers(embedding), self.output_layer(embedding)
+            layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
             learned = self.encoded(sh) if latents is None else torch.cat([self.encoded(sh), latents], dim=1)
             return chunked_mlp(learned, means, *layers, *sizes).view_as(sh)
         with threads_for_blocks():
-            inputs, hidden_layers = (self.encoded(sh), latents, means), self.hidden_layers(embedding)
-            return blockwise_mlp(*inputs, hidden_layers, lambda: self.output_layer(embedding), *sizes).view_as(sh)
+            inputs, hidden_layers = (self.encoded(sh), latents, means), self.hidden_layers(embedding, changes)
+            return blockwise_mlp(*inputs, hidden_layers, lambda: self.output_layer(embedding, changes), *sizes).view_as(sh)
 
     @torch.no_grad()
     def added(
@@ -85,37 +85,25 @@ class SHTransfer(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None,
+        changes: Weights | None = None,
     ) -> Float[Tensor, "v c 3"]:
         """sh + forward(...), bit for bit; without a gradient, in one pass on a CPU."""
         if not is_fast(sh):
-            return sh + self(sh, means, embedding, latents)
+            return sh + self(sh, means, embedding, latents, changes)
         self.check(sh, latents)
         sizes = self.settings.position_octaves, self.settings.residual_bound
         with threads_for_blocks():
-            layers = self.hidden_layers(embedding), self.output_layer(embedding)
+            layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
             return blockwise_sum(sh.flatten(1), self.encoded(sh), latents, means, *layers, *sizes).view_as(sh)
 
-    def changed(self, changes: Changes) -> "SHTransfer":
-        """The transfer with `changes` added to the weights that they name; differentiable in them."""
-        made = copy.deepcopy(self)
-        for name, change in changes.items():
-            owner, _, weight = name.rpartition(".")
-            module = made.get_submodule(owner)
-            value = getattr(module, weight).detach() + change
-            delattr(module, weight)  # a Parameter, whose place takes no other tensor
-            setattr(module, weight, value)
-        return made
-
     @torch.no_grad()
-    def spread(self, embeddings: Float[Tensor, "k e"]) -> Changes:
-        """How widely the weights that an embedding gives differ between looks (standard deviations), where it gives the output layer's."""
-        if not self.mixes or len(embeddings) < 2:
-            return {}
-        return {"last.bias": self.last(embeddings).std(dim=0)}
+    def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
+        """How widely the output layers that these embeddings give differ (standard deviations); empty where an embedding is an input."""
+        return {"last.bias": self.last(embeddings).std(dim=0)} if self.mixes and len(embeddings) > 1 else {}
 
     @property
-    def hidden_weights(self) -> Changes:
-        """The weights that all looks share, by name."""
+    def hidden_weights(self) -> Weights:
+        """Weights and biases of the hidden layers."""
         return {f"layers.{name}": weight.detach() for name, weight in self.layers.named_parameters()}
 
     def check(self, sh: Float[Tensor, "v c 3"], latents: Float[Tensor, "v l"] | None) -> None:
@@ -128,27 +116,35 @@ class SHTransfer(nn.Module):
         base = (sh.detach() if self.settings.detach_sh else sh).flatten(1)
         return encode(base, self.settings.sh_octaves) if self.settings.sh_octaves else base
 
-    def hidden_layers(self, embedding: Float[Tensor, " e"]) -> HiddenLayers:
+    def hidden_layers(self, embedding: Float[Tensor, " e"], changes: Weights | None = None) -> HiddenLayers:
         """The hidden layers of this photo."""
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
-        first, *more = self.layers
+        (first_weight, *weights), (first_bias, *biases) = (
+            [self.weight(f"layers.{number}.{kind}", changes) for number in range(len(self.layers))] for kind in ("weight", "bias")
+        )
         places = encoded_size(3, self.settings.position_octaves)
-        columns = self.learned_columns, places, first.in_features - self.learned_columns - places
-        learned_weight, place_weight, embedding_weight = first.weight.split(columns, dim=1)
-        first_bias = first.bias if self.mixes else embedding_weight @ embedding + first.bias
+        columns = self.learned_columns, places, first_weight.shape[1] - self.learned_columns - places
+        learned_weight, place_weight, embedding_weight = first_weight.split(columns, dim=1)
+        if not self.mixes:
+            first_bias = embedding_weight @ embedding + first_bias
         width = len(first_bias)
-        weights = torch.stack([layer.weight for layer in more]) if more else first.weight.new_empty(0, width, width)
-        biases = torch.stack([layer.bias for layer in more]) if more else first.bias.new_empty(0, width)
+        weights = torch.stack(weights) if weights else first_weight.new_empty(0, width, width)
+        biases = torch.stack(biases) if biases else first_weight.new_empty(0, width)
         return HiddenLayers(learned_weight, place_weight, first_bias, weights, biases)
 
-    def output_layer(self, embedding: Float[Tensor, " e"]) -> OutputLayer:
+    def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights | None = None) -> OutputLayer:
         """The output layer of this photo."""
-        weight = self.last.weight
+        weight, bias = self.weight("last.weight", changes), self.weight("last.bias", changes)
         if not self.mixes:
-            return OutputLayer(weight, weight.new_empty(self.coefficients, 0), self.last.bias)
-        mixed = MIXING_GAIN * self.last(embedding).view(self.coefficients, -1)
+            return OutputLayer(weight, weight.new_empty(self.coefficients, 0), bias)
+        mixed = MIXING_GAIN * F.linear(embedding, weight, bias).view(self.coefficients, -1)
         output_weight, skip_weight, bias = mixed.split((self.layers[0].out_features, self.learned_columns, 1), dim=1)
         return OutputLayer(output_weight, skip_weight, bias.squeeze(1))
+
+    def weight(self, name: str, changes: Weights | None = None) -> Tensor:
+        """A weight or bias, with its change if it has one."""
+        weight = self.get_parameter(name)
+        return weight + changes[name] if changes and name in changes else weight
 
 
 def require(what: str, given: int, expected: int) -> None:

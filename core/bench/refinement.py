@@ -1,10 +1,11 @@
-"""Embedding refinement: how many dB each step of Adam brings on held-out photos, by both protocols.
+"""Refinement: how many dB each step of Adam brings on held-out photos, by both protocols.
 
 The refinement is that of core.appearance.refinement, the regions are those of core.evaluation.protocols: with `half`, the left half is fitted and
 the right half measured; with `full`, the whole photo is both, so that its figures have seen what they are scored on.
 """
 
 import time
+from collections import deque
 from functools import partial
 
 import torch
@@ -46,7 +47,7 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
                 courses = []
             curve = protocol if len(trained) == 1 else f"{name}, {protocol}"
             points += _points(curve, protocol, courses)
-    title = f"Embedding refinement: {', '.join(f'{name} at step {run.step}' for name, run in trained.items())}"
+    title = f"Refinement: {', '.join(f'{name} at step {run.step}' for name, run in trained.items())}"
     quantities = [Quantity("steps", "Adam steps", "steps"), Quantity("seconds", "s a photo", "log")]
     panels = []
     for protocol in protocols:  # figures of one protocol are never compared with those of the other: own axes
@@ -60,7 +61,7 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
 def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
     fit, seen = fit_of(subject, view, protocol), subject.seen_by(view.camera)
-    next(refining(subject, fit), None)  # unmeasured: the first of all loads the kernels
+    deque(refining(subject, fit), maxlen=0)  # unmeasured: the first of all loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()
     for step, look in enumerate(refining(subject, fit)):
         seconds += time.perf_counter() - since
@@ -77,11 +78,11 @@ def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str
 
 def _points(curve: str, protocol: str, courses: list[list[dict[str, float]]]) -> list[Point]:
     """Medians and quartiles over the photos, a point for each number of steps."""
-    points = []
-    for at in zip(*courses, strict=True):
+    points, through = [], list(zip(*courses, strict=True))
+    for at in through:
         spreads = {name: Spread.of([course[name] for course in at]) for name in at[0]}
         values = {name: spreads[name] for name in ("steps", "seconds")}
         values |= {f"{name}_{protocol}": spreads[name] for name in ("gain", "psnr")}
         steps = round(at[0]["steps"])
-        points.append(Point(curve, counted(steps, "step"), values, steps == STEPS + LATER_STEPS))
+        points.append(Point(curve, counted(steps, "step"), values, at is through[-1]))
     return points

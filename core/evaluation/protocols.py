@@ -64,7 +64,7 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    return refinement(subject.seen_by(fit.camera), fit.start, fit.region, fit.valid)
+    return refinement(subject.seen_by(fit.camera), Colouring(fit.start), fit.region, fit.valid)
 
 
 @dataclass(frozen=True)

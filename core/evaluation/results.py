@@ -82,8 +82,8 @@ class Results:
 
     def to_json(self) -> dict[str, Any]:
         """The content of results.json."""
-        how = f"Adam, L1 of means over cells: {refinement.STEPS} steps of embedding, tone and the weights that embeddings give"
-        how += f", {refinement.LATER_STEPS} of the shared weights of the SH transfer"
+        how = f"Adam, L1 of means over cells: {refinement.STEPS} steps of embedding, tone and any weights that embeddings give"
+        how += f", {refinement.LATER_STEPS} of these and of any hidden layers of the SH transfer"
         refined = any("refined" in by_look for view in self.views for by_look in view.scores.values())
         return {
             "wegs": core.__version__,

@@ -16,7 +16,7 @@ from core.data.sfm import originals
 from core.errors import BadInput
 from core.looks import saved_look
 from core.looks.outside import light_in_words, read_from_outside
-from core.looks.refined_look import refined_held_out, refined_outside
+from core.looks.refined_look import not_refined, refined_of_collection, refined_outside
 from core.looks.trained import NEUTRAL, Look, TrainedRun, neutral_look
 from core.report import QUIET, Report
 
@@ -27,8 +27,8 @@ SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not b
 def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
     """The look that `word` stands for.
 
-    mask: a picture, white where the photo is to be used; what it hides does not enter the look at all. refine: refine the encoder's look
-    of a photo that was not trained on, if its camera is known or can be found; this takes seconds, with progress in `report`.
+    mask: a picture, white where the photo is to be used; what it hides does not enter the look at all. refine: refine the look of a photo
+    whose camera is known or can be found; this takes seconds, with progress in `report`.
 
     Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection, or the file
     that structure from motion made it of; the name of a look saved in the run; the name of a photo of the collection, also without its
@@ -43,7 +43,7 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
         return neutral_look(trained)
     if saved:
         model = trained.model
-        look = saved_look.load(saved, trained.identity, trained.step, model.mean_embedding, model.weights_apart | model.weights_shared)
+        look = saved_look.load(saved, trained.identity, trained.step, model.mean_embedding, trained.given_spread | model.hidden_weights)
         return replace(look, **look.colouring.to(trained.device)._asdict())
     photo = _of_collection(trained, word)
     if photo is not None:
@@ -112,11 +112,17 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
         check_fits(mask, size, size_for_mask(photo))
     kind = "training" if row is not None else "held-out"
     look = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
-    if row is not None and mask is None and trained.encoded is not None:
-        return look(trained.encoded[row])
-    sized = trained.sized_photo(photo)
-    found = look(trained.model.read(sized.encoder_input, row).embedding)
-    return refined_held_out(trained, found, sized, report) if refine and row is None else found
+    learned = look(trained.encoded[row]) if row is not None and mask is None and trained.encoded is not None else None
+    if learned is not None and not refine:
+        return learned
+    try:
+        sized = trained.sized_photo(photo)
+    except BadInput as problem:
+        if learned is None:
+            raise
+        return not_refined(learned, problem.what.removesuffix("."))
+    found = learned or look(trained.model.read(sized.encoder_input, row).embedding)
+    return refined_of_collection(trained, found, sized, report) if refine else found
 
 
 def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:

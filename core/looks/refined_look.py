@@ -1,4 +1,4 @@
-"""Refines a look against the photo it was read from, if that was not trained on and its camera is known or can be found."""
+"""Refines a look against the photo it was read from, if its camera is known or can be found."""
 
 from dataclasses import replace
 from math import sqrt
@@ -7,7 +7,7 @@ from pathlib import Path
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import LATER_STEPS, STEPS, refinement
+from core.appearance.refinement import refinement, steps_of
 from core.data import load_collection
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
@@ -21,8 +21,8 @@ from core.scene.camera import Camera
 from core.training.sized_photos import SizedPhoto, shown_on
 
 
-def refined_held_out(trained: TrainedRun, look: Look, sized: SizedPhoto, report: Report) -> Look:
-    """The look of a held-out photo, refined. (A training photo's would gain nothing: the encoder has learned it by heart.)"""
+def refined_of_collection(trained: TrainedRun, look: Look, sized: SizedPhoto, report: Report) -> Look:
+    """The look of a photo of the collection, refined."""
     pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
     better = refined(trained, look, sized.camera, pixels, valid, report)
     return look if better is None else replace(better, source=f"{look.source}, refined")
@@ -36,27 +36,29 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     if trained.settings.appearance == "off":
         return look
 
-    def as_read(why: str) -> Look:
-        return replace(look, source=f"{look.source}, not refined: {why}")
-
     try:
         known = landmarks_of_run(trained, report)
     except BadInput as problem:
-        return as_read(problem.what.removesuffix("."))
+        return not_refined(look, problem.what.removesuffix("."))
     try:
         found = locate(path, known, report, mask)
         if found is None:
-            return as_read("where it was taken was not found")
+            return not_refined(look, "where it was taken was not found")
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
         photo = Photo(path.name, path, found.camera, "test", mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
         loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
     except BadInput:  # nothing is left of a mask in a smaller picture
-        return as_read("too little of it is left at the size at which it is drawn")
+        return not_refined(look, "too little of it is left at the size at which it is drawn")
     pixels, valid = shown_on(trained.device, loaded.pixels, loaded.valid)
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
     return look if better is None else replace(better, source=f"{look.source}, {how}")
+
+
+def not_refined(look: Look, why: str) -> Look:
+    """The look as it was read, which is said."""
+    return replace(look, source=f"{look.source}, not refined: {why}")
 
 
 def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
@@ -88,7 +90,7 @@ def refined(
     report: Report = QUIET,
 ) -> Look | None:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
-    best = None
-    for step, best in enumerate(refinement(trained.seen_by(camera), look.embedding, pixels, valid, look.tone)):
-        report.progress("Refinement", step, STEPS + LATER_STEPS)
+    seen, best = trained.seen_by(camera), None
+    for step, best in enumerate(refinement(seen, look.colouring, pixels, valid)):
+        report.progress("Refinement", step, steps_of(seen))
     return None if best is None else replace(look, **best._asdict())

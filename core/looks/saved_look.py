@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from core.appearance.colouring import Changes
+from core.appearance.colouring import Weights
 from core.data.photos.names import names_without_suffixes
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
@@ -52,11 +52,11 @@ def names(folder: Path) -> list[str]:
 def save(folder: Path, look: Look, identity: str, step: int) -> Path:
     """Write the look into a run folder, replacing an older one of that name.
 
-    identity: the run's (config.json); only its SH transfer after `step` steps understands the embedding.
+    identity: the run's (config.json); only its SH transfer after `step` steps understands embedding and changes.
     """
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
-    embedding, tone, changes = look.colouring.kept().to(CPU)
+    embedding, tone, changes = look.colouring.detached().to(CPU)
     facts = {"name": look.name, "run": identity, "step": step, "source": look.source, "embedding": embedding.tolist()}
     if tone is not None:
         facts["tone"] = tone.tolist()
@@ -66,7 +66,7 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
     return path
 
 
-def load(path: Path, identity: str, step: int, embedding: Float[Tensor, " e"], weights: Changes) -> Look:
+def load(path: Path, identity: str, step: int, embedding: Float[Tensor, " e"], weights: Weights) -> Look:
     """Read a look of the run `identity` after `step` steps; a file from a version that did not save the step is accepted.
 
     embedding, weights: any embedding of the run, and the weights of its SH transfer that a look may change: their shapes count. Raises
@@ -91,7 +91,7 @@ def load(path: Path, identity: str, step: int, embedding: Float[Tensor, " e"], w
     if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
     if changes and not all(name in weights and _fits(change, weights[name]) for name, change in changes.items()):
-        raise BadInput(f"{path} changes weights that {identity} does not have.", "Save the look again.")
+        raise BadInput(f"{path} has changes that do not fit {identity}, or are not finite.", "Save the look again.")
     return Look(path.stem, str(source), found, tone, changes)
 
 

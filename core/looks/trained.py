@@ -5,11 +5,11 @@ from functools import cached_property
 from pathlib import Path
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 import core.rasterizer
-from core.appearance.colouring import Changes, Colouring, blended
+from core.appearance.colouring import Colouring, Weights, blended
 from core.appearance.model import AppearanceModel
 from core.appearance.reach import Reach
 from core.appearance.refinement import FARTHEST
@@ -21,6 +21,7 @@ from core.errors import BadInput
 from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
+from core.scene.harmonics import SH_0
 from core.scene.splats import Splats
 from core.system import device
 from core.training.background import background_of_figures
@@ -29,6 +30,7 @@ from core.training.on_disk import checkpoint, run_config
 from core.training.sized_photos import SizedPhoto, Sizes, load_sized_photo
 from core.training.transparency import transparent_is_empty
 
+UNSEEN_PX = 1.0  # what makes up less of a photo is not shown by it
 NEUTRAL = "neutral"  # the name of the look that every run has; no other can have it
 
 
@@ -89,6 +91,11 @@ class TrainedRun:
         return SmoothSky.of(self.splats, self.sky, cameras, self.rasterizer)
 
     @cached_property
+    def given_spread(self) -> Weights:
+        """How widely the weights that embeddings give differ between its looks."""
+        return self.model.given_spread
+
+    @cached_property
     def reach(self) -> Reach:
         """Where the embeddings of its looks may lie."""
         return self.model.reach
@@ -130,7 +137,7 @@ class RunView:
 
     def __init__(self, trained: TrainedRun, camera: Camera):
         self.trained, self.camera = trained, camera
-        self.weights_apart, self.weights_shared = trained.model.weights_apart, trained.model.weights_shared
+        self.given_spread, self.hidden_weights = trained.given_spread, trained.model.hidden_weights
         self.visible = trained.rasterizer.visible(trained.splats, camera)
         solid = len(trained.splats) - trained.sky
         rows = self.visible.rows
@@ -165,16 +172,19 @@ class RunView:
         """The embedding, or the nearest to it that a refinement may take."""
         return self.trained.reach.nearest(embedding, FARTHEST)
 
-    def unseen(self, most: int, generator: torch.Generator) -> Int[Tensor, " r"]:
-        """Rows of Gaussians out of view, drawn at random; the camera may see all."""
-        rows = self.out_of_view
-        return rows[torch.randperm(len(rows), generator=generator)[:most].to(rows.device)]
-
-    @cached_property
-    def out_of_view(self) -> Int[Tensor, " r"]:
-        """The rows of all Gaussians that the camera does not see."""
-        unseen = torch.ones(len(self.trained.splats), dtype=torch.bool, device=self.trained.device)
-        unseen[self.visible.rows] = False
+    def unseen(self, valid: Bool[Tensor, "H W"] | None) -> Int[Tensor, " r"]:
+        """Rows of the Gaussians of the place that make up less than UNSEEN_PX of these pixels in all: what lies out of view, behind
+        something, or under a mask. A Gaussian's share of a picture is the gradient of that by its colour.
+        """
+        trained = self.trained
+        with torch.enable_grad():
+            grey = torch.zeros(len(self.shown), 1, 3, device=trained.device, requires_grad=True)
+            image = trained.rasterizer.render(self.shown.with_sh(grey), self.camera, pairs=self.visible.pairs).image[..., 0]
+            (image if valid is None else image * valid).sum().backward()
+        seen = self.visible.rows[grey.grad[:, 0, 0] >= SH_0 * UNSEEN_PX]
+        unseen = trained.splats.finite_rows()
+        unseen[seen] = False
+        unseen[len(unseen) - trained.sky :] = False
         return unseen.nonzero()[:, 0]
 
     @cached_property
@@ -196,7 +206,7 @@ class Look:
     source: str
     embedding: Float[Tensor, " e"]
     tone: Float[Tensor, "2 3"] | None = None
-    changes: Changes | None = None
+    changes: Weights | None = None
 
     @property
     def colouring(self) -> Colouring:

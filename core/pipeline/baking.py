@@ -35,7 +35,7 @@ def bake_to_file(
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
     prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. sky: write the dome, too.
-    refine: refine the look of a photo that was not trained on, if its camera is known or found.
+    refine: refine the look of a photo whose camera is known or found.
     """
     core.export.check_format(output)
     check_file(output)

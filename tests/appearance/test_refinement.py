@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from core.appearance.refinement import CELLS, LATER_STEPS, LEAST_SKY, STEPS, _cell_weights, refinement
+from core.appearance.colouring import Colouring
+from core.appearance.refinement import CELLS, LATER_STEPS, LEAST_SKY, STEPS, _cell_weights, refinement, steps_of
 from tests.flat_view import FlatView
 
 PICTURE = torch.full((4, 6, 3), 0.4)
@@ -11,14 +12,14 @@ PICTURE = torch.full((4, 6, 3), 0.4)
 
 def refined(picture, begin, valid=None, tone=None, **view):
     """The last look, and its colour."""
-    *_, last = refinement(FlatView(picture.shape[:2], **view), begin, picture, valid, tone)
+    *_, last = refinement(FlatView(picture.shape[:2], **view), Colouring(begin, tone), picture, valid)
     return last, FlatView((1, 1)).render(last)[0, 0]
 
 
 def test_it_never_makes_what_it_sees_worse():
     """A hair off, where Adam's first step leads past the colour by nearly its rate."""
     begin, view = torch.full((3,), 0.4 + 1e-4), FlatView((4, 6))
-    steps = list(refinement(view, begin, PICTURE))
+    steps = list(refinement(view, Colouring(begin), PICTURE))
     losses = [float((view.render(best) - PICTURE).abs().mean()) for best in steps]
     assert len(steps) == STEPS + 1 and torch.equal(steps[0].embedding, begin) and torch.equal(steps[1].embedding, begin)
     assert losses == sorted(losses, reverse=True) and losses[-1] < 2e-5  # the rate falls to zero
@@ -34,7 +35,7 @@ def test_invalid_pixels_do_not_count():
 
 def test_it_begins_with_the_tone_that_was_read_and_moves_it():
     begin, tone = torch.full((3,), 0.8), torch.tensor([[0.25, 0.5, 0.5], [0.1, 0.1, 0.1]])
-    first = next(refinement(FlatView((4, 6)), begin, PICTURE, tone=tone))
+    first = next(refinement(FlatView((4, 6)), Colouring(begin, tone), PICTURE))
     torch.testing.assert_close(first.tone, tone)
     found, colour = refined(PICTURE, begin, tone=tone)
     assert (colour - 0.4).abs().max() < 0.01 and found.tone[0, 0] > 0.25
@@ -53,7 +54,7 @@ def test_what_is_finer_than_a_cell_does_not_move_a_look():
 def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
     """In units of how widely they differ between looks: one that hardly does stays."""
     apart = {"last.bias": torch.tensor([0.5, 0.5, 1e-6])}
-    found, colour = refined(PICTURE, torch.full((3,), 0.8), weights_apart=apart, bound=lambda embedding: embedding.clamp(min=0.7))
+    found, colour = refined(PICTURE, torch.full((3,), 0.8), given_spread=apart, bound=lambda embedding: embedding.clamp(min=0.7))
     assert (colour - 0.4).abs().max() < 0.01
     assert (found.changes["last.bias"][:2] < -0.05).all() and found.changes["last.bias"][2].abs() < 1e-5
 
@@ -61,15 +62,35 @@ def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
 @pytest.mark.parametrize("as_much, learned", [(0, True), (20, False)])
 def test_shared_weights_learn_later_unless_what_is_unseen_would_move_more_than_what_is_seen(as_much, learned):
     """as_much: times that the colours of Gaussians out of view move as far as the picture. Only later can this picture be met at all."""
-    view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), weights_shared={"layers.0.bias": torch.zeros(3)})
+    view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden_weights={"layers.0.bias": torch.zeros(3)})
     view.harmonics = lambda rows, look: (
         as_much * look.changes["layers.0.bias"].expand(len(rows), 1, 3) if look.changes else torch.zeros(len(rows), 1, 3)
     )
-    steps = list(refinement(view, torch.full((3,), 0.9), torch.zeros(4, 6, 3)))
-    assert len(steps) == STEPS + 1 + LATER_STEPS and steps[STEPS].changes is None
+    steps = list(refinement(view, Colouring(torch.full((3,), 0.9)), torch.zeros(4, 6, 3)))
+    assert len(steps) == steps_of(view) + 1 == STEPS + LATER_STEPS + 1 and steps[STEPS].changes is None
     assert torch.equal(steps[-1].tone, steps[STEPS].tone)
     change = steps[-1].changes["layers.0.bias"] if steps[-1].changes else torch.zeros(3)
     assert (change < -0.05).all() if learned else (change == 0).all()
+
+
+def test_a_start_that_changes_weights_is_where_it_begins():
+    begin = Colouring(torch.full((3,), 0.9), None, {"last.bias": torch.full((3,), -0.5)})
+    first = next(refinement(FlatView((4, 6), given_spread={"last.bias": torch.ones(3)}), begin, PICTURE))
+    assert torch.equal(first.changes["last.bias"], begin.changes["last.bias"])
+
+
+def test_what_a_photo_does_not_show_weighs_as_much_beside_a_small_part_of_it_as_beside_all():
+    """The hold is on one scale with the mean over what is valid: a photo of which little is valid is followed no less."""
+    moves = []
+    for columns in (1, 6):
+        valid = torch.zeros(4, 6, dtype=torch.bool)
+        valid[:, :columns] = True
+        view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden_weights={"layers.0.bias": torch.zeros(3)})
+        view.harmonics = lambda rows, look: 4 * sum((look.changes or {}).values(), torch.zeros(3)).expand(len(rows), 1, 3)
+        *_, last = refinement(view, Colouring(torch.full((3,), 0.9)), torch.zeros(4, 6, 3), valid)
+        moves.append(last.changes["layers.0.bias"])
+    assert (moves[0] < -0.05).all()
+    torch.testing.assert_close(moves[0], moves[1], rtol=0.01, atol=1e-4)
 
 
 @pytest.mark.parametrize("columns, weight", [(0, 1.0), (10, 1.0), (20, 1.0), (30, 1 / 3), (39, LEAST_SKY), (40, LEAST_SKY)])
@@ -93,7 +114,7 @@ def test_an_embedding_stays_where_it_may_go():
 
 
 def test_a_look_that_follows_no_embedding_is_left_alone():
-    assert not list(refinement(FlatView((4, 6), follows=False), torch.zeros(3), PICTURE))
+    assert not list(refinement(FlatView((4, 6), follows=False), Colouring(torch.zeros(3)), PICTURE))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3)])

@@ -18,7 +18,7 @@ from tests.small import damage
 
 def test_the_course_begins_and_ends_with_the_figures_of_the_evaluation(trained):
     made = refinement_figure({"run": trained}, tuple(PROTOCOLS), 1, Report())
-    assert made.title == "Embedding refinement: run at step 40"
+    assert made.title == "Refinement: run at step 40"
     photo = spread_over(trained.collection.split("test"), 1)[0]
     for protocol, points in made.curves().items():
         result, _ = measure(trained, held_out_view(trained, photo), protocol)

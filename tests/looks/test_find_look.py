@@ -22,7 +22,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 
 
 def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained):
-    assert find_look(trained, "photo_1").source == "training photo photo_1.png"
+    assert find_look(trained, "photo_1", refine=False).source == "training photo photo_1.png"
     assert find_view(trained, "photo_1").name == trained.collection.view("photo_1").name == "photo_1.png"
     first, second, *rest = trained.collection.photos
     twins = replace(trained.collection, photos=(first, replace(second, name="photo_0.jpg"), replace(rest[0], name="photo_0")))

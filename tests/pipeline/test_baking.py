@@ -41,7 +41,7 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
     with pytest.raises(BadInput, match="a name such as noon"):
         find_look(live, "Noo")
     by_path = find_look(live, str(folder / "appearance" / "noon.json"))
-    assert by_path.source == "training photo photo_0.png"
+    assert by_path.source == "training photo photo_0.png, refined"
     for elsewhere, words in (("gone/noon", "is neither a photo file"), ("gone/noon.json", "no saved look gone/noon.json")):
         with pytest.raises(BadInput, match=words):
             find_look(live, elsewhere)
@@ -49,7 +49,7 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
 
 def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outside(trained, small_scene, tmp_path):
     live = load_run(trained[0])
-    known = find_look(live, str(small_scene / "photo_0.png"))
+    known = find_look(live, str(small_scene / "photo_0.png"), refine=False)
     assert known.source == "training photo photo_0.png"
     copy = tmp_path / "copy.png"
     copy.write_bytes((small_scene / "photo_0.png").read_bytes())

@@ -56,4 +56,4 @@ def test_the_looks_of_a_fade_have_a_line_each(trained, tmp_path):
     heard = Heard()
     pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, view="photo_1")
     assert heard.lines[0].endswith("small: 2 steps, seen from photo_1.png")
-    assert heard.lines[1:3] == ["  from the mean of the training photos", "  to training photo photo_0.png"]
+    assert heard.lines[1:3] == ["  from the mean of the training photos", "  to training photo photo_0.png, refined"]

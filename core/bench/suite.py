@@ -179,9 +179,9 @@ def _courses_of(folders: list[Path]) -> list[Course]:
 
 
 def _follows_a_look(trained: TrainedRun, report: Report) -> bool:
-    """Whether the run has an embedding to refine; says so if not."""
+    """Whether the run has looks to refine; says so if not."""
     if trained.model.sh_transfer is None:
-        report.say(f"{trained.folder}: trained without appearance, so there is no embedding to refine.")
+        report.say(f"{trained.folder}: trained without appearance, so there is no look to refine.")
     return trained.model.sh_transfer is not None
 
 

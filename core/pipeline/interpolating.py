@@ -32,7 +32,7 @@ def interpolate(
 ) -> Path:
     """Fade from one look to another in `steps` frames (2 or more), seen by the camera of photo `view`; returns their folder.
 
-    The first and the last frame show the two looks themselves, bit for bit: their embeddings are not interpolated. refine: as in `bake_to_file`.
+    The first and the last frame show the two looks themselves, bit for bit: nothing of them is interpolated. refine: as in `bake_to_file`.
     """
     if steps < 2:
         raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")

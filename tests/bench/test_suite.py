@@ -170,7 +170,7 @@ def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, 
     with pytest.raises(BadInput, match="nothing to measure"):
         suite.bench(None, small_run, ("refinement",), False, tmp_path, heard)
     assert [figure.name for figure in suite.curves((small_run,), ("full",), True, heard)] == ["training"]
-    assert sum("no embedding to refine" in line for line in heard.lines) == 2
+    assert sum("no look to refine" in line for line in heard.lines) == 2
 
 
 def test_presets_end_in_time_and_differ_in_the_rest():

@@ -1,5 +1,6 @@
 """All that a look says about colours."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -17,17 +18,19 @@ class Colouring(NamedTuple):
     tone: Float[Tensor, "2 3"] | None = None
     changes: Weights | None = None
 
+    def map(self, function: Callable[[Tensor], Tensor]) -> "Colouring":
+        """`function` applied to every tensor."""
+        tone = None if self.tone is None else function(self.tone)
+        changes = None if self.changes is None else {name: function(change) for name, change in self.changes.items()}
+        return Colouring(function(self.embedding), tone, changes)
+
     def detached(self) -> "Colouring":
         """A copy that learns no more."""
-        tone = None if self.tone is None else self.tone.detach().clone()
-        changes = None if self.changes is None else {name: change.detach().clone() for name, change in self.changes.items()}
-        return Colouring(self.embedding.detach().clone(), tone, changes)
+        return self.map(lambda tensor: tensor.detach().clone())
 
     def to(self, device: torch.device) -> "Colouring":
         """The same on another device."""
-        tone = None if self.tone is None else self.tone.to(device)
-        changes = None if self.changes is None else {name: change.to(device) for name, change in self.changes.items()}
-        return Colouring(self.embedding.to(device), tone, changes)
+        return self.map(lambda tensor: tensor.to(device))
 
 
 def blended(first: Colouring, last: Colouring, share: float) -> Colouring:
@@ -37,8 +40,7 @@ def blended(first: Colouring, last: Colouring, share: float) -> Colouring:
         one = torch.ones(2, 3, device=first.embedding.device)
         tone = torch.lerp(*(one if end.tone is None else end.tone for end in (first, last)), share)
     if first.changes or last.changes:
-        known = {**(first.changes or {}), **(last.changes or {})}
-        none = {name: torch.zeros_like(change) for name, change in known.items()}
-        ends = [none | (end.changes or {}) for end in (first, last)]
-        changes = {name: torch.lerp(ends[0][name], ends[1][name], share) for name in known}
+        none = {name: torch.zeros_like(change) for end in (first, last) for name, change in (end.changes or {}).items()}
+        begin, aim = (none | (end.changes or {}) for end in (first, last))
+        changes = {name: torch.lerp(begin[name], aim[name], share) for name in none}
     return Colouring(torch.lerp(first.embedding, last.embedding, share), tone, changes)

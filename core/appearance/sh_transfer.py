@@ -120,7 +120,8 @@ class SHTransfer(nn.Module):
         """The hidden layers of this photo."""
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
         (first_weight, *weights), (first_bias, *biases) = (
-            [self.weight(f"layers.{number}.{kind}", changes) for number in range(len(self.layers))] for kind in ("weight", "bias")
+            [changed(getattr(layer, kind), f"layers.{number}.{kind}", changes) for number, layer in enumerate(self.layers)]
+            for kind in ("weight", "bias")
         )
         places = encoded_size(3, self.settings.position_octaves)
         columns = self.learned_columns, places, first_weight.shape[1] - self.learned_columns - places
@@ -134,17 +135,17 @@ class SHTransfer(nn.Module):
 
     def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights | None = None) -> OutputLayer:
         """The output layer of this photo."""
-        weight, bias = self.weight("last.weight", changes), self.weight("last.bias", changes)
+        weight, bias = (changed(getattr(self.last, kind), f"last.{kind}", changes) for kind in ("weight", "bias"))
         if not self.mixes:
             return OutputLayer(weight, weight.new_empty(self.coefficients, 0), bias)
         mixed = MIXING_GAIN * F.linear(embedding, weight, bias).view(self.coefficients, -1)
         output_weight, skip_weight, bias = mixed.split((self.layers[0].out_features, self.learned_columns, 1), dim=1)
         return OutputLayer(output_weight, skip_weight, bias.squeeze(1))
 
-    def weight(self, name: str, changes: Weights | None = None) -> Tensor:
-        """A weight or bias, with its change if it has one."""
-        weight = self.get_parameter(name)
-        return weight + changes[name] if changes and name in changes else weight
+
+def changed(weight: Tensor, name: str, changes: Weights | None) -> Tensor:
+    """The weight or bias of this name, with its change if it has one."""
+    return weight + changes[name] if changes and name in changes else weight
 
 
 def require(what: str, given: int, expected: int) -> None:

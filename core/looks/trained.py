@@ -139,7 +139,7 @@ class RunView:
         self.trained, self.camera = trained, camera
         self.given_spread, self.hidden_weights = trained.given_spread, trained.model.hidden_weights
         self.visible = trained.rasterizer.visible(trained.splats, camera)
-        solid = len(trained.splats) - trained.sky
+        solid = self.solid = len(trained.splats) - trained.sky
         rows = self.visible.rows
         self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
         self.smooth_sky = trained.smooth_sky if len(self.discs) else None
@@ -184,7 +184,7 @@ class RunView:
         seen = self.visible.rows[grey.grad[:, 0, 0] >= SH_0 * UNSEEN_PX]
         unseen = trained.splats.finite_rows()
         unseen[seen] = False
-        unseen[len(unseen) - trained.sky :] = False
+        unseen[self.solid :] = False
         return unseen.nonzero()[:, 0]
 
     @cached_property
@@ -194,8 +194,7 @@ class RunView:
         trained = self.trained
         if not trained.sky:
             return None
-        dome = slice(len(trained.splats) - trained.sky, None)
-        return trained.rasterizer.render(trained.splats.marked(dome), self.camera).image[..., 0].clamp(0, 1)
+        return trained.rasterizer.render(trained.splats.marked(slice(self.solid, None)), self.camera).image[..., 0].clamp(0, 1)
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,14 @@ Prints a Markdown table for each scene and protocol, and writes it as SCENE.md, 
 
 import csv
 import io
-import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 

@@ -11,12 +11,14 @@ CPU time is that of all threads. A measurement has a process of its own, so its 
 compiled in the warm-up, and the compiler takes memory: run it twice to read the memory. The last table is Markdown.
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).parent.parent))  # the engine beside this script, installed or not
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial

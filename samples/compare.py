@@ -8,12 +8,14 @@ everything else of the method. What is finished in the output folder is neither 
 holds means, for PSNR with the standard deviation.
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 

@@ -10,13 +10,15 @@ the look comes to it in PSNR (dB), beside the nearest look of a training photo a
 a row for each view, with the neutral look and each style's, but no photos, whose licences may not allow it.
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 import cv2

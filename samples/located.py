@@ -6,14 +6,16 @@ Each held-out photo of RUN (default: the newest) is located like a file of unkno
 left half, refined there with the camera that was found, and scored on the right half with the known camera.
 """
 
-import os
 import sys
 from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 import numpy as np

@@ -6,13 +6,15 @@ Each case is a copy of the scene with a changed model or changed photos, trained
 held-out photos by protocol `full`: the mean over the seeds, with their standard deviation.
 """
 
-import os
 import shutil
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 import cv2

@@ -7,12 +7,14 @@ and brightened at random. Their masks of held-out photos show how far labels alo
 IoU as `wegs eval` measures it.
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 import torch

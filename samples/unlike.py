@@ -8,14 +8,16 @@ quarter is then read as one from outside; its look is rendered with the photo's 
 if the scene's passers-by are known, static. The scene's own held-out photos play no part.
 """
 
-import os
 import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 import numpy as np

@@ -9,14 +9,16 @@ A scene without looks is compared with plain 3DGS (`--preset vanilla`), one whos
 --repeats runs in turn; PSNR is that of the held-out photos, with looks refined on their left half.
 """
 
-import os
 import statistics
 import sys
 import time
 from pathlib import Path
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import click
 

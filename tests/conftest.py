@@ -7,7 +7,9 @@ import os
 
 import pytest
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command line does, before torch is imported
+from core.system.process import prepare
+
+prepare()  # before torch is imported
 
 import torch
 

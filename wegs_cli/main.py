@@ -158,6 +158,8 @@ def run() -> None:
     if origin is not None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
+    from core.system.process import prepare  # only now is `core` known to be ours
+
     # They are None if they were closed, as some schedulers do.
     sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115 - open to the end
     for stream in (sys.stdout, sys.stderr):
@@ -166,6 +168,5 @@ def run() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
         signal.signal(signal.SIGHUP, _hang_up)
-    # Read once, when torch loads: OpenMP threads that spin while they wait keep the kernels' own threads from running.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    prepare()
     wegs(prog_name="wegs")

@@ -1,0 +1,47 @@
+"""What a process is told before torch is loaded: with glibc, memory that was freed is at hand again; what the user set stays."""
+
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+STEPS = """
+import resource
+import numpy as np
+
+def page_faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(20):
+        blocks = [np.ones(1 << 18, np.float32) for _ in range(20)]  # 20 MiB: 5,120 pages
+        del blocks
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) / 20
+
+page_faults()
+before = page_faults()
+from core.system.process import prepare
+prepare()
+page_faults()
+print(before, page_faults())
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is told")
+def test_freed_memory_is_not_asked_for_again():
+    before, now = map(float, subprocess.run([sys.executable, "-c", STEPS], capture_output=True, text=True, check=True).stdout.split())
+    assert before > 1000
+    assert now < 10
+
+
+@pytest.mark.parametrize("given", [None, "active"])
+def test_threads_wait_without_spinning_unless_the_user_wants_it(given):
+    program = "import os; from core.system.process import prepare; prepare(); print(os.environ['OMP_WAIT_POLICY'])"
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"} | ({"OMP_WAIT_POLICY": given} if given else {})
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment).stdout
+    assert told.strip() == (given or "passive")
+
+
+def test_torch_is_not_loaded():
+    program = "import sys; from core.system.process import prepare; prepare(); print('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip() == "False"

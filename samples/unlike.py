@@ -23,6 +23,7 @@ import click
 import numpy as np
 import torch
 
+from core.appearance.colouring import Colouring
 from core.config import Settings, preset
 from core.data import load_collection
 from core.data.collection import Collection, Photo
@@ -93,8 +94,8 @@ def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
     counted = torch.stack(counted).all(dim=0) if counted else None
     picture = view.picture.permute(2, 0, 1)
     embedding = trained.model.embedding_from_outside(picture)
-    looks = (trained.reach.nearest(embedding), None), read_from_outside(trained, picture)
-    images = (trained.rasterizer.render(bake(trained, Look("", "", *look)), view.camera).image for look in looks)
+    looks = Colouring(trained.reach.nearest(embedding)), read_from_outside(trained, picture)
+    images = (trained.rasterizer.render(bake(trained, Look("", "", look)), view.camera).image for look in looks)
     return trained.reach.distance(embedding), *(psnr(quantised(image), view.picture, counted) for image in images)
 
 

@@ -4,16 +4,15 @@ import torch
 
 
 class FlatView:
-    """A Refinable of `size` (height, width). follows: whether the picture follows its look at all."""
+    """A Refinable of `size` (height, width)."""
 
-    def __init__(self, size, sky=None, bound=lambda embedding: embedding, follows=True, given_spread=None, hidden_weights=None):
-        self.size, self.sky, self.bound, self.follows = size, sky, bound, follows
-        self.given_spread, self.hidden_weights = given_spread or {}, hidden_weights or {}
+    def __init__(self, size, sky=None, bound=lambda embedding: embedding, has_looks=True, given_spread=None, hidden=None):
+        self.size, self.sky, self.bound, self.has_looks = size, sky, bound, has_looks
+        self.given_spread, self.hidden = given_spread or {}, hidden or {}
 
     def render(self, look):
         colour = look.embedding if look.tone is None else look.embedding * look.tone[0]
-        colour = sum((look.changes or {}).values(), colour)
-        return (colour if self.follows else colour.detach()).expand(*self.size, 3)
+        return sum(look.changes.values(), colour).expand(*self.size, 3)
 
     def unseen(self, valid):
         return torch.arange(3)

@@ -10,7 +10,7 @@ import click
     "--appearance",
     required=True,
     metavar="PHOTO",
-    help="A photo file, a training photo's name, a saved look, or `neutral`.",
+    help="A photo file, the name of a photo of the scene, a saved look, or `neutral`.",
 )
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The .ply to write.")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")

@@ -7,7 +7,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-Weights = dict[str, Tensor]  # of the SH transfer, by their names in it
+Weights = dict[str, Tensor]  # numbers of the SH transfer, or for each of them, by their names in it
+UNCHANGED: Weights = {}
+EVEN = torch.ones(2, 3)  # the tone that changes nothing
 
 
 class Colouring(NamedTuple):
@@ -16,13 +18,12 @@ class Colouring(NamedTuple):
 
     embedding: Float[Tensor, " e"]
     tone: Float[Tensor, "2 3"] | None = None
-    changes: Weights | None = None
+    changes: Weights = UNCHANGED
 
     def map(self, function: Callable[[Tensor], Tensor]) -> "Colouring":
         """`function` applied to every tensor."""
         tone = None if self.tone is None else function(self.tone)
-        changes = None if self.changes is None else {name: function(change) for name, change in self.changes.items()}
-        return Colouring(function(self.embedding), tone, changes)
+        return Colouring(function(self.embedding), tone, {name: function(change) for name, change in self.changes.items()})
 
     def detached(self) -> "Colouring":
         """A copy that learns no more."""
@@ -35,12 +36,10 @@ class Colouring(NamedTuple):
 
 def blended(first: Colouring, last: Colouring, share: float) -> Colouring:
     """`share` of the way from `first` to `last`."""
-    tone = changes = None
+    tone = None
     if first.tone is not None or last.tone is not None:
-        one = torch.ones(2, 3, device=first.embedding.device)
-        tone = torch.lerp(*(one if end.tone is None else end.tone for end in (first, last)), share)
-    if first.changes or last.changes:
-        none = {name: torch.zeros_like(change) for end in (first, last) for name, change in (end.changes or {}).items()}
-        begin, aim = (none | (end.changes or {}) for end in (first, last))
-        changes = {name: torch.lerp(begin[name], aim[name], share) for name in none}
+        tone = torch.lerp(*(EVEN.to(end.embedding.device) if end.tone is None else end.tone for end in (first, last)), share)
+    none = {name: torch.zeros_like(change) for name, change in (first.changes | last.changes).items()}
+    begin, aim = none | first.changes, none | last.changes
+    changes = {name: torch.lerp(begin[name], aim[name], share) for name in none}
     return Colouring(torch.lerp(first.embedding, last.embedding, share), tone, changes)

@@ -4,6 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from core.appearance.colouring import UNCHANGED, Weights
 from core.config import Settings
 from core.scene.harmonics import SH_0
 
@@ -28,9 +29,9 @@ class ExposureTransfer(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
-        changes: None = None,
+        changes: Weights = UNCHANGED,
     ) -> Float[Tensor, "v c 3"]:
-        """The residual sh' - sh. Interface of SHTransfer; means and latents do not enter, and no weights change."""
+        """The residual sh' - sh. Interface of SHTransfer; means and latents do not enter, and no look has changes."""
         base = sh.detach() if self.settings.detach_sh else sh
         matrix, offset = self.change(embedding)
         # Not a matrix product: a BLAS rounds a row differently in chunks of another size.

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.colouring import Weights
+from core.appearance.colouring import UNCHANGED, Weights
 from core.appearance.encoder import PhotoEncoder, PlainMask, shrink
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
@@ -125,7 +125,7 @@ class AppearanceModel(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
-        changes: Weights | None = None,
+        changes: Weights = UNCHANGED,
     ) -> tuple[Float[Tensor, "v c 3"], Float[Tensor, "v c 3"] | None]:
         """(sh', residual): the coefficients in a look, and what was added to the base to get them.
 
@@ -146,14 +146,18 @@ class AppearanceModel(nn.Module):
     @property
     def given_spread(self) -> Weights:
         """How widely the weights that embeddings give differ between the training photos; see SHTransfer.given_spread."""
-        looks = self.met_embeddings if self.embedding_table is None else self.embedding_table
         with one_torch_thread():  # more would round differently
-            return self.sh_transfer.given_spread(looks) if isinstance(self.sh_transfer, SHTransfer) else {}
+            return self.sh_transfer.given_spread(self.known_embeddings) if isinstance(self.sh_transfer, SHTransfer) else {}
 
     @property
-    def hidden_weights(self) -> Weights:
-        """Those of the SH transfer; none in the light exposure mode."""
-        return self.sh_transfer.hidden_weights if isinstance(self.sh_transfer, SHTransfer) else {}
+    def given(self) -> Weights:
+        """See SHTransfer.given; none in the light exposure mode."""
+        return self.sh_transfer.given if isinstance(self.sh_transfer, SHTransfer) else {}
+
+    @property
+    def hidden(self) -> Weights:
+        """See SHTransfer.hidden; none in the light exposure mode."""
+        return self.sh_transfer.hidden if isinstance(self.sh_transfer, SHTransfer) else {}
 
     def transfer_parameters(self) -> list[nn.Parameter]:
         """The weights of the SH transfer, or of what stands in for it."""
@@ -165,7 +169,7 @@ class AppearanceModel(nn.Module):
         splats: Splats,
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "n l"] | None = None,
-        changes: Weights | None = None,
+        changes: Weights = UNCHANGED,
     ) -> Splats:
         """The Gaussians in one look, without a gradient; on the CPU in float32 the same as by `transfer`, bit for bit."""
         base = splats.detached()
@@ -174,9 +178,15 @@ class AppearanceModel(nn.Module):
         return base.with_sh(self.sh_transfer.added(*given) if adds else self.transfer(*given)[0])
 
     @property
+    def known_embeddings(self) -> Float[Tensor, "k e"]:
+        """Those of the training photos, from the table or as last met: none without appearance, and before the first photo is met."""
+        known = self.met_embeddings if self.embedding_table is None else self.embedding_table.detach()
+        return known if self.remembered else known[:0]
+
+    @property
     def reach(self) -> Reach:
-        """Where looks may lie: everywhere before the first photo is met, and where no encoder gives them."""
-        return Reach.of(self.met_embeddings if self.remembered else self.met_embeddings[:0])
+        """Where looks may lie: everywhere if there are none yet."""
+        return Reach.of(self.known_embeddings)
 
     @torch.no_grad()
     def remember(self, embedding: Float[Tensor, " e"], row: int) -> None:

@@ -2,7 +2,7 @@
 
 First the embedding and the tone, and the weights that embeddings give, which may take values that no embedding gives. Then the hidden
 layers of the SH transfer too: places are an input of these, so they can learn where in this one photo a shadow falls. What the photo does
-not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
+not show of the place is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -14,7 +14,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from core.appearance.colouring import Colouring, Weights
+from core.appearance.colouring import EVEN, Colouring, Weights
+from core.scene.camera import Camera
 from core.system.threads import threads_for_blocks
 
 STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; a rate falls to zero along half a cosine
@@ -24,9 +25,12 @@ TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 
 GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely they differ between looks: in all, no more than twice as far
 HELD, HOLD = 2000, 0.05  # Gaussians that the photo does not show: as many a step looks at, and the weight of how far they move
 CELLS = 40  # along the longer side: a photo is compared with its render in means over cells
+CELL_PX = 9  # at most; renders twice that large take twice the time for 0.1 dB (core/TRIED.md)
+MOSTLY = 0.5  # valid: a pixel of a smaller picture then is
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
 FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
 
+Seen = tuple[Camera, Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]  # what a camera shows: the photo, and where it is valid
 Course = Generator[Colouring, None, Colouring]  # the best look so far after each step, and at the end
 
 
@@ -34,13 +38,15 @@ Course = Generator[Colouring, None, Colouring]  # the best look so far after eac
 class Refinable(Protocol):
     """What a camera sees of a scene whose look follows a Colouring.
 
-    sky: how much of each pixel is sky, [0, 1]; None if there is none that is told from the place. given_spread: how widely the weights that
-    embeddings give differ between looks. hidden_weights: those of the SH transfer's hidden layers. Of either, there may be none.
+    has_looks: whether the view follows its Colouring at all. sky: how much of each pixel is sky, [0, 1]; None if there is none that is told from
+    the place. given_spread: how widely the weights that embeddings give differ between looks. hidden: those of the SH transfer's hidden
+    layers. Of either, there may be none.
     """
 
+    has_looks: bool
     sky: Float[Tensor, "h w"] | None
     given_spread: Weights
-    hidden_weights: Weights
+    hidden: Weights
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
         """The view in this look; differentiable in all of the look that it follows."""
@@ -55,61 +61,77 @@ class Refinable(Protocol):
         """Their SH in this look; differentiable as `render`."""
 
 
+def no_finer_than_needed(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> Seen:
+    """What a look is to be refined against: the camera's photo, shrunk by area to CELLS of CELL_PX if it is larger."""
+    small = camera.shrunk(CELLS * CELL_PX / max(camera.width, camera.height))
+    if small.width == camera.width and small.height == camera.height:
+        return camera, picture, valid
+
+    def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
+        return F.interpolate(values.permute(2, 0, 1)[None], size=(small.height, small.width), mode="area")[0].permute(1, 2, 0)
+
+    if valid is None:
+        return small, means(picture), None
+    share = means(valid[..., None].float())
+    return small, means(picture * valid[..., None]) / share.clamp_min(1e-6), share[..., 0] >= MOSTLY
+
+
 def steps_of(seen: Refinable) -> int:
     """How many steps a refinement takes."""
-    return STEPS + LATER_STEPS if seen.hidden_weights else STEPS
+    return STEPS + LATER_STEPS if seen.hidden else STEPS
 
 
 def refinement(seen: Refinable, start: Colouring, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> Iterator[Colouring]:
-    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`; none if looks follow no embedding.
+    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`; none if the view has no looks.
 
     It minimises the mean |render - picture| of cell means: detail finer than a cell says where things lie, not how they are lit. L1,
     because passers-by would pull harder on a squared error. All sky together counts no more than the place, whose look a photo that is
     mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. The result is
     the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
+    if not seen.has_looks:
+        return
     weights = torch.ones(()) if seen.sky is None else _cell_weights(seen.sky, valid)
-    whole = (weights * _cell_means(torch.ones_like(picture), valid)).mean()
+    compared = (weights * _cell_means(torch.ones_like(picture), valid)).mean()
 
-    def off(look: Colouring) -> Tensor:
-        return (weights * _cell_means(seen.render(look) - picture, valid).abs()).mean() / whole
+    def misfit(look: Colouring) -> Tensor:
+        return (weights * _cell_means(seen.render(look) - picture, valid).abs()).mean() / compared
 
-    with torch.enable_grad(), threads_for_blocks():
-        if not seen.render(Colouring(start.embedding.detach().clone().requires_grad_())).requires_grad:
-            return
-    best = yield from _as_a_whole(seen, start, off)
-    if seen.hidden_weights:
-        yield from _place_by_place(seen, best, off, seen.unseen(valid))
+    best = yield from _as_a_whole(seen, start, misfit)
+    if seen.hidden:
+        yield from _place_by_place(seen, best, misfit, seen.unseen(valid))
 
 
-def _as_a_whole(seen: Refinable, start: Colouring, off: Callable[[Colouring], Tensor]) -> Course:
+def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
     """Embedding, tone and the weights that embeddings give.
 
     Embeddings stay within `bound`: beyond, the SH transfer makes up colours for what the photo does not show.
     """
     embedding, tone, changes = start.detached()
-    gains = (torch.ones(2, 3, device=embedding.device) if tone is None else tone).log()
-    changes = {name: torch.zeros_like(spread) for name, spread in seen.given_spread.items()} | (changes or {})
+    gains = (EVEN.to(embedding.device) if tone is None else tone).log()
+    changes = {name: torch.zeros_like(spread) for name, spread in seen.given_spread.items()} | changes
     learning = [_Learning(embedding, RATE, seen.bound), _Learning(gains, TONE_RATE)]
     learning += [_Learning(changes[name], GIVEN_RATE * spread) for name, spread in seen.given_spread.items()]
-    return _descent(learning, STEPS, lambda: Colouring(embedding, gains.exp(), changes or None), off)
+    return _descent(learning, STEPS, lambda: Colouring(embedding, gains.exp(), changes), misfit)
 
 
-def _place_by_place(seen: Refinable, first: Colouring, off: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]) -> Course:
+def _place_by_place(seen: Refinable, first: Colouring, misfit: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]) -> Course:
     """The hidden layers, and on from `first` the weights that embeddings give, while Gaussians of `unseen` are held where `first` has them."""
-    changes = {name: torch.zeros_like(weight) for name, weight in seen.hidden_weights.items()} | (first.detached().changes or {})
-    rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(seen.hidden_weights, HIDDEN_RATE)
+    changes = {name: torch.zeros_like(weight) for name, weight in seen.hidden.items()} | first.detached().changes
+    rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(seen.hidden, HIDDEN_RATE)
     generator = torch.Generator().manual_seed(0)
 
-    def moved(look: Colouring) -> Tensor:
+    def moved(look: Colouring) -> Tensor | float:
+        if not len(unseen):
+            return 0.0
         few = len(unseen) <= HELD
         rows = unseen if few else unseen[torch.randint(len(unseen), (HELD,), generator=generator).to(unseen.device)]
         with torch.no_grad():
-            there = seen.harmonics(rows, first)
-        return (seen.harmonics(rows, look) - there).abs().sum(dim=1).mean() if len(rows) else there.new_zeros(())
+            before = seen.harmonics(rows, first)
+        return (seen.harmonics(rows, look) - before).abs().sum(dim=1).mean()
 
     learning = [_Learning(changes[name], rate) for name, rate in rates.items()]
-    course = _descent(learning, LATER_STEPS, lambda: first._replace(changes=changes), lambda look: off(look) + HOLD * moved(look))
+    course = _descent(learning, LATER_STEPS, lambda: first._replace(changes=changes), lambda look: misfit(look) + HOLD * moved(look))
     next(course)  # `first` itself, with which the first part ended
     return (yield from course)
 
@@ -136,20 +158,22 @@ class _Learning:
             self.value.copy_(self.bound(self.value))
 
 
-def _descent(learning: list[_Learning], steps: int, look: Callable[[], Colouring], loss_of: Callable[[Colouring], Tensor]) -> Course:
-    """The best look after 0, 1, ... `steps` steps; returns the last of these. look: what is learned, as it is now."""
+def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colouring], loss_of: Callable[[Colouring], Tensor]) -> Course:
+    """The best look after 0, 1, ... `steps` steps; returns the last of these. learned: the look of what is learned, as it is now."""
     best, least = None, float("inf")
     for step in range(steps + 1):
         with torch.enable_grad(), threads_for_blocks():
-            now = look()
+            now = learned()
             loss = loss_of(now)
-            gradients = torch.autograd.grad(loss, [one.value for one in learning], materialize_grads=True)
         if float(loss.detach()) < least or best is None:
             best, least = now.detached(), float(loss.detach())
         yield best
+        if step == steps:
+            return best
+        with threads_for_blocks():
+            gradients = torch.autograd.grad(loss, [one.value for one in learning], materialize_grads=True)
         for one, gradient in zip(learning, gradients):
             one.step(gradient, share=(1 + cos(pi * step / steps)) / 2)
-    return best
 
 
 def _cell_weights(sky: Float[Tensor, "h w"], valid: Bool[Tensor, "h w"] | None) -> Float[Tensor, "1 1 rows columns"]:

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.colouring import Weights
+from core.appearance.colouring import UNCHANGED, Weights
 from core.appearance.positional_encoding import encode, encoded_size
 from core.appearance.transfer_mlp import HiddenLayers, OutputLayer, blockwise_mlp, blockwise_sum, chunked_mlp
 from core.config import Settings
@@ -60,7 +60,7 @@ class SHTransfer(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None = None,
-        changes: Weights | None = None,
+        changes: Weights = UNCHANGED,
     ) -> Float[Tensor, "v c 3"]:
         """The bounded output for each Gaussian: the residual of its SH, or its SH where `residual` is off.
 
@@ -85,7 +85,7 @@ class SHTransfer(nn.Module):
         means: Float[Tensor, "v 3"],
         embedding: Float[Tensor, " e"],
         latents: Float[Tensor, "v l"] | None,
-        changes: Weights | None = None,
+        changes: Weights = UNCHANGED,
     ) -> Float[Tensor, "v c 3"]:
         """sh + forward(...), bit for bit; without a gradient, in one pass on a CPU."""
         if not is_fast(sh):
@@ -99,10 +99,15 @@ class SHTransfer(nn.Module):
     @torch.no_grad()
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
         """How widely the output layers that these embeddings give differ (standard deviations); empty where an embedding is an input."""
-        return {"last.bias": self.last(embeddings).std(dim=0)} if self.mixes and len(embeddings) > 1 else {}
+        return {name: self.last(embeddings).std(dim=0) for name in self.given} if len(embeddings) > 1 else {}
 
     @property
-    def hidden_weights(self) -> Weights:
+    def given(self) -> Weights:
+        """What a look may change of the output layers that embeddings give: what they share. Nothing where an embedding is an input."""
+        return {"last.bias": self.last.bias.detach()} if self.mixes else {}
+
+    @property
+    def hidden(self) -> Weights:
         """Weights and biases of the hidden layers."""
         return {f"layers.{name}": weight.detach() for name, weight in self.layers.named_parameters()}
 
@@ -116,7 +121,7 @@ class SHTransfer(nn.Module):
         base = (sh.detach() if self.settings.detach_sh else sh).flatten(1)
         return encode(base, self.settings.sh_octaves) if self.settings.sh_octaves else base
 
-    def hidden_layers(self, embedding: Float[Tensor, " e"], changes: Weights | None = None) -> HiddenLayers:
+    def hidden_layers(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> HiddenLayers:
         """The hidden layers of this photo."""
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
         (first_weight, *weights), (first_bias, *biases) = (
@@ -133,7 +138,7 @@ class SHTransfer(nn.Module):
         biases = torch.stack(biases) if biases else first_weight.new_empty(0, width)
         return HiddenLayers(learned_weight, place_weight, first_bias, weights, biases)
 
-    def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights | None = None) -> OutputLayer:
+    def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> OutputLayer:
         """The output layer of this photo."""
         weight, bias = (changed(getattr(self.last, kind), f"last.{kind}", changes) for kind in ("weight", "bias"))
         if not self.mixes:
@@ -143,9 +148,9 @@ class SHTransfer(nn.Module):
         return OutputLayer(output_weight, skip_weight, bias.squeeze(1))
 
 
-def changed(weight: Tensor, name: str, changes: Weights | None) -> Tensor:
+def changed(weight: Tensor, name: str, changes: Weights) -> Tensor:
     """The weight or bias of this name, with its change if it has one."""
-    return weight + changes[name] if changes and name in changes else weight
+    return weight + changes[name] if name in changes else weight
 
 
 def require(what: str, given: int, expected: int) -> None:

@@ -14,7 +14,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import refinement
+from core.appearance.refinement import no_finer_than_needed, refinement
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
@@ -64,7 +64,8 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    return refinement(subject.seen_by(fit.camera), Colouring(fit.start), fit.region, fit.valid)
+    camera, picture, valid = no_finer_than_needed(fit.camera, fit.region, fit.valid)
+    return refinement(subject.seen_by(camera), Colouring(fit.start), picture, valid)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import torch
 
+from core.appearance.colouring import EVEN, Colouring
 from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
 from core.data.photos.file import probe
@@ -36,18 +37,21 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     Raises BadInput, with the nearest name, if nothing fits; and for a mask with a look that is not read from a photo.
     """
     saved = _saved_as(trained, word)
-    reads_photos = trained.settings.appearance != "off" and trained.settings.embedding == "encoder"
+    reads_photos = trained.has_looks and trained.settings.embedding == "encoder"
     if mask is not None and (word == NEUTRAL or saved or not reads_photos):
         raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")
     if word == NEUTRAL:
         return neutral_look(trained)
     if saved:
         model = trained.model
-        look = saved_look.load(saved, trained.identity, trained.step, model.mean_embedding, trained.given_spread | model.hidden_weights)
-        return replace(look, **look.colouring.to(trained.device)._asdict())
+        like = Colouring(model.mean_embedding, EVEN, model.given | model.hidden)
+        look = saved_look.load(saved, trained.identity, trained.step, like)
+        return replace(look, colouring=look.colouring.to(trained.device))
     photo = _of_collection(trained, word)
     if photo is not None:
-        return look_of_photo(trained, photo, mask, refine, report)
+        look = look_of_photo(trained, photo, mask, refine, report)
+        gone = photo.path != trained.collection.called(photo.name).path
+        return replace(look, source=f"{look.source} (whose file is gone; this one has its name and size)") if gone else look
     if Path(word).is_file():
         look = _of_outside(trained, Path(word), mask)
         return refined_outside(trained, look, Path(word), mask, report) if refine else look
@@ -102,17 +106,19 @@ def _left_out(trained: TrainedRun, word: str) -> Path | None:
 
 def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
     """The look of a photo of the collection; the rest as in `find_look`."""
-    names = trained.model.photo_names
-    row = names.index(photo.name) if photo.name in names else None
+    row = trained.row_of(photo)
+    kind = "training" if row is not None else "held-out"
+    look = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
+    if not trained.has_looks:
+        return look(neutral_look(trained).colouring)
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
     if mask is not None:
         size = mask_size(mask)
         photo = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, size_for_mask(photo))
-    kind = "training" if row is not None else "held-out"
-    look = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
-    learned = look(trained.encoded[row]) if row is not None and mask is None and trained.encoded is not None else None
+    known = trained.learned_embeddings
+    learned = look(Colouring(known[row])) if row is not None and mask is None and known is not None else None
     if learned is not None and not refine:
         return learned
     try:
@@ -121,7 +127,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
         if learned is None:
             raise
         return not_refined(learned, problem.what.removesuffix("."))
-    found = learned or look(trained.model.read(sized.encoder_input, row).embedding)
+    found = learned or look(Colouring(trained.model.read(sized.encoder_input, row).embedding))
     return refined_of_collection(trained, found, sized, report) if refine else found
 
 
@@ -134,15 +140,15 @@ def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:
     if min(height, width) < SMALLEST_PHOTO_PX:
         raise BadInput(f"{path} is {width} x {height} px, too small to show a look.", "Use a larger photo.")
     picture = torch.from_numpy(pixels).to(trained.device).permute(2, 0, 1).float().div_(255)
-    embedding, tone = read_from_outside(trained, picture)
+    read = read_from_outside(trained, picture)
     source = f"photo {path.name} from outside the collection"
-    if tone is not None and (light := light_in_words(tone)):
+    if read.tone is not None and (light := light_in_words(read.tone)):
         source += f", lit unlike any photo of the place ({light})"
-    return Look(path.stem, source, embedding, tone)
+    return Look(path.stem, source, read)
 
 
 def _refuse_unknown_to_table(trained: TrainedRun, name: str) -> None:
-    if trained.settings.embedding == "glo" and trained.settings.appearance != "off":
+    if trained.settings.embedding == "glo" and trained.has_looks:
         raise BadInput(
             f"{name} is not a training photo, and a run with embedding=glo knows no other looks.",
             "Name a training photo, or train with embedding=encoder.",

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from core.appearance.colouring import Colouring
 from core.appearance.encoder import shrink
 from core.appearance.tone import band_means, taken_off, tone_between, toned
 from core.data.collection import spread_over
@@ -19,8 +20,8 @@ TINTS = "redder", "greener", "bluer"
 
 
 @torch.no_grad()
-def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> tuple[Float[Tensor, " e"], Float[Tensor, "2 3"] | None]:
-    """(embedding, tone) of a photo ([0, 1], any size); the tone is None if the embedding is within reach of the training photos'.
+def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> Colouring:
+    """What a photo ([0, 1], any size) tells of its look, without a tone if the embedding is within reach of the training photos'.
 
     Otherwise the whole tone is what turns the mean of the training views, in the neutral look, into the photo. The smallest share of it
     (a power of its gains) that brings the embedding within reach is taken off the photo. If none does, the share that brings it nearest
@@ -30,7 +31,7 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> t
     model, reach, picture = trained.model, trained.reach, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
     if trained.transparent_is_empty or reach.distance(embedding) <= 1:
-        return reach.nearest(embedding), None
+        return Colouring(reach.nearest(embedding))
     shares = _shares(trained)
     whole = tone_between(shares, band_means(picture))
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
@@ -39,7 +40,7 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> t
     # The largest of equals: all of it for a black photo, which nothing changes.
     nearest = min(range(TRIES), key=lambda number: (distances[number], -number))
     chosen = next((number for number in range(TRIES) if distances[number] <= 1), nearest)
-    return reach.nearest(embeddings[chosen]), tones[chosen]
+    return Colouring(reach.nearest(embeddings[chosen]), tones[chosen])
 
 
 def light_in_words(tone: Float[Tensor, "2 3"]) -> str:

@@ -16,11 +16,10 @@ PHOTOS = 4
 
 def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
     """Write PREVIEW into the run folder: up to PHOTOS training photos, each beside the scene from its camera, in its look and in the neutral one."""
-    has_looks = trained.settings.appearance != "off"
-    columns = ("photo", "the scene in its look", "in the neutral look") if has_looks else ("photo", "the scene")
+    columns = ("photo", "the scene in its look", "in the neutral look") if trained.has_looks else ("photo", "the scene")
     neutral, rows = bake(trained, neutral_look(trained)), []
     for sized in spread_over(photos, PHOTOS):
-        own = [bake(trained, look_of_photo(trained, sized.photo, refine=False))] if has_looks else []
+        own = [bake(trained, look_of_photo(trained, sized.photo, refine=False))] if trained.has_looks else []
         drawn = (trained.rasterizer.render(look, sized.camera, trained.background).image for look in (*own, neutral))
         rows.append((sized.photo.name, [tile(pixels) for pixels in (sized.pixels, *map(to_8_bit, drawn))]))
     write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))

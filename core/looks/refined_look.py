@@ -7,18 +7,19 @@ from pathlib import Path
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import refinement, steps_of
+from core.appearance.refinement import no_finer_than_needed, refinement, steps_of
 from core.data import load_collection
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
 from core.data.sfm import landmarks
-from core.data.sfm.landmarks import Landmarks, landmarks_of
+from core.data.sfm.landmarks import Landmarks, known_photos, landmarks_of
 from core.data.sfm.locate import locate
 from core.errors import BadInput, WegsError
 from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
 from core.scene.camera import Camera
 from core.training.sized_photos import SizedPhoto, shown_on
+from core.words import counted
 
 
 def refined_of_collection(trained: TrainedRun, look: Look, sized: SizedPhoto, report: Report) -> Look:
@@ -33,9 +34,8 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
 
     The photo is compared at its own size, or the mean size of a training photo if that is smaller. mask: white where it is to be used.
     """
-    if trained.settings.appearance == "off":
+    if not trained.has_looks:
         return look
-
     try:
         known = landmarks_of_run(trained, report)
     except BadInput as problem:
@@ -48,8 +48,9 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
         photo = Photo(path.name, path, found.camera, "test", mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
         loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
-    except BadInput:  # nothing is left of a mask in a smaller picture
-        return not_refined(look, "too little of it is left at the size at which it is drawn")
+    except BadInput as problem:  # nothing is left of a mask in a smaller picture
+        too_fine = "too little of it is left at the size at which it is drawn"
+        return not_refined(look, too_fine if mask is not None else problem.what.removesuffix("."))
     pixels, valid = shown_on(trained.device, loaded.pixels, loaded.valid)
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
@@ -64,16 +65,24 @@ def not_refined(look: Look, why: str) -> Look:
 def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     """The landmarks that photos from outside are located by, in the run's scene frame: found once, then kept in the run folder.
 
-    Raises BadInput if there are none yet and the scene cannot be read, or has other cameras by now.
+    They are not kept while some of the training photos they should come from cannot be read. Raises BadInput if there are none yet and the
+    scene cannot be read, has other cameras by now, or does not tell which photo shows which point.
     """
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path)) is not None:
         return kept
-    collection = load_collection(trained.collection.root, trained.settings.all_photos)
+    collection = load_collection(trained.collection.root)
     if not collection.in_world_of(trained.collection):
         raise BadInput(f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again.")
+    names = {photo.name for photo in trained.collection.split("train")}
+    collection = replace(collection, photos=tuple(replace(photo, split="train") for photo in collection.photos if photo.name in names))
+    if not (known := known_photos(collection)):
+        raise BadInput(f"{collection.root} does not tell which photo shows which point.", "Use the COLMAP model with its points.")
     report.say("Photos are located by the features of the training photos, which are searched for once")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
+    if lost := len(names) - len(collection.photos) or len(known) - len(found.counts):
+        report.warn(f"{counted(lost, 'training photo')} of {len(names)} cannot be read now. The others serve this time; all are searched again.")
+        return found
     try:
         found.save(path)
     except WegsError as problem:
@@ -90,7 +99,8 @@ def refined(
     report: Report = QUIET,
 ) -> Look | None:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
+    camera, pixels, valid = no_finer_than_needed(camera, pixels, valid)
     seen, best = trained.seen_by(camera), None
     for step, best in enumerate(refinement(seen, look.colouring, pixels, valid)):
         report.progress("Refinement", step, steps_of(seen))
-    return None if best is None else replace(look, **best._asdict())
+    return None if best is None else replace(look, colouring=best)

@@ -2,15 +2,13 @@
 
 import json
 import re
-from collections.abc import Collection
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
 from torch import Tensor
 
-from core.appearance.colouring import Weights
-from core.data.photos.names import names_without_suffixes
+from core.appearance.colouring import Colouring
+from core.data.collection import Collection
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
 from core.system.atomic import write_json
@@ -19,6 +17,7 @@ from core.training.on_disk.run_folders import check_writable
 from core.words import counted
 
 FOLDER = "appearance"
+LARGEST = 1e6  # no number of a look comes near; far larger ones would overflow
 
 
 def path_of(folder: Path, name: str) -> Path:
@@ -31,13 +30,13 @@ def path_of(folder: Path, name: str) -> Path:
     return folder / FOLDER / f"{name}.json"
 
 
-def check_free(folder: Path, name: str, force: bool, photos: Collection[str]) -> None:
+def check_free(folder: Path, name: str, force: bool, collection: Collection) -> None:
     """Raise BadInput, before the work, if a run cannot save a look `name`, or has one that may not be replaced.
 
-    photos: names of the run's photos. BadSetting for one of them: its own look could no longer be asked for by name.
+    BadSetting for what a photo of the run's collection is called: its own look could no longer be asked for by name.
     """
     path = path_of(folder, name)
-    if path.stem in {called for photo in photos for called in names_without_suffixes(photo)}:
+    if collection.called(path.stem) is not None:
         raise BadSetting(f"{path.stem!r} is the name of a photo of this run.", "Choose another name.")
     check_writable(path.parent)
     if path.exists() and not force:
@@ -66,11 +65,11 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
     return path
 
 
-def load(path: Path, identity: str, step: int, embedding: Float[Tensor, " e"], weights: Weights) -> Look:
+def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
     """Read a look of the run `identity` after `step` steps; a file from a version that did not save the step is accepted.
 
-    embedding, weights: any embedding of the run, and the weights of its SH transfer that a look may change: their shapes count. Raises
-    BadInput if the file is anything else, or does not hold finite numbers of such shapes, or has a tone that is not six gains >= 0.
+    like: all that a look of the run may hold; of its numbers, the shapes count. Raises BadInput if the file is anything else, or holds other
+    shapes, numbers beyond LARGEST, or gains below zero.
     """
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
@@ -79,20 +78,20 @@ def load(path: Path, identity: str, step: int, embedding: Float[Tensor, " e"], w
         source, owner, numbers = (facts[key] for key in ("source", "run", "embedding"))
         found = _tensor(numbers)
         tone = _tensor(facts["tone"]) if "tone" in facts else None
-        changes = {name: _tensor(change) for name, change in facts["changes"].items()} if "changes" in facts else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as problem:
+        changes = {name: _tensor(change) for name, change in facts.get("changes", {}).items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as problem:
         raise BadInput(f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME.") from None
     if owner != identity:
         raise BadInput(f"{path} was saved by run {owner}, not by {identity}.", "Name its run with --run, or save it again.")
     if (saved_at := facts.get("step", step)) != step:
         raise BadInput(f"{path} was saved at step {saved_at}; the run is at step {step} now.", "Save the look again.")
-    if not _fits(found, embedding):
-        raise BadInput(f"{path} does not hold {counted(len(embedding), 'finite number')}.", "Save the look again.")
-    if tone is not None and not (tone.shape == (2, 3) and tone.isfinite().all() and (tone >= 0).all()):
+    if not _fits(found, like.embedding):
+        raise BadInput(f"{path} does not hold {counted(len(like.embedding), 'number')} of an embedding.", "Save the look again.")
+    if tone is not None and not (_fits(tone, like.tone) and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
-    if changes and not all(name in weights and _fits(change, weights[name]) for name, change in changes.items()):
-        raise BadInput(f"{path} has changes that do not fit {identity}, or are not finite.", "Save the look again.")
-    return Look(path.stem, str(source), found, tone, changes)
+    if not all(name in like.changes and _fits(change, like.changes[name]) for name, change in changes.items()):
+        raise BadInput(f"{path} has changes that do not fit {identity}.", "Save the look again.")
+    return Look(path.stem, str(source), Colouring(found, tone, changes))
 
 
 def _tensor(numbers: list) -> Tensor:
@@ -101,4 +100,4 @@ def _tensor(numbers: list) -> Tensor:
 
 
 def _fits(found: Tensor, like: Tensor) -> bool:
-    return found.shape == like.shape and bool(found.isfinite().all())
+    return found.shape == like.shape and bool((found.abs() <= LARGEST).all())

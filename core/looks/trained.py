@@ -90,6 +90,20 @@ class TrainedRun:
         cameras = [self.camera(photo) for photo in self.collection.split("train")]
         return SmoothSky.of(self.splats, self.sky, cameras, self.rasterizer)
 
+    @property
+    def has_looks(self) -> bool:
+        """Whether it has more looks than one."""
+        return self.settings.appearance != "off"
+
+    @property
+    def learned_embeddings(self) -> Float[Tensor, "k e"] | None:
+        """Those of the training photos, in the order of `model.photo_names`; None if only the photos tell."""
+        return self.encoded if self.model.embedding_table is None else self.model.embedding_table
+
+    def row_of(self, photo: Photo) -> int | None:
+        """Its row in `model.photo_names`; None for a held-out photo."""
+        return self.model.photo_names.index(photo.name) if photo.name in self.model.photo_names else None
+
     @cached_property
     def given_spread(self) -> Weights:
         """How widely the weights that embeddings give differ between its looks."""
@@ -136,8 +150,8 @@ class RunView:
     """What one camera sees of a run in any look, as `bake` gives it: a core.appearance.refinement.Refinable."""
 
     def __init__(self, trained: TrainedRun, camera: Camera):
-        self.trained, self.camera = trained, camera
-        self.given_spread, self.hidden_weights = trained.given_spread, trained.model.hidden_weights
+        self.trained, self.camera, self.has_looks = trained, camera, trained.has_looks
+        self.given_spread, self.hidden = trained.given_spread, trained.model.hidden
         self.visible = trained.rasterizer.visible(trained.splats, camera)
         solid = self.solid = len(trained.splats) - trained.sky
         rows = self.visible.rows
@@ -199,18 +213,11 @@ class RunView:
 
 @dataclass(frozen=True)
 class Look:
-    """A look by name. source: where it comes from, in words. tone, changes: what the embedding cannot express; see Colouring."""
+    """A look by name. source: where it comes from, in words."""
 
     name: str
     source: str
-    embedding: Float[Tensor, " e"]
-    tone: Float[Tensor, "2 3"] | None = None
-    changes: Weights | None = None
-
-    @property
-    def colouring(self) -> Colouring:
-        """Without the words."""
-        return Colouring(self.embedding, self.tone, self.changes)
+    colouring: Colouring
 
 
 def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
@@ -242,16 +249,17 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
 
     rows: of those wanted, all by default; ascending, the whole dome among them.
     """
+    embedding, tone, changes = look.colouring
     latents = None if trained.latents is None else trained.latents[rows]
-    baked = trained.model.bake(trained.splats[rows], look.embedding, latents, look.changes)
+    baked = trained.model.bake(trained.splats[rows], embedding, latents, changes)
     if trained.smooth_sky is not None:
         baked = trained.smooth_sky.over(baked)
-    return baked if look.tone is None else toned(baked, look.tone, trained.sky)
+    return baked if tone is None else toned(baked, tone, trained.sky)
 
 
 def neutral_look(trained: TrainedRun) -> Look:
     """The look that every run has."""
-    return Look(NEUTRAL, "the mean of the training photos", trained.model.mean_embedding)
+    return Look(NEUTRAL, "the mean of the training photos", Colouring(trained.model.mean_embedding))
 
 
 def blend(first: Look, last: Look, share: float) -> Look:
@@ -259,4 +267,4 @@ def blend(first: Look, last: Look, share: float) -> Look:
     if share in (0.0, 1.0):
         return last if share else first
     name = f"{share:.3f} of the way from {first.name} to {last.name}"
-    return Look(name, name, *blended(first.colouring, last.colouring, share))
+    return Look(name, name, blended(first.colouring, last.colouring, share))

@@ -43,12 +43,12 @@ def bake_to_file(
         raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
     trained = open_run(folder, report)
     if save_as is not None:
-        saved_look.check_free(trained.folder, save_as, force, [photo.name for photo in trained.collection.photos])
+        saved_look.check_free(trained.folder, save_as, force, trained.collection)
     look = find_look(trained, word, mask, refine, report)
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {look.source}")
     for note in trained.collection.frame.offset_notes():
         report.warn(note)
-    if trained.settings.appearance == "off":
+    if not trained.has_looks:
         report.warn(ONE_LOOK)
     start = time.perf_counter()
     written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, sky)

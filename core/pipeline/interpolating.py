@@ -49,7 +49,7 @@ def interpolate(
     report.say(f"{trained.folder}{trained.where}: {steps} steps, seen from {photo.name}")
     for which, end in zip(("from", "to"), ends, strict=True):
         report.say(f"  {which} {end.source}")
-    if trained.settings.appearance == "off":
+    if not trained.has_looks:
         report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
         pruner = pruner_of(trained, report) if ply else None

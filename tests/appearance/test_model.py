@@ -179,8 +179,7 @@ def test_changed_weights_bake_as_they_render_and_learn(changes):
     """The gradient of a change is that of the weight; the model keeps its own."""
     model, splats, embedding = model_of(**changes).requires_grad_(False), splats_of(100), torch.randn(6)
     kept = model.transfer(splats.sh, splats.means, embedding)[0]
-    model.met_embeddings = torch.randn(5, 6)
-    names = model.hidden_weights | model.given_spread
+    names = model.hidden | model.given
     assert ("last.bias" in names) == (changes != {"embedding_enters": "input"})
     moved = {name: 0.05 * torch.randn_like(weight) for name, weight in names.items()}
     for change in moved.values():
@@ -203,15 +202,15 @@ def test_changed_weights_bake_as_they_render_and_learn(changes):
 def test_given_weights_differ_as_widely_as_looks_do():
     """Standard deviations; none of a single look, and none where an embedding is an input or an affine map."""
     model = model_of()
-    model.met_embeddings = torch.randn(1, 6)
+    model.met_embeddings, model.remembered = torch.randn(1, 6), torch.tensor(1)
     assert not model.given_spread
     model.met_embeddings = torch.randn(4, 6)
     expected = torch.stack([model.sh_transfer.last(embedding) for embedding in model.met_embeddings]).std(dim=0)
     torch.testing.assert_close(model.given_spread, {"last.bias": expected.detach()})
     for changes in ({"embedding_enters": "input"}, {"appearance": "exposure"}, {"appearance": "off"}):
         other = model_of(**changes)
-        other.met_embeddings = torch.randn(4, 6)
-        assert not other.given_spread and bool(other.hidden_weights) == ("appearance" not in changes)
+        other.met_embeddings, other.remembered = torch.randn(4, 6), torch.tensor(4)
+        assert not other.given_spread and bool(other.hidden) == ("appearance" not in changes)
 
 
 def test_bake_does_not_touch_the_scene():

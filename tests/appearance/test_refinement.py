@@ -1,10 +1,12 @@
 """Refinement, of a look that is the picture's one colour: its embedding, times the gain of the place."""
 
+import numpy as np
 import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import CELLS, LATER_STEPS, LEAST_SKY, STEPS, _cell_weights, refinement, steps_of
+from core.appearance.refinement import CELL_PX, CELLS, LATER_STEPS, LEAST_SKY, STEPS, _cell_weights, no_finer_than_needed, refinement, steps_of
+from core.scene.camera import Camera
 from tests.flat_view import FlatView
 
 PICTURE = torch.full((4, 6, 3), 0.4)
@@ -51,6 +53,31 @@ def test_what_is_finer_than_a_cell_does_not_move_a_look():
     assert (colour - 0.65).abs().max() < 1e-3  # by single pixels any colour between the two fits as well
 
 
+def camera_of(width: int, height: int) -> Camera:
+    return Camera(np.eye(3), np.zeros(3), 500.0, 500.0, width / 2, height / 2, width, height)
+
+
+def test_a_photo_no_larger_than_its_cells_need_is_compared_as_it_is():
+    camera, picture = camera_of(240, CELLS * CELL_PX), torch.rand(CELLS * CELL_PX, 240, 3)
+    assert no_finer_than_needed(camera, picture, None) == (camera, picture, None)
+
+
+def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
+    """Blocks of four pixels, of which none, one, two or all are invalid and of a colour of their own."""
+    side = 2 * CELLS * CELL_PX
+    picture, valid = torch.full((side, side, 3), 0.25), torch.ones(side, side, dtype=torch.bool)
+    valid[::2, side // 4 :] = False  # two of four
+    valid[1::2, side // 2 :] = False  # all
+    valid[0, 0] = False  # one
+    picture[~valid] = 0.9
+    camera, means, kept = no_finer_than_needed(camera_of(side, side), picture, valid)
+    half = side // 2
+    assert (camera.width, camera.height, camera.fx) == (half, half, 250.0) and means.shape == (half, half, 3)
+    assert kept[:, : half // 2].all() and not kept[:, half // 2 :].any()
+    torch.testing.assert_close(means[kept], torch.full((int(kept.sum()), 3), 0.25))
+    assert no_finer_than_needed(camera_of(side, side), picture, None)[1][0, 0, 0] == pytest.approx((0.9 + 3 * 0.25) / 4)
+
+
 def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
     """In units of how widely they differ between looks: one that hardly does stays."""
     apart = {"last.bias": torch.tensor([0.5, 0.5, 1e-6])}
@@ -62,12 +89,12 @@ def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
 @pytest.mark.parametrize("as_much, learned", [(0, True), (60, False)])
 def test_shared_weights_learn_later_unless_what_is_unseen_would_move_more_than_what_is_seen(as_much, learned):
     """as_much: times that the colours of Gaussians out of view move as far as the picture. Only later can this picture be met at all."""
-    view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden_weights={"layers.0.bias": torch.zeros(3)})
+    view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)})
     view.harmonics = lambda rows, look: (
         as_much * look.changes["layers.0.bias"].expand(len(rows), 1, 3) if look.changes else torch.zeros(len(rows), 1, 3)
     )
     steps = list(refinement(view, Colouring(torch.full((3,), 0.9)), torch.zeros(4, 6, 3)))
-    assert len(steps) == steps_of(view) + 1 == STEPS + LATER_STEPS + 1 and steps[STEPS].changes is None
+    assert len(steps) == steps_of(view) + 1 == STEPS + LATER_STEPS + 1 and steps[STEPS].changes == {}
     assert torch.equal(steps[-1].tone, steps[STEPS].tone)
     change = steps[-1].changes["layers.0.bias"] if steps[-1].changes else torch.zeros(3)
     assert (change < -0.05).all() if learned else (change == 0).all()
@@ -85,8 +112,8 @@ def test_what_a_photo_does_not_show_weighs_as_much_beside_a_small_part_of_it_as_
     for columns in (1, 6):
         valid = torch.zeros(4, 6, dtype=torch.bool)
         valid[:, :columns] = True
-        view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden_weights={"layers.0.bias": torch.zeros(3)})
-        view.harmonics = lambda rows, look: 4 * sum((look.changes or {}).values(), torch.zeros(3)).expand(len(rows), 1, 3)
+        view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)})
+        view.harmonics = lambda rows, look: 4 * sum(look.changes.values(), torch.zeros(3)).expand(len(rows), 1, 3)
         *_, last = refinement(view, Colouring(torch.full((3,), 0.9)), torch.zeros(4, 6, 3), valid)
         moves.append(last.changes["layers.0.bias"])
     assert (moves[0] < -0.05).all()
@@ -114,7 +141,7 @@ def test_an_embedding_stays_where_it_may_go():
 
 
 def test_a_look_that_follows_no_embedding_is_left_alone():
-    assert not list(refinement(FlatView((4, 6), follows=False), Colouring(torch.zeros(3)), PICTURE))
+    assert not list(refinement(FlatView((4, 6), has_looks=False), Colouring(torch.zeros(3)), PICTURE))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3)])

@@ -24,8 +24,8 @@ CAMERA = dataclasses.replace(ring_camera(0.0), width=WIDTH, height=HEIGHT)
 class Flat:
     """Renders one colour, its embedding; embeds the mean colour of what it is shown, plus an error."""
 
-    def __init__(self, error=0.0, follows=True):
-        self.error, self.follows, self.shown, self.cameras = error, follows, [], []
+    def __init__(self, error=0.0, has_looks=True):
+        self.error, self.has_looks, self.shown, self.cameras = error, has_looks, [], []
 
     def embed(self, picture):
         self.shown.append(tuple(picture.shape))
@@ -38,7 +38,7 @@ class Flat:
 
     def seen_by(self, camera):
         self.cameras.append(camera)
-        return FlatView((camera.height, camera.width), follows=self.follows)
+        return FlatView((camera.height, camera.width), has_looks=self.has_looks)
 
 
 def halves(left, right):
@@ -82,7 +82,7 @@ def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
 
 
 def test_a_look_that_follows_nothing_is_not_refined():
-    result, pictures = measure(Flat(follows=False), view(), "half")
+    result, pictures = measure(Flat(has_looks=False), view(), "half")
     assert pictures.look == "zero_shot"
     assert set(result.scores["photo"]) == {"zero_shot"}
 

@@ -41,10 +41,22 @@ def test_photos_that_were_moved_are_known_by_name_and_size(trained, tmp_path):
     for number in (0, 2):  # a training photo and a held-out one
         there = trained.collection.photos[number]
         here, known = find_look(moved, str(there.path), refine=False), find_look(trained, str(there.path), refine=False)
-        assert here.source == known.source and torch.equal(here.embedding, known.embedding)
+        assert here.source == f"{known.source} (whose file is gone; this one has its name and size)"
+        assert torch.equal(here.colouring.embedding, known.colouring.embedding)
     pixels = cv2.imread(str(there.path))
     cv2.imwrite(str(tmp_path / there.name), pixels[:-2])
     assert "from outside" in find_look(moved, str(tmp_path / there.name), refine=False).source
+
+
+@pytest.mark.parametrize("changes, name", [({"embedding": "glo"}, "photo_0"), ({"appearance": "off"}, "photo_0"), ({"appearance": "off"}, "photo_2")])
+def test_a_look_that_the_run_holds_needs_no_photo(changes, name, tmp_path_factory):
+    """A training photo's in a table; any photo's where there is one look for all."""
+    scene, runs = tmp_path_factory.mktemp("scene"), tmp_path_factory.mktemp("runs")
+    run = finished(small_collection(scene), small_settings(steps=2, **changes), runs / "small")
+    photos = tuple(replace(photo, path=scene / "gone" / photo.name) for photo in run.collection.photos)
+    look = find_look(replace(run, collection=replace(run.collection, photos=photos)), name)
+    held = run.model.mean_embedding if run.model.embedding_table is None else run.model.embedding_table[0]
+    assert torch.equal(look.colouring.embedding, held) and ("not refined" in look.source) == ("embedding" in changes)
 
 
 def test_a_view_is_called_as_a_look_is(trained):

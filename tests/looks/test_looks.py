@@ -88,10 +88,10 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
 def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_path):
     photo = trained.collection.photos[3]
     looks = [find_look(trained, str(crowd), mask) for crowd, mask in (with_crowd(photo, tmp_path, c) for c in (ORANGE, BLUE))]
-    assert torch.equal(looks[0].embedding, looks[1].embedding)
+    assert torch.equal(looks[0].colouring.embedding, looks[1].colouring.embedding)
     # For a photo of the collection as well, by its name.
     plain_look, masked = (find_look(trained, photo.name, mask) for mask in (None, tmp_path / "mask.png"))
-    assert not torch.equal(plain_look.embedding, masked.embedding)
+    assert not torch.equal(plain_look.colouring.embedding, masked.colouring.embedding)
     with pytest.raises(BadInput, match="neutral is not read from a photo"):
         find_look(trained, "neutral", tmp_path / "mask.png")
     table = replace(trained, settings=trained.settings.changed(embedding="glo"))
@@ -112,13 +112,13 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     night = darkened(photo, tmp_path, 0.15)
     look = find_look(trained, str(night))
     wanted = torch.from_numpy(cv2.imread(str(night))[..., ::-1].copy())
-    shown, without = (rendered(trained, each) for each in (look, replace(look, tone=None)))
+    shown, without = (rendered(trained, each) for each in (look, replace(look, colouring=look.colouring._replace(tone=None))))
     assert (shown - wanted).abs().mean() < 0.25 * (without - wanted).abs().mean()
-    assert trained.reach.distance(look.embedding) <= 1 + 1e-5
+    assert trained.reach.distance(look.colouring.embedding) <= 1 + 1e-5
     assert look.source.startswith("photo 0.15.png from outside the collection, lit unlike any photo of the place (darker), ")
 
     kept = saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
-    assert torch.equal(torch.tensor(json.loads(kept.read_text())["tone"]), look.tone)  # the gains in numbers
+    assert torch.equal(torch.tensor(json.loads(kept.read_text())["tone"]), look.colouring.tone)  # the gains in numbers
     assert torch.equal(rendered(trained, find_look(trained, "night")), shown)
     with pytest.raises(BadInput, match="Save the look again"):  # what its numbers mean was still being learned
         find_look(replace(trained, step=trained.step + 1), "night")
@@ -132,9 +132,9 @@ def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
     photo = trained.collection.view("photo_03.png")
     paths = [darkened(photo, tmp_path, gain) for gain in (1.0, 0.3, 0.15, 0.05, 0.0)]
     looks = [find_look(trained, str(path)) for path in paths]
-    assert looks[0].tone is None
-    assert all(trained.reach.distance(look.embedding) <= 1 + 1e-5 for look in looks)
-    strengths = [1.0 if look.tone is None else float(look.tone.mean()) for look in looks]
+    assert looks[0].colouring.tone is None
+    assert all(trained.reach.distance(look.colouring.embedding) <= 1 + 1e-5 for look in looks)
+    strengths = [1.0 if look.colouring.tone is None else float(look.colouring.tone.mean()) for look in looks]
     assert sorted(strengths, reverse=True) == strengths and strengths[-1] < 0.1
     picture = torch.from_numpy(cv2.imread(str(paths[1]))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
     whole = tone_between(_shares(trained), band_means(picture))
@@ -155,7 +155,7 @@ def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_p
     night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)
     of_renders = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
     look = find_look(of_renders, str(night), refine=False)
-    assert look.tone is None and trained.reach.distance(look.embedding) <= 1 + 1e-5
+    assert look.colouring.tone is None and trained.reach.distance(look.colouring.embedding) <= 1 + 1e-5
     assert look.source == "photo 0.15.png from outside the collection"
 
 
@@ -174,7 +174,7 @@ def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
     photo = trained.collection.view(None)
     path = tmp_path / "lit.png"
     write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo)).image))
-    place, sky = find_look(trained, str(path)).tone.mean(dim=1)
+    place, sky = find_look(trained, str(path)).colouring.tone.mean(dim=1)
     assert place > 0.7 and sky < 0.5
 
 
@@ -200,7 +200,7 @@ def test_the_file_that_a_training_photo_was_made_of_has_its_look(trained, tmp_pa
     write_json(root / originals.NAMES, {str(original.resolve()): photo.name})
     made = replace(trained, collection=replace(trained.collection, root=root))
     look, by_name = find_look(made, str(original)), find_look(made, photo.name)
-    assert look.source == by_name.source and torch.equal(look.embedding, by_name.embedding)
+    assert look.source == by_name.source and torch.equal(look.colouring.embedding, by_name.colouring.embedding)
     (tmp_path / "moved").mkdir()
     original = original.rename(tmp_path / "moved" / original.name)
     assert find_look(made, str(original)).source == by_name.source

@@ -1,5 +1,6 @@
 """Looks refined against their photos: of held-out ones always, of photos from outside where these were taken is found."""
 
+import shutil
 from dataclasses import replace
 from itertools import pairwise
 from statistics import fmean
@@ -49,18 +50,18 @@ def test_the_photo_of_a_look_is_met_more_closely(trained):
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.93 was seen, after seconds of training
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
     assert heard.steps[-1] == (STEPS + LATER_STEPS,) * 2
-    assert trained.reach.distance(encoded.embedding) <= 1 + 1e-5 and trained.reach.distance(refined.embedding) <= 2 + 1e-5
-    assert set(refined.changes) == set(trained.given_spread | trained.model.hidden_weights) and encoded.changes is None
+    assert trained.reach.distance(encoded.colouring.embedding) <= 1 + 1e-5 and trained.reach.distance(refined.colouring.embedding) <= 2 + 1e-5
+    assert set(refined.colouring.changes) == set(trained.model.given | trained.model.hidden) and encoded.colouring.changes == {}
 
 
 def test_a_training_photo_is_refined_for_as_long_as_it_is_there(trained):
     """Its look as it was learned is in the run."""
     learned, refined = (find_look(trained, "1.png", refine=refine) for refine in (False, True))
-    assert torch.equal(learned.embedding, trained.encoded[trained.model.photo_names.index("1.png")])
+    assert torch.equal(learned.colouring.embedding, trained.encoded[trained.model.photo_names.index("1.png")])
     assert off(trained, refined, "1.png") < off(trained, learned, "1.png") and refined.source == "training photo 1.png, refined"
     photos = tuple(replace(photo, path=photo.path.with_name("gone.png")) for photo in trained.collection.photos)
     kept = find_look(replace(trained, collection=replace(trained.collection, photos=photos)), "1.png")
-    assert torch.equal(kept.embedding, learned.embedding) and kept.changes is None
+    assert torch.equal(kept.colouring.embedding, learned.colouring.embedding) and kept.colouring.changes == {}
     assert kept.source.startswith("training photo 1.png, not refined: ") and "gone.png" in kept.source
 
 
@@ -125,14 +126,14 @@ def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_pa
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training
     assert "from outside the collection, refined from where it was taken (" in refined.source
     again = find_look(trained, str(outside), refine=True)
-    assert torch.equal(again.embedding, refined.embedding)
+    assert torch.equal(again.colouring.embedding, refined.colouring.embedding)
 
 
 def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path):
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), (90, 120, 150), np.uint8))
     encoded, kept = (find_look(trained, str(wall), refine=refine) for refine in (False, True))
-    assert torch.equal(kept.embedding, encoded.embedding)
+    assert torch.equal(kept.colouring.embedding, encoded.colouring.embedding)
     assert kept.source == f"{encoded.source}, not refined: where it was taken was not found"
 
 
@@ -149,8 +150,33 @@ def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without
     assert not list(new.folder.iterdir())
     heard = [Heard(), Heard()]
     looks = [find_look(run, str(outside), report=report) for run, report in zip((new, gone), heard, strict=True)]
-    assert torch.equal(looks[0].embedding, looks[1].embedding) and "refined from where it was taken" in looks[1].source
+    assert torch.equal(looks[0].colouring.embedding, looks[1].colouring.embedding) and "refined from where it was taken" in looks[1].source
     assert any("searched for once" in line for line in heard[0].lines) and not heard[1].lines
+
+
+def test_they_are_searched_for_again_once_all_photos_are_back(trained, tmp_path):
+    """What is found while a disk is half copied would else lose photos for good."""
+    shutil.copytree(trained.collection.photos[0].path.parent, tmp_path / "scene")
+    (tmp_path / "run").mkdir()
+    run = replace(trained, folder=tmp_path / "run", collection=prepared(tmp_path / "scene", tmp_path / "points", Report()))
+    lost, damaged = (run.collection.view(name).path for name in ("3.png", "4.png"))
+    whole = [path.read_bytes() for path in (lost, damaged)]
+    heard = Heard()
+    lost.unlink()
+    assert len(refined_look.landmarks_of_run(run, heard).counts) == 4 and not list(run.folder.iterdir())
+    assert any("1 training photo of 5 cannot be read now" in line for line in heard.lines)
+    lost.write_bytes(whole[0])
+    damaged.write_bytes(whole[1][:200])
+    assert len(refined_look.landmarks_of_run(run, Report()).counts) == 4 and not list(run.folder.iterdir())
+    damaged.write_bytes(whole[1])
+    assert len(refined_look.landmarks_of_run(run, Report()).counts) == 5 and list(run.folder.iterdir())
+
+
+def test_a_scene_that_does_not_tell_which_photo_shows_what_is_said_to(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(refined_look, "known_photos", lambda collection: [])
+    wall = tmp_path / "wall.png"
+    cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), 120, np.uint8))
+    assert find_look(replace(trained, folder=tmp_path), str(wall)).source.endswith("does not tell which photo shows which point")
 
 
 def test_in_a_run_that_may_not_be_written_in_they_are_searched_for_again(trained, tmp_path, monkeypatch):
@@ -180,7 +206,7 @@ def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_re
         cv2.imwrite(str(tmp_path / name), picture)
     words = str(tmp_path / "photo.png"), tmp_path / "mask.png"
     encoded, kept = (find_look(trained, *words, refine=refine) for refine in (False, True))
-    assert torch.equal(kept.embedding, encoded.embedding)
+    assert torch.equal(kept.colouring.embedding, encoded.colouring.embedding)
     assert kept.source == f"{encoded.source}, not refined: too little of it is left at the size at which it is drawn"
 
 
@@ -193,17 +219,17 @@ def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path
         pixels[HEIGHT // 2 :] = colour
         cv2.imwrite(str(tmp_path / "photo.png"), pixels)
         looks.append(find_look(trained, str(tmp_path / "photo.png"), tmp_path / "mask.png", refine=True))
-    assert torch.equal(looks[0].embedding, looks[1].embedding)
+    assert torch.equal(looks[0].colouring.embedding, looks[1].colouring.embedding)
 
 
 def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     """float32, and a sum over fewer Gaussians where those out of view are left out."""
     look, camera = find_look(trained, "1.png"), trained.camera(trained.collection.view("0.png"))
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
-        shown = replace(look, tone=tone)
+        shown = replace(look, colouring=look.colouring._replace(tone=tone))
         baked = trained.rasterizer.render(bake(trained, shown), camera, trained.background).image
         torch.testing.assert_close(trained.seen_by(camera).render(shown.colouring), baked, rtol=0, atol=1e-5)
-    embedding = look.embedding.clone().requires_grad_()
+    embedding = look.colouring.embedding.clone().requires_grad_()
     trained.seen_by(camera).render(Colouring(embedding)).sum().backward()
     assert embedding.grad.abs().max() > 0
     assert trained.splats.means.grad is None and all(weight.grad is None for weight in trained.model.encoder.parameters())

@@ -5,29 +5,32 @@ from dataclasses import replace
 import pytest
 import torch
 
+from core.appearance.colouring import EVEN, Colouring
 from core.errors import BadInput, BadSetting
 from core.looks import saved_look
 from core.looks.trained import Look
+from tests.small import small_collection
 
 WEIGHTS = {"layers.0.weight": torch.zeros(3, 2), "last.bias": torch.zeros(4)}  # that a look of the run may change
 
 
 def loaded(path, size: int) -> Look:
-    return saved_look.load(path, "abc", 7, torch.zeros(size), WEIGHTS)
+    return saved_look.load(path, "abc", 7, Colouring(torch.zeros(size), EVEN, WEIGHTS))
 
 
 def test_a_look_comes_back_bit_for_bit(tmp_path):
-    look = Look("dusk", "dusk.jpg", torch.randn(16, generator=torch.Generator().manual_seed(0)))
+    dusk = Colouring(torch.randn(16, generator=torch.Generator().manual_seed(0)))
+    look = Look("dusk", "dusk.jpg", dusk)
     back = loaded(saved_look.save(tmp_path, look, "abc", 7), 16)
-    assert torch.equal(back.embedding, look.embedding)
-    assert (back.name, back.source, back.tone) == (look.name, look.source, None)
+    assert torch.equal(back.colouring.embedding, dusk.embedding)
+    assert (back.name, back.source, back.colouring[1:]) == (look.name, look.source, (None, {}))
     (tmp_path / "copy.json").write_text((tmp_path / "appearance" / "dusk.json").read_text())
     assert loaded(tmp_path / "copy.json", 16).name == "copy"  # files are copied; what they say of themselves is no path
-    night = replace(look, name="night", tone=torch.rand(2, 3))
-    assert torch.equal(loaded(saved_look.save(tmp_path, night, "abc", 7), 16).tone, night.tone)
-    changed = replace(look, name="changed", changes={name: torch.randn_like(weight) for name, weight in WEIGHTS.items()})
-    back = loaded(saved_look.save(tmp_path, changed, "abc", 7), 16)
-    assert back.changes.keys() == WEIGHTS.keys() and all(torch.equal(back.changes[name], changed.changes[name]) for name in WEIGHTS)
+    night = Look("night", "night.jpg", dusk._replace(tone=torch.rand(2, 3)))
+    assert torch.equal(loaded(saved_look.save(tmp_path, night, "abc", 7), 16).colouring.tone, night.colouring.tone)
+    changes = {name: torch.randn_like(weight) for name, weight in WEIGHTS.items()}
+    back = loaded(saved_look.save(tmp_path, Look("changed", "dusk.jpg", dusk._replace(changes=changes)), "abc", 7), 16).colouring.changes
+    assert back.keys() == WEIGHTS.keys() and all(torch.equal(back[name], changes[name]) for name in WEIGHTS)
 
 
 @pytest.mark.parametrize(
@@ -40,14 +43,17 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
             '{"name": "a", "source": "b", "run": "abc", "step": 5, "embedding": [1, 2]}',
             "saved at step 5; the run is at step 7 now. Save the look again",
         ),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 finite numbers"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 finite numbers"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 numbers of an embedding"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 numbers of an embedding"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 3e38]}', "2 numbers of an embedding"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": ' + 100_000 * "[", "not a saved look"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 1' + 400 * "0" + "]}", "not a saved look"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1]}', "not two rows of three gains"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}', "not two rows"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, 3e38]]}', "not two rows"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}', "not a saved look"),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": [1]}', "not a saved look"),
         (
@@ -55,7 +61,7 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
             "changes that do not fit abc",
         ),
         ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1, NaN]}}', "changes that do not fit"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"encoder": [1]}}', "or are not finite"),
+        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"encoder": [1]}}', "changes that do not fit abc"),
     ],
 )
 def test_a_look_of_no_use_is_refused(tmp_path, text, words):
@@ -68,7 +74,17 @@ def test_a_look_of_no_use_is_refused(tmp_path, text, words):
 def test_a_look_of_a_version_that_kept_no_step_is_read(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2]}')
-    assert loaded(path, 2).embedding.tolist() == [1, 2]
+    assert loaded(path, 2).colouring.embedding.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("name", ["photo_1", "photo_1.png"])
+def test_a_look_may_not_be_called_as_a_photo_is(name, tmp_path):
+    collection = small_collection(tmp_path)
+    photos = tuple(replace(photo, name=f"left/{photo.name}") for photo in collection.photos)
+    for each in (collection, replace(collection, photos=photos)):
+        with pytest.raises(BadSetting, match="is the name of a photo"):
+            saved_look.check_free(tmp_path, name, True, each)
+    saved_look.check_free(tmp_path, "photo_99", True, collection)
 
 
 @pytest.mark.parametrize("name", ["", ".json", "../dusk", "a/b", ".hidden", "neutral"])

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from core import pipeline
+from core.appearance.colouring import Colouring, blended
 from core.doctor.views import cameras_beside
 from core.looks.find_look import find_look
 from core.looks.trained import Look, TrainedRun, blend
@@ -29,7 +30,7 @@ def test_a_training_photo_is_known_by_a_link_to_it(trained, tmp_path):
     link.symlink_to(trained.collection.view("photo_1.png").path)
     found, named = (find_look(trained, word, refine=False) for word in (str(link), "photo_1.png"))
     assert found.source == named.source == "training photo photo_1.png"
-    assert torch.equal(found.embedding, named.embedding)
+    assert torch.equal(found.colouring.embedding, named.colouring.embedding)
 
 
 def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_path):
@@ -37,7 +38,7 @@ def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_pa
     outside = shutil.copy(own.path, tmp_path / "outside.png")
     picture = torch.from_numpy(cv2.imread(str(own.path))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
     whole, masked = trained.model.embedding_from_outside(picture), trained.model.read(picture).embedding
-    found = find_look(trained, str(outside)).embedding
+    found = find_look(trained, str(outside)).colouring.embedding
     torch.testing.assert_close(found, whole)
     assert not torch.allclose(found, masked)
 
@@ -45,21 +46,21 @@ def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_pa
 def test_looks_mix_in_shares_and_end_as_themselves():
     """One without a tone is one whose gains are 1."""
     embeddings = torch.randn(2, 6, generator=torch.Generator().manual_seed(0))
-    day, night = Look("day", "a photo", embeddings[0]), Look("night", "a photo", embeddings[1], torch.full((2, 3), 0.2))
+    day, night = Look("day", "a photo", Colouring(embeddings[0])), Look("night", "a photo", Colouring(embeddings[1], torch.full((2, 3), 0.2)))
     assert blend(day, night, 0.0) is day and blend(day, night, 1.0) is night
     mixed = blend(day, night, 0.25)
-    torch.testing.assert_close(mixed.embedding, 0.75 * day.embedding + 0.25 * night.embedding)
-    torch.testing.assert_close(mixed.tone, torch.full((2, 3), 0.8))
-    assert mixed.name == "0.250 of the way from day to night" and blend(day, day, 0.5).tone is None
+    torch.testing.assert_close(mixed.colouring.embedding, 0.75 * day.colouring.embedding + 0.25 * night.colouring.embedding)
+    torch.testing.assert_close(mixed.colouring.tone, torch.full((2, 3), 0.8))
+    assert mixed.name == "0.250 of the way from day to night" and blend(day, day, 0.5).colouring.tone is None
 
 
 def test_looks_mix_what_goes_beyond_embeddings_too():
     """A look without a change of a weight is one whose change is zero."""
-    plain = Look("plain", "a photo", torch.zeros(2))
-    first, last = replace(plain, changes={"a": torch.ones(2), "b": torch.ones(3)}), replace(plain, changes={"b": 3 * torch.ones(3)})
-    mixed = blend(first, last, 0.25).changes
+    plain = Colouring(torch.zeros(2))
+    first, last = plain._replace(changes={"a": torch.ones(2), "b": torch.ones(3)}), plain._replace(changes={"b": 3 * torch.ones(3)})
+    mixed = blended(first, last, 0.25).changes
     assert {name: change.tolist() for name, change in mixed.items()} == {"a": [0.75] * 2, "b": [1.5] * 3}
-    assert blend(plain, last, 0.5).changes["b"].tolist() == [1.5] * 3 and blend(plain, plain, 0.5).changes is None
+    assert blended(plain, last, 0.5).changes["b"].tolist() == [1.5] * 3 and blended(plain, plain, 0.5).changes == {}
 
 
 def test_results_tell_by_how_much_photos_were_shrunk(trained):

@@ -51,7 +51,7 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.sized_photo(photo).camera))
     assert known == read  # one class of arrays: the very same numbers
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
-    assert torch.equal(*(find_look(live, photo.name, refine=False).embedding for live in (before, after)))  # is in the checkpoint
+    assert torch.equal(*(find_look(live, photo.name, refine=False).colouring.embedding for live in (before, after)))  # is in the checkpoint
     for need in (lambda: pipeline.evaluate(folder), lambda: after.sized_photo(gone)):
         with pytest.raises(BadInput, match="gone is gone. Move it back, or write where it is now into .*config.json"):
             need()

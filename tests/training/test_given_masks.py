@@ -115,7 +115,7 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
     for name, tensor in first.splats.tensors().items():
         assert torch.equal(tensor, getattr(second.splats, name)), name
     # Looks are read as they were trained: what was hidden stays so.
-    looks = [find_look(live, "photo_0.png").embedding for live in (first, second)]
+    looks = [find_look(live, "photo_0.png").colouring.embedding for live in (first, second)]
     assert torch.equal(*looks)
 
 

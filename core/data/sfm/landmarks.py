@@ -1,5 +1,6 @@
 """Landmarks, by which photos from outside are located: SIFT features of a collection's photos, with the SfM points they show."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,7 +10,7 @@ import numpy as np
 import pycolmap
 from scipy.spatial import cKDTree
 
-from core.data.collection import Collection, spread_over
+from core.data.collection import Collection, Photo, spread_over
 from core.data.formats.model_file import quiet
 from core.data.sfm.features import DATABASE, MASKS, extract, write_pictures
 from core.report import Report
@@ -51,22 +52,28 @@ class Landmarks:
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 found = Landmarks(**{field.name: arrays[field.name] for field in fields(Landmarks)})
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        except (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, BadZipFile):
             return None
         return found if found._fits() else None
 
     def _fits(self) -> bool:
         kinds = (self.descriptors.dtype, self.shows.dtype, self.counts.dtype, self.points.dtype)
-        if kinds != (np.uint8, np.int64, np.int64, np.float64) or (self.counts < 0).any():
+        if kinds != (np.uint8, np.int64, np.int64, np.float64) or self.points.ndim != 2 or (self.counts < 0).any():
             return False
         n, p = int(self.counts.sum()), len(self.points)
         shapes = (self.descriptors.shape, self.shows.shape, self.points.shape)
-        return shapes == ((n, LENGTH), (n,), (p, 3)) and ((self.shows >= NO_POINT) & (self.shows < p)).all()
+        exist = (self.shows >= NO_POINT) & (self.shows < p)
+        return shapes == ((n, LENGTH), (n,), (p, 3)) and exist.all() and np.isfinite(self.points).all()
+
+
+def known_photos(collection: Collection) -> Sequence[Photo]:
+    """Up to MOST_PHOTOS training photos that see SfM points, spread over the collection."""
+    return spread_over([photo for photo in collection.split("train") if len(photo.points)], MOST_PHOTOS)
 
 
 def landmarks_of(collection: Collection, report: Report) -> Landmarks:
-    """The landmarks of up to MOST_PHOTOS training photos that see SfM points, spread over the collection; undecodable ones are left out."""
-    known = spread_over([photo for photo in collection.split("train") if len(photo.points)], MOST_PHOTOS)
+    """The landmarks of its `known_photos`; undecodable ones are left out."""
+    known = known_photos(collection)
     descriptors, shows = [np.zeros((0, LENGTH), np.uint8)], [np.zeros(0, np.int64)]
     with TemporaryDirectory() as folder, quiet():
         work = Path(folder)

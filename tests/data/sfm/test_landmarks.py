@@ -40,7 +40,9 @@ def test_a_file_that_is_missing_damaged_or_does_not_fit_is_none(known, tmp_path)
     assert Landmarks.load(path) is None
     known.save(path)
     whole = path.read_bytes()
-    for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20):
+    flags = whole.index(b"PK\x01\x02") + 8  # of the first entry in the zip's table; 0x20 is patched data, which Python refuses
+    patched = whole[:flags] + bytes([whole[flags] | 0x20]) + whole[flags + 1 :]
+    for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20, patched):
         path.write_bytes(damaged)
         assert Landmarks.load(path) is None
     beyond = np.where(known.shows == NO_POINT, NO_POINT, len(known.points))
@@ -50,6 +52,8 @@ def test_a_file_that_is_missing_damaged_or_does_not_fit_is_none(known, tmp_path)
         {"points": known.points.astype(np.float32)},
         {"descriptors": known.descriptors[:, 1:]},
         {"counts": known.counts - known.counts.sum()},
+        {"points": np.where(np.arange(len(known.points))[:, None] == 3, np.nan, known.points)},
+        {"points": np.float64(0)},
     ):
         replace(known, **changes).save(path)
         assert Landmarks.load(path) is None

@@ -81,7 +81,8 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     report.say("Photos are located by the features of the training photos, which are searched for once")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
     if lost := len(names) - len(collection.photos) or len(known) - len(found.counts):
-        report.warn(f"{counted(lost, 'training photo')} of {len(names)} cannot be read now. The others serve this time; all are searched again.")
+        missing = f"{counted(lost, 'training photo')} of {len(names)} cannot be read now"
+        report.warn(f"{missing}. The others serve this time; next time all are searched again.")
         return found
     try:
         found.save(path)

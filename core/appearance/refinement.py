@@ -2,7 +2,7 @@
 
 First the embedding and the tone, and the weights that embeddings give, which may take values that no embedding gives. Then the hidden
 layers of the SH transfer too: places are an input of these, so they can learn where in this one photo a shadow falls. What the photo does
-not show of the place is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
+not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -55,7 +55,7 @@ class Refinable(Protocol):
         """The embedding, or the nearest to it that a refinement may take."""
 
     def unseen(self, valid: Bool[Tensor, "h w"] | None) -> Int[Tensor, " r"]:
-        """Rows of the Gaussians of the place that the camera does not see in these pixels."""
+        """Rows of the Gaussians that the camera does not see in these pixels."""
 
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
         """Their SH in this look; differentiable as `render`."""

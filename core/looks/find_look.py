@@ -106,7 +106,8 @@ def _left_out(trained: TrainedRun, word: str) -> Path | None:
 
 def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
     """The look of a photo of the collection; the rest as in `find_look`."""
-    row = trained.row_of(photo)
+    names = trained.model.photo_names
+    row = names.index(photo.name) if photo.name in names else None
     kind = "training" if row is not None else "held-out"
     look = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
     if not trained.has_looks:
@@ -117,8 +118,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
         size = mask_size(mask)
         photo = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, size_for_mask(photo))
-    known = trained.learned_embeddings
-    learned = look(Colouring(known[row])) if row is not None and mask is None and known is not None else None
+    learned = look(Colouring(trained.learned[row])) if row is not None and mask is None and trained.learned is not None else None
     if learned is not None and not refine:
         return learned
     try:

@@ -39,8 +39,8 @@ class TrainedRun:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
-    seconds: spent on training. encoded: the embeddings of the training photos, in the order of `model.photo_names`, if an encoder
-    gives them and training is finished; the reach of looks is then made of these. It is a Subject of core.evaluation.
+    seconds: spent on training. learned: the embeddings of the training photos, in the order of `model.photo_names`: a table's, or an encoder's
+    once training is finished; the reach of looks is then made of these. It is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -53,7 +53,7 @@ class TrainedRun:
     sky: int
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
-    encoded: Float[Tensor, "k e"] | None = None
+    learned: Float[Tensor, "k e"] | None = None
 
     def sized_photo(self, photo: Photo) -> SizedPhoto:
         """A photo of the collection at its training size, with its camera and the encoder's input.
@@ -94,15 +94,6 @@ class TrainedRun:
     def has_looks(self) -> bool:
         """Whether it has more looks than one."""
         return self.settings.appearance != "off"
-
-    @property
-    def learned_embeddings(self) -> Float[Tensor, "k e"] | None:
-        """Those of the training photos, in the order of `model.photo_names`; None if only the photos tell."""
-        return self.encoded if self.model.embedding_table is None else self.model.embedding_table
-
-    def row_of(self, photo: Photo) -> int | None:
-        """Its row in `model.photo_names`; None for a held-out photo."""
-        return self.model.photo_names.index(photo.name) if photo.name in self.model.photo_names else None
 
     @cached_property
     def given_spread(self) -> Weights:
@@ -240,7 +231,8 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
-    return TrainedRun(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, encoded.get("masked"))
+    learned = encoded.get("masked") if model.embedding_table is None else model.embedding_table
+    return TrainedRun(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, learned)
 
 
 def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:

@@ -57,7 +57,7 @@ def test_the_photo_of_a_look_is_met_more_closely(trained):
 def test_a_training_photo_is_refined_for_as_long_as_it_is_there(trained):
     """Its look as it was learned is in the run."""
     learned, refined = (find_look(trained, "1.png", refine=refine) for refine in (False, True))
-    assert torch.equal(learned.colouring.embedding, trained.encoded[trained.model.photo_names.index("1.png")])
+    assert torch.equal(learned.colouring.embedding, trained.learned[trained.model.photo_names.index("1.png")])
     assert off(trained, refined, "1.png") < off(trained, learned, "1.png") and refined.source == "training photo 1.png, refined"
     photos = tuple(replace(photo, path=photo.path.with_name("gone.png")) for photo in trained.collection.photos)
     kept = find_look(replace(trained, collection=replace(trained.collection, photos=photos)), "1.png")

@@ -62,7 +62,7 @@ TABLE, MASKS, TRANSFER = "embedding_table", "mask_network", "sh_transfer"
         ({"appearance": "off", "embedding": "glo", "mask": "mlp"}, {MASKS}),
         ({"appearance": "off", "transients": "off"}, set()),
     ],
-    ids=str,
+    ids=lambda value: str(value) if isinstance(value, dict) else " ".join(sorted(value)),
 )
 def test_only_what_is_needed_is_built(changes, expected):
     model = model_of(**changes)

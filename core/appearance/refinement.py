@@ -6,6 +6,7 @@ not show is held to the look of the first part meanwhile, or it would take on co
 """
 
 from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass
 from math import cos, pi
 from typing import Protocol, runtime_checkable
 
@@ -16,6 +17,7 @@ from torch import Tensor
 
 from core.appearance.colouring import EVEN, Colouring, Weights
 from core.scene.camera import Camera
+from core.scene.cells import cell_sums
 from core.system.threads import threads_for_blocks
 
 STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; a rate falls to zero along half a cosine
@@ -24,13 +26,11 @@ BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
 GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely they differ between looks: in all, no more than twice as far
 HELD, HOLD = 2000, 0.05  # Gaussians that the photo does not show: as many a step looks at, and the weight of how far they move
-CELLS = 40  # along the longer side: a photo is compared with its render in means over cells
-CELL_PX = 9  # at most; renders twice that large take twice the time for 0.1 dB (core/TRIED.md)
-MOSTLY = 0.5  # valid: a pixel of a smaller picture then is
+UNSEEN_PX = 1.0  # a Gaussian that makes up less of a photo is not shown by it
+LARGEST_PX = 640  # the longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
 FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
 
-Seen = tuple[Camera, Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]  # what a camera shows: the photo, and where it is valid
 Course = Generator[Colouring, None, Colouring]  # the best look so far after each step, and at the end
 
 
@@ -38,42 +38,61 @@ Course = Generator[Colouring, None, Colouring]  # the best look so far after eac
 class Refinable(Protocol):
     """What a camera sees of a scene whose look follows a Colouring.
 
-    has_looks: whether the view follows its Colouring at all. sky: how much of each pixel is sky, [0, 1]; None if there is none that is told from
-    the place. given_spread: how widely the weights that embeddings give differ between looks. hidden: those of the SH transfer's hidden
-    layers. Of either, there may be none.
+    has_looks: whether the view follows its Colouring at all. given_spread: how widely the weights that embeddings give differ between looks.
+    hidden: those of the SH transfer's hidden layers. Of either, there may be none.
     """
 
     has_looks: bool
-    sky: Float[Tensor, "h w"] | None
     given_spread: Weights
     hidden: Weights
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
-        """The view in this look; differentiable in all of the look that it follows."""
+        """The view in this look."""
+
+    def in_cells(self, weight: Float[Tensor, "h w"]) -> "InCells":
+        """The view in cells, its pixels counting as much as these weigh."""
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""
 
-    def unseen(self, valid: Bool[Tensor, "h w"] | None) -> Int[Tensor, " r"]:
-        """Rows of the Gaussians that the camera does not see in these pixels."""
-
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
-        """Their SH in this look; differentiable as `render`."""
+        """The SH of these Gaussians in this look, before tone and sky; differentiable in all of the look that they follow."""
 
 
-def no_finer_than_needed(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> Seen:
-    """What a look is to be refined against: the camera's photo, shrunk by area to CELLS of CELL_PX if it is larger."""
-    small = camera.shrunk(CELLS * CELL_PX / max(camera.width, camera.height))
-    if small.width == camera.width and small.height == camera.height:
-        return camera, picture, valid
+@runtime_checkable
+class InCells(Protocol):
+    """A view in cells (core.scene.cells). sky: how much of each cell is sky, px; None if there is none that is told from the place. unseen:
+    rows of the Gaussians of which it shows less than UNSEEN_PX: what lies out of view, behind something, or where nothing counts.
+    """
 
-    def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
-        return F.interpolate(values.permute(2, 0, 1)[None], size=(small.height, small.width), mode="area")[0].permute(1, 2, 0)
+    sky: Float[Tensor, " cells"] | None
+    unseen: Int[Tensor, " u"]
 
-    if valid is None:
-        return small, means(picture), None
-    share = means(valid[..., None].float())
-    return small, means(picture * valid[..., None]) / share.clamp_min(1e-6), share[..., 0] >= MOSTLY
+    def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
+        """The sums of the pixels of each cell in this look; differentiable in all of the look that they follow."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a photo shows, against which a look is refined. picture: as `camera` sees it, [0, 1]. weight: how much each pixel counts, [0, 1]."""
+
+    camera: Camera
+    picture: Float[Tensor, "h w 3"]
+    weight: Float[Tensor, "h w"]
+
+    @staticmethod
+    def of(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> "Shown":
+        """The photo, shrunk by area to LARGEST_PX if it is larger. valid: what of it counts; all, if None."""
+        weight = torch.ones_like(picture[..., 0]) if valid is None else valid.float()
+        small = camera.shrunk(LARGEST_PX / max(camera.width, camera.height))
+        if small.width == camera.width and small.height == camera.height:
+            return Shown(camera, picture, weight)
+
+        def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
+            return F.interpolate(values.permute(2, 0, 1)[None], size=(small.height, small.width), mode="area")[0].permute(1, 2, 0)
+
+        share = means(weight[..., None])
+        return Shown(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])
 
 
 def steps_of(seen: Refinable) -> int:
@@ -81,25 +100,27 @@ def steps_of(seen: Refinable) -> int:
     return STEPS + LATER_STEPS if seen.hidden else STEPS
 
 
-def refinement(seen: Refinable, start: Colouring, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> Iterator[Colouring]:
-    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`; none if the view has no looks.
+def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colouring]:
+    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`; none if the view has no looks. photo: of the camera that sees the view.
 
-    It minimises the mean |render - picture| of cell means: detail finer than a cell says where things lie, not how they are lit. L1,
+    It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are lit. L1,
     because passers-by would pull harder on a squared error. All sky together counts no more than the place, whose look a photo that is
     mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. The result is
     the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
     if not seen.has_looks:
         return
-    weights = torch.ones(()) if seen.sky is None else _cell_weights(seen.sky, valid)
-    compared = (weights * _cell_means(torch.ones_like(picture), valid)).mean()
+    cells, weight = seen.in_cells(photo.weight), photo.weight[..., None]
+    pixels, wanted = cell_sums(weight)[:, 0], cell_sums(photo.picture * weight)
+    weights = torch.ones_like(pixels) if cells.sky is None else _weights(cells.sky, pixels)
+    compared = 3 * (weights * pixels).sum()
 
     def misfit(look: Colouring) -> Tensor:
-        return (weights * _cell_means(seen.render(look) - picture, valid).abs()).mean() / compared
+        return (weights[:, None] * (cells.sums(look) - wanted).abs()).sum() / compared
 
     best = yield from _as_a_whole(seen, start, misfit)
     if seen.hidden:
-        yield from _place_by_place(seen, best, misfit, seen.unseen(valid))
+        yield from _place_by_place(seen, best, misfit, cells.unseen)
 
 
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
@@ -176,17 +197,8 @@ def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colour
             one.step(gradient, share=(1 + cos(pi * step / steps)) / 2)
 
 
-def _cell_weights(sky: Float[Tensor, "h w"], valid: Bool[Tensor, "h w"] | None) -> Float[Tensor, "1 1 rows columns"]:
-    """1, and less for cells of sky where these would outweigh the others."""
-    sky, place = (_cell_means(part[..., None], valid) for part in (sky, 1 - sky))
+def _weights(sky: Float[Tensor, " cells"], pixels: Float[Tensor, " cells"]) -> Float[Tensor, " cells"]:
+    """1, and less for cells of sky where these would outweigh the others. sky: how much of the pixels of each cell is sky."""
+    place = (pixels - sky).clamp_min(0)
     weight = (place.sum() / sky.sum().clamp_min(1e-6)).clamp(LEAST_SKY, 1.0)
     return 1 - (1 - weight) * sky / (sky + place).clamp_min(1e-6)
-
-
-def _cell_means(picture: Float[Tensor, "h w c"], valid: Bool[Tensor, "h w"] | None) -> Float[Tensor, "1 c rows columns"]:
-    if valid is not None:
-        picture = picture * valid[..., None]
-    height, width = picture.shape[:2]
-    size = max(height, width)
-    cells = tuple(max(1, round(CELLS * side / size)) if size > CELLS else side for side in (height, width))
-    return F.adaptive_avg_pool2d(picture.permute(2, 0, 1)[None], cells)

@@ -14,7 +14,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import no_finer_than_needed, refinement
+from core.appearance.refinement import Shown, refinement
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
@@ -64,8 +64,8 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    camera, picture, valid = no_finer_than_needed(fit.camera, fit.region, fit.valid)
-    return refinement(subject.seen_by(camera), Colouring(fit.start), picture, valid)
+    shown = Shown.of(fit.camera, fit.region, fit.valid)
+    return refinement(subject.seen_by(shown.camera), Colouring(fit.start), shown)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import no_finer_than_needed, refinement, steps_of
+from core.appearance.refinement import Shown, refinement, steps_of
 from core.data import load_collection
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
@@ -100,8 +100,8 @@ def refined(
     report: Report = QUIET,
 ) -> Look | None:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
-    camera, pixels, valid = no_finer_than_needed(camera, pixels, valid)
-    seen, best = trained.seen_by(camera), None
-    for step, best in enumerate(refinement(seen, look.colouring, pixels, valid)):
+    photo = Shown.of(camera, pixels, valid)
+    seen, best = trained.seen_by(photo.camera), None
+    for step, best in enumerate(refinement(seen, look.colouring, photo)):
         report.progress("Refinement", step, steps_of(seen))
     return None if best is None else replace(look, colouring=best)

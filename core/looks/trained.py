@@ -5,23 +5,22 @@ from functools import cached_property
 from pathlib import Path
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor
 
 import core.rasterizer
 from core.appearance.colouring import Colouring, Weights, blended
 from core.appearance.model import AppearanceModel
 from core.appearance.reach import Reach
-from core.appearance.refinement import FARTHEST
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.data.sfm.kept_points import home_of
 from core.errors import BadInput
+from core.looks.run_view import RunView
 from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
 from core.scene.camera import Camera
-from core.scene.harmonics import SH_0
 from core.scene.splats import Splats
 from core.system import device
 from core.training.background import background_of_figures
@@ -30,7 +29,6 @@ from core.training.on_disk import checkpoint, run_config
 from core.training.sized_photos import SizedPhoto, Sizes, load_sized_photo
 from core.training.transparency import transparent_is_empty
 
-UNSEEN_PX = 1.0  # what makes up less of a photo is not shown by it
 NEUTRAL = "neutral"  # the name of the look that every run has; no other can have it
 
 
@@ -80,7 +78,7 @@ class TrainedRun:
         mask = self.model.read(picture).mask
         return None if mask is None else mask[0]
 
-    def seen_by(self, camera: Camera) -> "RunView":
+    def seen_by(self, camera: Camera) -> RunView:
         """What the camera sees of it, in any look."""
         return RunView(self, camera)
 
@@ -135,70 +133,6 @@ class TrainedRun:
     def where(self) -> str:
         """Words for the user on the device in use, if the run was trained on a GPU; else nothing."""
         return f", on {device.named(self.device)}" if self.settings.device == "cuda" else ""
-
-
-class RunView:
-    """What one camera sees of a run in any look, as `bake` gives it: a core.appearance.refinement.Refinable."""
-
-    def __init__(self, trained: TrainedRun, camera: Camera):
-        self.trained, self.camera, self.has_looks = trained, camera, trained.has_looks
-        self.given_spread, self.hidden = trained.given_spread, trained.model.hidden
-        self.visible = trained.rasterizer.visible(trained.splats, camera)
-        solid = self.solid = len(trained.splats) - trained.sky
-        rows = self.visible.rows
-        self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
-        self.smooth_sky = trained.smooth_sky if len(self.discs) else None
-        self.sources = self._base(rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid]))
-        self.shown = trained.splats[rows].detached()
-
-    def render(self, look: Colouring) -> Float[Tensor, "H W 3"]:
-        """The view in this look."""
-        sh = self._harmonics(*self.sources, look)
-        if self.smooth_sky is not None:
-            place = len(self.place)
-            sh = torch.cat([sh[:place], self.smooth_sky.sh(sh[place:], self.discs)])
-        seen = self.shown.with_sh(sh)
-        if look.tone is not None:
-            seen = toned(seen, look.tone, len(self.discs))
-        return self.trained.rasterizer.render(seen, self.camera, self.trained.background, pairs=self.visible.pairs).image
-
-    def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
-        """The SH of these Gaussians in this look, before tone and smooth sky."""
-        return self._harmonics(*self._base(rows), look)
-
-    def _base(self, rows: Int[Tensor, " r"]) -> tuple[Splats, Float[Tensor, "r l"] | None]:
-        trained = self.trained
-        return trained.splats[rows].detached(), None if trained.latents is None else trained.latents[rows].detach()
-
-    def _harmonics(self, base: Splats, latents: Float[Tensor, "r l"] | None, look: Colouring) -> Float[Tensor, "r c 3"]:
-        return self.trained.model.transfer(base.sh, base.means, look.embedding, latents, look.changes)[0]
-
-    def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
-        """The embedding, or the nearest to it that a refinement may take."""
-        return self.trained.reach.nearest(embedding, FARTHEST)
-
-    def unseen(self, valid: Bool[Tensor, "H W"] | None) -> Int[Tensor, " r"]:
-        """Rows of the Gaussians that make up less than UNSEEN_PX of these pixels in all: what lies out of view, behind something, or under a
-        mask. A Gaussian's share of a picture is the gradient of that by its colour.
-        """
-        trained = self.trained
-        with torch.enable_grad():
-            grey = torch.zeros(len(self.shown), 1, 3, device=trained.device, requires_grad=True)
-            image = trained.rasterizer.render(self.shown.with_sh(grey), self.camera, pairs=self.visible.pairs).image[..., 0]
-            (image if valid is None else image * valid).sum().backward()
-        seen = self.visible.rows[grey.grad[:, 0, 0] >= SH_0 * UNSEEN_PX]
-        unseen = trained.splats.finite_rows()
-        unseen[seen] = False
-        return unseen.nonzero()[:, 0]
-
-    @cached_property
-    @torch.no_grad()
-    def sky(self) -> Float[Tensor, "H W"] | None:
-        """How much of each pixel is sky, [0, 1]; None without a dome."""
-        trained = self.trained
-        if not trained.sky:
-            return None
-        return trained.rasterizer.render(trained.splats.marked(slice(self.solid, None)), self.camera).image[..., 0].clamp(0, 1)
 
 
 @dataclass(frozen=True)

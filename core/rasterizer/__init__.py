@@ -3,6 +3,7 @@
 what all must do  contract; inputs, what kernels check
 the backends      reference, the definition; cpu; cuda
 of many views     views
+of many looks     shares
 """
 
 from importlib import import_module

@@ -95,3 +95,8 @@ class Rasterizer(Protocol):
 
     def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
         """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable. pairs: as in `render`."""
+
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+        """How much each Gaussian makes up of each cell of the picture (core.scene.cells): the sum of weight * alpha * transmittance over its
+        pixels; sparse, not differentiable. In whatever look, a Gaussian adds as much of its colour to what the cell's pixels show in all.
+        """

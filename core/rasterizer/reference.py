@@ -8,6 +8,7 @@ Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Render
 Zwicker et al., "EWA Volume Splatting" (2001), for the projection.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -29,6 +30,7 @@ from core.rasterizer.contract import (
     jacobian_limits,
 )
 from core.scene.camera import Camera
+from core.scene.cells import cell_of_pixels, grid
 from core.scene.harmonics import colour
 from core.scene.quaternions import rotations
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
@@ -113,6 +115,19 @@ class ReferenceRasterizer:
             weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
             largest = torch.maximum(largest, weights.amax(dim=0))
         return splats.logit_opacities.new_zeros(len(splats)).index_put((rows,), largest)
+
+    @torch.no_grad()
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+        rows = self.visible(splats, camera).rows
+        rows = rows[front_to_back(splats[rows], camera)]
+        projection = project(splats[rows], camera)
+        shares = projection.opacities.new_zeros(math.prod(grid(camera)), len(splats))
+        chunks = pixel_chunks(camera, len(rows), projection.centres)
+        size = len(chunks[0])
+        for pixels, of_pixels, cells in zip(chunks, weight.flatten().split(size), cell_of_pixels(camera, weight.device).flatten().split(size)):
+            weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
+            shares.index_put_((cells[:, None], rows), of_pixels[:, None] * weights, accumulate=True)
+        return shares.to_sparse_coo()
 
 
 # ---------------------------------------------------------------------------------------------------------------- cull

@@ -5,23 +5,32 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import CELL_PX, CELLS, LATER_STEPS, LEAST_SKY, STEPS, _cell_weights, no_finer_than_needed, refinement, steps_of
+from core.appearance.refinement import LARGEST_PX, LATER_STEPS, LEAST_SKY, STEPS, Shown, _weights, refinement, steps_of
 from core.scene.camera import Camera
+from core.scene.cells import CELL_PX
 from tests.flat_view import FlatView
 
 PICTURE = torch.full((4, 6, 3), 0.4)
 
 
+def camera_of(width: int, height: int) -> Camera:
+    return Camera(np.eye(3), np.zeros(3), 500.0, 500.0, width / 2, height / 2, width, height)
+
+
+def shown(picture, valid=None) -> Shown:
+    return Shown.of(camera_of(picture.shape[1], picture.shape[0]), picture, valid)
+
+
 def refined(picture, begin, valid=None, tone=None, **view):
     """The last look, and its colour."""
-    *_, last = refinement(FlatView(picture.shape[:2], **view), Colouring(begin, tone), picture, valid)
+    *_, last = refinement(FlatView(picture.shape[:2], **view), Colouring(begin, tone), shown(picture, valid))
     return last, FlatView((1, 1)).render(last)[0, 0]
 
 
 def test_it_never_makes_what_it_sees_worse():
     """A hair off, where Adam's first step leads past the colour by nearly its rate."""
     begin, view = torch.full((3,), 0.4 + 1e-4), FlatView((4, 6))
-    steps = list(refinement(view, Colouring(begin), PICTURE))
+    steps = list(refinement(view, Colouring(begin), shown(PICTURE)))
     losses = [float((view.render(best) - PICTURE).abs().mean()) for best in steps]
     assert len(steps) == STEPS + 1 and torch.equal(steps[0].embedding, begin) and torch.equal(steps[1].embedding, begin)
     assert losses == sorted(losses, reverse=True) and losses[-1] < 2e-5  # the rate falls to zero
@@ -37,7 +46,7 @@ def test_invalid_pixels_do_not_count():
 
 def test_it_begins_with_the_tone_that_was_read_and_moves_it():
     begin, tone = torch.full((3,), 0.8), torch.tensor([[0.25, 0.5, 0.5], [0.1, 0.1, 0.1]])
-    first = next(refinement(FlatView((4, 6)), Colouring(begin, tone), PICTURE))
+    first = next(refinement(FlatView((4, 6)), Colouring(begin, tone), shown(PICTURE)))
     torch.testing.assert_close(first.tone, tone)
     found, colour = refined(PICTURE, begin, tone=tone)
     assert (colour - 0.4).abs().max() < 0.01 and found.tone[0, 0] > 0.25
@@ -45,37 +54,36 @@ def test_it_begins_with_the_tone_that_was_read_and_moves_it():
 
 
 def test_what_is_finer_than_a_cell_does_not_move_a_look():
-    """A chequered picture, in cells of two pixels a side, has the colour of its means."""
-    side = 2 * CELLS
+    """A chequered picture has the colour of its means."""
+    side = 4 * CELL_PX
     chequered = torch.full((side, side, 3), 0.4)
     chequered[::2, ::2] = chequered[1::2, 1::2] = 0.9
     _, colour = refined(chequered, torch.full((3,), 0.5))
     assert (colour - 0.65).abs().max() < 1e-3  # by single pixels any colour between the two fits as well
 
 
-def camera_of(width: int, height: int) -> Camera:
-    return Camera(np.eye(3), np.zeros(3), 500.0, 500.0, width / 2, height / 2, width, height)
-
-
-def test_a_photo_no_larger_than_its_cells_need_is_compared_as_it_is():
-    camera, picture = camera_of(240, CELLS * CELL_PX), torch.rand(CELLS * CELL_PX, 240, 3)
-    assert no_finer_than_needed(camera, picture, None) == (camera, picture, None)
+def test_a_photo_that_is_not_too_large_is_compared_as_it_is():
+    picture = torch.rand(LARGEST_PX, 240, 3)
+    photo = shown(picture)
+    assert photo.camera.height == LARGEST_PX and photo.picture is picture and (photo.weight == 1).all()
 
 
 def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
     """Blocks of four pixels, of which none, one, two or all are invalid and of a colour of their own."""
-    side = 2 * CELLS * CELL_PX
+    side = 2 * LARGEST_PX
     picture, valid = torch.full((side, side, 3), 0.25), torch.ones(side, side, dtype=torch.bool)
     valid[::2, side // 4 :] = False  # two of four
     valid[1::2, side // 2 :] = False  # all
     valid[0, 0] = False  # one
     picture[~valid] = 0.9
-    camera, means, kept = no_finer_than_needed(camera_of(side, side), picture, valid)
-    half = side // 2
-    assert (camera.width, camera.height, camera.fx) == (half, half, 250.0) and means.shape == (half, half, 3)
-    assert kept[:, : half // 2].all() and not kept[:, half // 2 :].any()
-    torch.testing.assert_close(means[kept], torch.full((int(kept.sum()), 3), 0.25))
-    assert no_finer_than_needed(camera_of(side, side), picture, None)[1][0, 0, 0] == pytest.approx((0.9 + 3 * 0.25) / 4)
+    photo = shown(picture, valid)
+    camera, weight, half = photo.camera, photo.weight, side // 2
+    assert (camera.width, camera.height, camera.fx) == (half, half, 250.0) and photo.picture.shape == (half, half, 3)
+    assert weight[0, 0] == 0.75 and (weight[1:, : half // 4] == 1).all() and (weight[:, half // 4 : half // 2] == 0.5).all()
+    assert not weight[:, half // 2 :].any()
+    counts = weight > 0
+    torch.testing.assert_close(photo.picture[counts], torch.full((int(counts.sum()), 3), 0.25))
+    assert shown(picture).picture[0, 0, 0] == pytest.approx((0.9 + 3 * 0.25) / 4)
 
 
 def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
@@ -93,7 +101,7 @@ def test_shared_weights_learn_later_unless_what_is_unseen_would_move_more_than_w
     view.harmonics = lambda rows, look: (
         as_much * look.changes["layers.0.bias"].expand(len(rows), 1, 3) if look.changes else torch.zeros(len(rows), 1, 3)
     )
-    steps = list(refinement(view, Colouring(torch.full((3,), 0.9)), torch.zeros(4, 6, 3)))
+    steps = list(refinement(view, Colouring(torch.full((3,), 0.9)), shown(torch.zeros(4, 6, 3))))
     assert len(steps) == steps_of(view) + 1 == STEPS + LATER_STEPS + 1 and steps[STEPS].changes == {}
     assert torch.equal(steps[-1].tone, steps[STEPS].tone)
     change = steps[-1].changes["layers.0.bias"] if steps[-1].changes else torch.zeros(3)
@@ -102,7 +110,7 @@ def test_shared_weights_learn_later_unless_what_is_unseen_would_move_more_than_w
 
 def test_a_start_that_changes_weights_is_where_it_begins():
     begin = Colouring(torch.full((3,), 0.9), None, {"last.bias": torch.full((3,), -0.5)})
-    first = next(refinement(FlatView((4, 6), given_spread={"last.bias": torch.ones(3)}), begin, PICTURE))
+    first = next(refinement(FlatView((4, 6), given_spread={"last.bias": torch.ones(3)}), begin, shown(PICTURE)))
     assert torch.equal(first.changes["last.bias"], begin.changes["last.bias"])
 
 
@@ -114,7 +122,7 @@ def test_what_a_photo_does_not_show_weighs_as_much_beside_a_small_part_of_it_as_
         valid[:, :columns] = True
         view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)})
         view.harmonics = lambda rows, look: 4 * sum(look.changes.values(), torch.zeros(3)).expand(len(rows), 1, 3)
-        *_, last = refinement(view, Colouring(torch.full((3,), 0.9)), torch.zeros(4, 6, 3), valid)
+        *_, last = refinement(view, Colouring(torch.full((3,), 0.9)), shown(torch.zeros(4, 6, 3), valid))
         moves.append(last.changes["layers.0.bias"])
     assert (moves[0] < -0.05).all()
     torch.testing.assert_close(moves[0], moves[1], rtol=0.01, atol=1e-4)
@@ -122,17 +130,17 @@ def test_what_a_photo_does_not_show_weighs_as_much_beside_a_small_part_of_it_as_
 
 @pytest.mark.parametrize("columns, weight", [(0, 1.0), (10, 1.0), (20, 1.0), (30, 1 / 3), (39, LEAST_SKY), (40, LEAST_SKY)])
 def test_the_sky_counts_no_more_than_the_place(columns, weight):
-    sky = torch.zeros(CELLS, CELLS)
-    sky[:, :columns] = 1
-    weights = _cell_weights(sky, None)[0, 0]
-    torch.testing.assert_close(weights[:, :columns], torch.full((CELLS, columns), weight))
-    assert (weights[:, columns:] == 1).all()
+    sky, pixels = torch.zeros(40), torch.full((40,), 64.0)
+    sky[:columns] = 64
+    weights = _weights(sky, pixels)
+    torch.testing.assert_close(weights[:columns], torch.full((columns,), weight))
+    assert (weights[columns:] == 1).all()
 
 
 def test_what_a_photo_does_not_show_is_no_place():
-    sky, valid = torch.zeros(CELLS, CELLS), torch.ones(CELLS, CELLS, dtype=torch.bool)
-    sky[:, :10], valid[:, 14:] = 1, False
-    assert _cell_weights(sky, valid)[0, 0, 0, 0] == pytest.approx(0.4)
+    sky, pixels = torch.zeros(40), torch.full((40,), 64.0)
+    sky[:10], pixels[14:] = 64, 0
+    assert _weights(sky, pixels)[0] == pytest.approx(0.4)
 
 
 def test_an_embedding_stays_where_it_may_go():
@@ -141,7 +149,7 @@ def test_an_embedding_stays_where_it_may_go():
 
 
 def test_a_look_that_follows_no_embedding_is_left_alone():
-    assert not list(refinement(FlatView((4, 6), has_looks=False), Colouring(torch.zeros(3)), PICTURE))
+    assert not list(refinement(FlatView((4, 6), has_looks=False), Colouring(torch.zeros(3)), shown(PICTURE)))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3)])

@@ -19,6 +19,7 @@ from core.looks import saved_look
 from core.looks.find_look import find_look
 from core.looks.outside import _shares
 from core.looks.trained import TrainedRun, bake, blend
+from core.scene.cells import cell_sums
 from core.system.atomic import write_json
 from tests.small import finished, whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
@@ -161,11 +162,13 @@ def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_p
 
 def test_what_is_sky_in_a_view_is_what_place_and_dome_leave_to_the_dome(trained):
     camera = trained.camera(trained.collection.photos[0])
-    sky = trained.seen_by(camera).sky
-    assert sky.shape == (camera.height, camera.width) and sky.min() >= 0 and 0.5 < sky.max() <= 1
-    dome_alone = replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :]).seen_by(camera).sky
-    assert (sky <= dome_alone + 1e-5).all() and (sky < 0.5 * dome_alone).any()
-    assert replace(trained, sky=0).seen_by(camera).sky is None
+    everything = torch.ones(camera.height, camera.width)
+    pixels = cell_sums(everything[..., None])[:, 0]
+    sky = trained.seen_by(camera).in_cells(everything).sky
+    assert sky.shape == pixels.shape and sky.min() >= 0 and 0.5 < (sky / pixels).max() <= 1 + 1e-5
+    dome_alone = replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :]).seen_by(camera).in_cells(everything).sky
+    assert (sky <= dome_alone + 1e-3).all() and (sky < 0.5 * dome_alone).any()
+    assert replace(trained, sky=0).seen_by(camera).in_cells(everything).sky is None
 
 
 def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):

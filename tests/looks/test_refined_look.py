@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import LATER_STEPS, STEPS, refinement
+from core.appearance.refinement import LATER_STEPS, STEPS, Shown, refinement
 from core.data.prepare import prepared
 from core.data.sfm.landmarks import Landmarks
 from core.errors import BadInput
@@ -19,6 +19,7 @@ from core.looks import refined_look, saved_look
 from core.looks.find_look import find_look
 from core.looks.trained import TrainedRun, bake, blend
 from core.report import Report
+from core.scene.cells import cell_sums
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
 from tests.heard import Heard
 from tests.small import finished, whole_settings
@@ -81,13 +82,13 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
     """What lies out of view moves less than what is in view, and much less than if nothing held it."""
     sized = trained.sized_photo(trained.collection.view("0.png"))
     half = sized.camera.cropped(0, 0, sized.camera.width // 2, sized.camera.height)
-    seen, picture = trained.seen_by(half), torch.from_numpy(sized.pixels[:, : half.width]).float() / 255
+    seen, photo = trained.seen_by(half), Shown.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None)
     start = find_look(trained, "0.png", refine=False).colouring
-    unseen = seen.unseen(None)
+    unseen = seen.in_cells(photo.weight).unseen
 
     @torch.no_grad()
     def moved() -> tuple[float, float]:
-        looks = list(refinement(seen, start, picture))
+        looks = list(refinement(seen, start, photo))
         rows = seen.visible.rows, unseen
         return tuple(float((seen.harmonics(each, looks[-1]) - seen.harmonics(each, looks[STEPS])).abs().mean()) for each in rows)
 
@@ -110,14 +111,17 @@ def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_noth
     tensors["means"][2] = torch.nan
     made = replace(trained, splats=type(trained.splats)(**tensors))
     seen = made.seen_by(camera)
-    unseen = set(seen.unseen(None).tolist())
+    everything = torch.ones(camera.height, camera.width)
+    unseen = set(seen.in_cells(everything).unseen.tolist())
     assert 0 not in unseen and 1 in unseen and 2 not in unseen and max(unseen) >= count  # sky behind the camera
-    left = torch.zeros(camera.height, camera.width, dtype=torch.bool)
-    left[:, : camera.width // 2] = True
-    masked = set(seen.unseen(left).tolist())
+    left = torch.zeros(camera.height, camera.width)
+    left[:, : camera.width // 2] = 1
+    masked = set(seen.in_cells(left).unseen.tolist())
     half = made.seen_by(camera.cropped(0, 0, camera.width // 2, camera.height))
     assert unseen < masked
-    different = masked ^ set(half.unseen(None).tolist())  # wide discs at the edge, whose shape depends on where a picture ends
+    different = masked ^ set(
+        half.in_cells(everything[:, : camera.width // 2]).unseen.tolist()
+    )  # wide discs at the edge, whose shape depends on where a picture ends
     assert all(row >= count for row in different) and len(different) < 10
 
 
@@ -235,3 +239,15 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     trained.seen_by(camera).render(Colouring(embedding)).sum().backward()
     assert embedding.grad.abs().max() > 0
     assert trained.splats.means.grad is None and all(weight.grad is None for weight in trained.model.encoder.parameters())
+
+
+def test_cells_show_what_the_picture_shows(trained):
+    """Sky, tone and a background of its own included: a refinement compares these in place of pictures."""
+    camera = trained.camera(trained.collection.view("0.png"))
+    weight = torch.rand(camera.height, camera.width)
+    tone = torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])
+    for run in (trained, replace(trained, settings=trained.settings.changed(sky="none", transparency="empty"))):
+        for colouring in (find_look(trained, "1.png").colouring, find_look(trained, "2.png").colouring._replace(tone=tone)):
+            seen = run.seen_by(camera)
+            expected = cell_sums(seen.render(colouring) * weight[..., None])
+            torch.testing.assert_close(seen.in_cells(weight).sums(colouring), expected, rtol=1e-5, atol=1e-4)

@@ -37,6 +37,9 @@ class OnGpu:
     def contributions(self, splats: Splats, camera: Camera) -> Tensor:
         return self.rasterizer.contributions(moved(splats), camera).cpu()
 
+    def shares(self, splats: Splats, camera: Camera, weight: Tensor) -> Tensor:
+        return self.rasterizer.shares(moved(splats), camera, weight.cuda()).cpu()
+
 
 def moved(splats: Splats) -> Splats:
     return splats.map(torch.Tensor.cuda)

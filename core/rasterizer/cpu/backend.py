@@ -12,11 +12,12 @@ from torch.autograd.function import once_differentiable
 from core.rasterizer import inputs
 from core.rasterizer.contract import BLACK, Colour, Rendering, Visible, jacobian_limits
 from core.rasterizer.cpu import footprint
-from core.rasterizer.cpu.bin import fill_lists, front_to_back, running_starts
-from core.rasterizer.cpu.blend_backward import SLOT_COLUMNS, blend_backward
+from core.rasterizer.cpu.bin import SLOT, fill_lists, front_to_back, running_starts
+from core.rasterizer.cpu.blend_backward import SLOT_COLUMNS, SUM_BLUE, SUM_RED, blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
 from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
+from core.rasterizer.shares import shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system.threads import in_parallel, threads
@@ -57,8 +58,20 @@ class CpuRasterizer:
         strongest = np.zeros(len(lists.entries), dtype=np.float32)
         draw(lists, camera, BLACK, strongest)
         largest = np.zeros(len(splats), dtype=np.float32)
-        np.maximum.at(largest, np.repeat(np.arange(len(splats)), np.diff(lists.slot_starts)), strongest)
+        np.maximum.at(largest, lists.owners(), strongest)
         return torch.from_numpy(largest)
+
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+        lists = tile_lists(arrays_of(splats), NOTHING, camera)
+        image, _ = draw(lists, camera, BLACK)
+
+        def colour_gradients(image_gradient: Tensor) -> Tensor:
+            gradients = gradients_of_slots(lists, image, array_of(image_gradient))[:, SUM_RED : SUM_BLUE + 1]
+            gradients[lists.drawn_chunks == 0] = 0
+            return torch.from_numpy(gradients)
+
+        owners, tiles = torch.from_numpy(lists.owners()), torch.from_numpy(lists.tiles())
+        return shares_of_slots(camera, weight, len(splats), owners, tiles, colour_gradients)
 
 
 class _Render(torch.autograd.Function):
@@ -82,11 +95,7 @@ class _Render(torch.autograd.Function):
     def backward(ctx, image_gradient, _):
         image, *parameters = ctx.saved_tensors
         lists = ctx.lists
-        slot_gradients = np.empty((len(lists.entries), SLOT_COLUMNS), dtype=np.float32)
-        drawn = image.detach().numpy(), image_gradient.contiguous().numpy()
-        blended = lists.tile_starts, lists.entries, lists.footprints, lists.drawn_chunks
-        on_all_tiles(lists, lambda *walk: blend_backward(*walk, *blended, *drawn, slot_gradients))
-
+        slot_gradients = gradients_of_slots(lists, array_of(image), array_of(image_gradient))
         arrays = [array_of(tensor) for tensor in parameters]
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
         probe_gradient = torch.empty((len(arrays[0]), 2)) if ctx.probed else None
@@ -115,6 +124,16 @@ class TileLists:
     tile_starts: np.ndarray
     entries: np.ndarray
     drawn_chunks: np.ndarray
+
+    def owners(self) -> np.ndarray:
+        """(pairs,) int64: the Gaussian of each slot."""
+        return np.repeat(np.arange(len(self.footprints)), np.diff(self.slot_starts))
+
+    def tiles(self) -> np.ndarray:
+        """(pairs,) int64: the tile of each slot."""
+        tiles = np.empty(len(self.entries), dtype=np.int64)
+        tiles[self.entries[:, SLOT]] = np.repeat(np.arange(len(self.tile_starts) - 1), np.diff(self.tile_starts))
+        return tiles
 
 
 def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> TileLists:
@@ -163,6 +182,14 @@ def draw(
     outputs = image, transmittance, lists.drawn_chunks, strongest
     on_all_tiles(lists, lambda *walk: blend_forward(*walk, *sorted_into_tiles, behind, *outputs))
     return image, transmittance
+
+
+def gradients_of_slots(lists: TileLists, image: np.ndarray, image_gradient: np.ndarray) -> np.ndarray:
+    """(pairs, SLOT_COLUMNS) float32, set where chunks were drawn: see `blend_backward`. image: as `draw` made it of these lists."""
+    slot_gradients = np.empty((len(lists.entries), SLOT_COLUMNS), dtype=np.float32)
+    blended = lists.tile_starts, lists.entries, lists.footprints, lists.drawn_chunks
+    on_all_tiles(lists, lambda *walk: blend_backward(*walk, *blended, image, image_gradient, slot_gradients))
+    return slot_gradients
 
 
 def on_all_threads(work: Callable[[np.ndarray], None]) -> None:

@@ -15,10 +15,12 @@ from core.rasterizer.cuda import blend_backward, blend_forward, project, project
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
 from core.rasterizer.cuda.footprint import COLUMNS, TILE
 from core.rasterizer.cuda.view import view_of
+from core.rasterizer.shares import shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
 SLOT_COLUMNS = blend_backward.SLOT_COLUMNS.value
+COLOURS = slice(blend_backward.SUM_RED.value, blend_backward.SUM_BLUE.value + 1)
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
 # and in the backward pass the slot.
 BYTES_A_PAIR = 42 + 4 * SLOT_COLUMNS
@@ -71,6 +73,19 @@ class CudaRasterizer:
         largest = torch.zeros(len(splats), device=splats.means.device)
         return largest.scatter_reduce_(0, prepared.lists.owners.long(), strongest, "amax")
 
+    @torch.no_grad()
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+        prepared = prepare(self._parameters(splats), None, camera)
+        lists = prepared.lists
+        image, _, tile_ends = draw(prepared, BLACK)
+        tiles = torch.empty_like(lists.entry_slots)
+        tiles[lists.entry_slots] = torch.repeat_interleave(lists.tile_starts.diff())
+
+        def colour_gradients(image_gradient: Tensor) -> Tensor:
+            return gradients_of_slots(prepared, tile_ends, image, image_gradient)[:, COLOURS]
+
+        return shares_of_slots(camera, weight, len(splats), lists.owners, tiles, colour_gradients)
+
     def _parameters(self, splats: Splats) -> list[Tensor]:
         inputs.check(splats, None, self.name, self.device)
         return [tensor.detach().contiguous() for tensor in splats.tensors().values()]
@@ -94,14 +109,7 @@ class _Render(torch.autograd.Function):
         image, *parameters = ctx.saved_tensors
         prepared, lists = ctx.prepared, ctx.prepared.lists
         count, device = len(parameters[0]), image.device
-        height, width = image.shape[:2]
-        # Zeros: no one writes to the slots of splats behind the last one blended.
-        slot_gradients = torch.zeros(len(lists.owners), SLOT_COLUMNS, device=device)
-        blend_backward.blend_backward[(len(ctx.tile_ends),)](
-            lists.tile_starts, ctx.tile_ends, lists.entry_splats, lists.entry_slots, prepared.footprints,
-            image.detach(), image_gradient.contiguous(), slot_gradients,
-            prepared.columns, width, height, num_warps=blend_backward.WARPS, **UNFUSED,
-        )  # fmt: skip
+        slot_gradients = gradients_of_slots(prepared, ctx.tile_ends, image.detach(), image_gradient.contiguous())
         sums = torch.empty(count, SLOT_COLUMNS, device=device)
         if count:  # a grid cannot be empty
             blend_backward.add_up[(count,)](lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **UNFUSED)
@@ -173,6 +181,17 @@ def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None
         RECORD=strongest is not None, num_warps=blend_forward.WARPS, **UNFUSED,
     )  # fmt: skip
     return image, transmittance, tile_ends
+
+
+def gradients_of_slots(prepared: Prepared, tile_ends: Tensor, image: Tensor, image_gradient: Tensor) -> Tensor:
+    """(slots, SLOT_COLUMNS), zero behind the last Gaussian blended: see `blend_backward`. tile_ends, image: as `draw` made them."""
+    lists, (height, width, _) = prepared.lists, image.shape
+    slot_gradients = torch.zeros(len(lists.owners), SLOT_COLUMNS, device=image.device)
+    blend_backward.blend_backward[(len(tile_ends),)](
+        lists.tile_starts, tile_ends, lists.entry_splats, lists.entry_slots, prepared.footprints,
+        image, image_gradient, slot_gradients, prepared.columns, width, height, num_warps=blend_backward.WARPS, **UNFUSED,
+    )  # fmt: skip
+    return slot_gradients
 
 
 def memory_budget(device: torch.device) -> float:

@@ -1,0 +1,102 @@
+"""What one camera sees of a trained run, in any look."""
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from core.appearance.colouring import Colouring
+from core.appearance.refinement import FARTHEST, UNSEEN_PX
+from core.appearance.tone import toned
+from core.rasterizer.shares import Mixture
+from core.scene.camera import Camera
+from core.scene.cells import cell_sums
+from core.scene.harmonics import basis
+from core.scene.splats import Splats
+
+if TYPE_CHECKING:
+    from core.looks.trained import TrainedRun
+
+
+class RunView:
+    """The view in any look, as `bake` gives it: a core.appearance.refinement.Refinable."""
+
+    def __init__(self, trained: "TrainedRun", camera: Camera):
+        self.trained, self.camera, self.has_looks = trained, camera, trained.has_looks
+        self.given_spread, self.hidden = trained.given_spread, trained.model.hidden
+        self.visible = trained.rasterizer.visible(trained.splats, camera)
+        solid = len(trained.splats) - trained.sky
+        rows = self.visible.rows
+        self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
+        self.smooth_sky = trained.smooth_sky if len(self.discs) else None
+        self.sources = self._base(rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid]))
+        self.shown = trained.splats[rows].detached()
+
+    def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
+        """The view in this look; differentiable in all of the look that it follows."""
+        return self.trained.rasterizer.render(self.in_look(look), self.camera, self.trained.background, pairs=self.visible.pairs).image
+
+    def in_look(self, look: Colouring) -> Splats:
+        """The Gaussians in view, in this look; differentiable as `render`."""
+        sh = self._harmonics(*self.sources, look)
+        if self.smooth_sky is not None:
+            place = len(self.place)
+            sh = torch.cat([sh[:place], self.smooth_sky.sh(sh[place:], self.discs)])
+        seen = self.shown.with_sh(sh)
+        return seen if look.tone is None else toned(seen, look.tone, len(self.discs))
+
+    def in_cells(self, weight: Float[Tensor, "h w"]) -> "RunInCells":
+        """The view in cells, its pixels counting as much as these weigh."""
+        return RunInCells(self, weight)
+
+    def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
+        """The SH of these Gaussians in this look, before tone and smooth sky; differentiable as `render`."""
+        return self._harmonics(*self._base(rows), look)
+
+    def _base(self, rows: Int[Tensor, " r"]) -> tuple[Splats, Float[Tensor, "r l"] | None]:
+        trained = self.trained
+        return trained.splats[rows].detached(), None if trained.latents is None else trained.latents[rows].detach()
+
+    def _harmonics(self, base: Splats, latents: Float[Tensor, "r l"] | None, look: Colouring) -> Float[Tensor, "r c 3"]:
+        return self.trained.model.transfer(base.sh, base.means, look.embedding, latents, look.changes)[0]
+
+    def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
+        """The embedding, or the nearest to it that a refinement may take."""
+        return self.trained.reach.nearest(embedding, FARTHEST)
+
+
+class RunInCells:
+    """A RunView in cells: a core.appearance.refinement.InCells."""
+
+    def __init__(self, view: RunView, weight: Float[Tensor, "h w"]):
+        self.view, trained = view, view.trained
+        shares = trained.rasterizer.shares(view.shown, view.camera, weight)
+        self.mixture = Mixture(shares)
+        self.background = (cell_sums(weight[..., None]) - shares.sum(dim=1).to_dense()[:, None]) * weight.new_tensor(trained.background)
+        directions = view.shown.means - weight.new_tensor(view.camera.centre)
+        self.basis = basis(torch.nn.functional.normalize(directions, dim=1), view.shown.degree)
+
+    def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
+        """The sums of the pixels of each cell in this look; differentiable in all of the look that they follow."""
+        sh = self.view.in_look(look).sh
+        colours = ((self.basis[..., None] * sh).sum(dim=1) + 0.5).clamp_min(0)
+        return self.mixture(colours) + self.background
+
+    @cached_property
+    def sky(self) -> Float[Tensor, " cells"] | None:
+        """How much of each cell is sky, px; None without a dome."""
+        view = self.view
+        if not view.trained.sky:
+            return None
+        is_sky = torch.zeros(len(view.shown), 1, device=view.shown.means.device)
+        is_sky[len(view.place) :] = 1
+        return self.mixture(is_sky)[:, 0]
+
+    @property
+    def unseen(self) -> Int[Tensor, " u"]:
+        """Rows of the Gaussians of which less than UNSEEN_PX is in view: what lies out of view, behind something, or where nothing counts."""
+        unseen = self.view.trained.splats.finite_rows()
+        unseen[self.view.visible.rows[self.mixture.of_gaussians() >= UNSEEN_PX]] = False
+        return unseen.nonzero()[:, 0]

@@ -1,0 +1,30 @@
+"""A picture in square cells, numbered row by row; those at its right and lower edge may be cut off."""
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from core.scene.camera import Camera
+
+CELL_PX = 8  # a side
+
+
+def grid(camera: Camera) -> tuple[int, int]:
+    """Rows and columns of cells."""
+    return -(-camera.height // CELL_PX), -(-camera.width // CELL_PX)
+
+
+def cell_of_pixels(camera: Camera, device: torch.device) -> Int[Tensor, "h w"]:
+    """The cell of each pixel."""
+    _, columns = grid(camera)
+    y, x = (torch.arange(side, device=device) // CELL_PX for side in (camera.height, camera.width))
+    return y[:, None] * columns + x
+
+
+def cell_sums(values: Float[Tensor, "h w c"]) -> Float[Tensor, "cells c"]:
+    """The sums of the values in each cell."""
+    height, width, channels = values.shape
+    rows, columns = -(-height // CELL_PX), -(-width // CELL_PX)
+    whole = F.pad(values, (0, 0, 0, columns * CELL_PX - width, 0, rows * CELL_PX - height))
+    return whole.view(rows, CELL_PX, columns, CELL_PX, channels).sum(dim=(1, 3)).view(rows * columns, channels)

@@ -95,7 +95,7 @@ def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
     picture = view.picture.permute(2, 0, 1)
     embedding = trained.model.embedding_from_outside(picture)
     looks = Colouring(trained.reach.nearest(embedding)), read_from_outside(trained, picture)
-    images = (trained.rasterizer.render(bake(trained, Look("", "", look)), view.camera).image for look in looks)
+    images = (trained.rasterizer.render(bake(trained, Look("", "", look)), view.camera, trained.background).image for look in looks)
     return trained.reach.distance(embedding), *(psnr(quantised(image), view.picture, counted) for image in images)
 
 

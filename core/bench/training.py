@@ -58,8 +58,8 @@ def checks(folder: Path) -> list[dict[str, float]]:
 
 def _how_to_check(folder: Path) -> str:
     _, settings, collection = read_config(folder)
-    saved = checkpoint.newest(folder)
-    step = checkpoint.read_facts(saved)["step"] if saved else 0
+    saved = checkpoint.read_newest(folder, checkpoint.read_facts)
+    step = saved[1]["step"] if saved else 0
     if step < settings.steps and settings.held_out_checks and collection.split("test"):
         return f"Its first check is to come; type: {checkpoint.how_to_go_on(folder)}"
     return "Train without --all-photos on a scene with test photos, and with held_out_checks > 0."

@@ -74,10 +74,14 @@ def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[st
     listed = set(table.splits) | set(table.without_id) | set(table.unknown_split)
     rows, odd = _rows_of(path, in_model.union(names), listed)
     splits = {name: table.splits[rows[name]] for name in names if rows.get(name) in table.splits}
-    unused = {"without an id": set(table.without_id), "in neither train nor test": set(table.unknown_split)}
+    odd_rows = {
+        "without an id, not used": table.without_id,
+        "in neither train nor test, not used": table.unknown_split,
+        "in both train and test, held out": table.contradicted,
+    }
     notes = []
-    for why, those in unused.items():
-        notes += name_them(f"of {path.name} {why}, not used", [name for name in names if rows.get(name) in those])
+    for what, those in odd_rows.items():
+        notes += name_them(f"of {path.name} {what}", [name for name in names if rows.get(name) in those])
     notes += odd + name_them(f"not in {path.name}, not used", [name for name in names if name not in rows])
     return splits, notes
 

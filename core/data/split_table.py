@@ -1,4 +1,5 @@
-"""The table of the PhotoTourism layout, SCENE/NAME.tsv, which says which photos are for training and which for testing."""
+"""The table of the PhotoTourism layout, which says which photos are for training and which for testing: SCENE/NAME.tsv, or nerfw_split.csv, as
+nerfbaselines calls it."""
 
 import codecs
 import csv
@@ -10,26 +11,29 @@ from core.errors import BadInput
 COLUMNS = {"filename", "id", "split"}
 NO_ID = ("", "nan")  # pandas writes either
 SPLITS = ("train", "test")
+TABLES = ("*.tsv", "nerfw_split.csv")
 
 
 @dataclass(frozen=True)
 class SplitTable:
     """The rows of a split .tsv.
 
-    splits: photo name -> "train" or "test". without_id, unknown_split: photo names of the rows that are not used.
+    splits: photo name -> "train" or "test". without_id, unknown_split: photo names that have no row that is used. contradicted: those of both
+    splits, which are held out.
     """
 
     splits: dict[str, str]
     without_id: tuple[str, ...]
     unknown_split: tuple[str, ...]
+    contradicted: tuple[str, ...]
 
 
 def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
-    """The .tsv files in `root`, by name: those that hold a split, and others.
+    """The TABLES in `root`, by name: those that hold a split, and others.
 
     A split's first line names its COLUMNS. If no file has all of them, those with file names count as splits: reading one reports what it lacks.
     """
-    paths = sorted(path for path in root.glob("*.tsv") if path.is_file() and not path.name.startswith("."))
+    paths = sorted(path for pattern in TABLES for path in root.glob(pattern) if path.is_file() and not path.name.startswith("."))
     columns = {path: columns_of(path) for path in paths}
     splits = [path for path in paths if columns[path] >= COLUMNS] or [path for path in paths if "filename" in columns[path]]
     return splits, [path for path in paths if path not in splits]
@@ -69,15 +73,19 @@ def read_split_table(path: Path) -> SplitTable:
         raise BadInput(f"{path} names no photos.", "Remove it, or write a line for each photo.")
     if not COLUMNS <= set(rows[0]):
         raise BadInput(f"{path} is not a split table.", fix)
-    splits, without_id, unknown_split = {}, [], []
+    named: dict[str, set[str]] = {split: set() for split in SPLITS}
+    without_id, unknown_split = set(), set()
     for row in rows:
         name, number, split = ((row[column] or "").strip() for column in ("filename", "id", "split"))
         if not name:
             continue
         if number.lower() in NO_ID:
-            without_id.append(name)
+            without_id.add(name)
         elif split.lower() not in SPLITS:
-            unknown_split.append(name)
+            unknown_split.add(name)
         else:
-            splits[name] = split.lower()
-    return SplitTable(splits, tuple(without_id), tuple(unknown_split))
+            named[split.lower()].add(name)
+    train, test = (named[split] for split in SPLITS)
+    splits = dict.fromkeys(train, "train") | dict.fromkeys(test, "test")
+    unused = without_id - splits.keys(), unknown_split - splits.keys()
+    return SplitTable(splits, *(tuple(sorted(names)) for names in (*unused, train & test)))

@@ -30,8 +30,8 @@ OFTEN = 0.01  # share of steps that were skipped
 def examine_run(folder: Path, report: Report) -> list[Finding]:
     """Findings about the newest checkpoint of a run. BadInput if it has none, or none that can be read."""
     trained = load_run(folder, on_gpu=False)
-    facts = checkpoint.read_facts(checkpoint.newest(folder))
-    sky, frame = facts["sky"], trained.collection.frame
+    _, facts = checkpoint.read_newest(folder, checkpoint.read_facts)
+    sky, frame = trained.sky, trained.collection.frame
     neutral = bake(trained, neutral_look(trained))
     size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
     findings = [

@@ -1,7 +1,8 @@
 """The two protocols by which methods for scenes in the wild are compared; their figures never share a table.
 
-half (NeRF-W, nerfbaselines): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures
-from the right half. full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come from the whole photo.
+half (NeRF-W): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures from the right half, of which it has seen
+nothing. (nerfbaselines scores the middle column of an odd W, too, which the embedding sees.) full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures
+come from the whole photo.
 Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
 """
 

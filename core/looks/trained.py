@@ -150,10 +150,10 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     on_gpu: if the run was trained on a GPU and there is one here, use it there; else on the CPU.
     """
     identity, settings, collection = run_config.read_config(folder)
-    path = checkpoint.newest(folder)
-    if path is None:
+    found = checkpoint.read_newest(folder, checkpoint.load)
+    if found is None:
         raise BadInput(f"{folder} has no checkpoint yet.", f"Wait for its first one; if it was stopped, type: {checkpoint.how_to_go_on(folder)}")
-    saved = checkpoint.load(path)
+    path, saved = found
     place = device.of_run(settings.device) if on_gpu else device.CPU
     with checkpoint.fitting(path):
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(place)

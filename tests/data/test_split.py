@@ -182,6 +182,27 @@ def test_rows_that_are_too_short(tmp_path):
     assert read.splits == {"b.jpg": "train"} and read.without_id == ("a.jpg",)
 
 
+def test_a_photo_with_several_rows_is_held_out_if_one_says_so_and_used_if_one_can_be(tmp_path):
+    rows = (
+        ("a.jpg", "1", "test"),
+        ("a.jpg", "2", "train"),
+        ("b.jpg", "3", "train"),
+        ("b.jpg", "", "train"),
+        ("c.jpg", "4", "none"),
+        ("c.jpg", "5", "test"),
+    )
+    (tmp_path / "x.tsv").write_text(table(*((*row, "x") for row in rows)))
+    splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
+    assert splits == {"a.jpg": "test", "b.jpg": "train", "c.jpg": "test"}
+    assert notes == ["1 photo of x.tsv in both train and test, held out: a.jpg"]
+
+
+def test_the_table_that_nerfbaselines_keeps(tmp_path):
+    (tmp_path / "nerfw_split.csv").write_text(table(("a.jpg", "1", "test", "x"), ("b.jpg", "2", "train", "x")))
+    (tmp_path / "other.csv").write_text(table(("a.jpg", "1", "train", "x")))
+    assert split(tmp_path, ["a.jpg", "b.jpg"]) == ({"a.jpg": "test", "b.jpg": "train"}, [])
+
+
 def test_long_lists_are_cut_but_counted(tmp_path):
     (tmp_path / "x.tsv").write_text(table(*((name, "", "train", "x") for name in NAMES[:15]), ("q.jpg", "1", "train", "x")))
     note = split(tmp_path)[1][0]

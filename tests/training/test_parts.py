@@ -282,6 +282,27 @@ def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
         checkpoint.load(path)
 
 
+def test_a_checkpoint_that_the_next_one_replaces_while_it_is_read_is_no_damage(tmp_path):
+    def saved(step):
+        return checkpoint.save(tmp_path, checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": step}))
+
+    first, read = saved(7), []
+
+    def read_late(path):
+        read.append(path.name)
+        if path == first:
+            saved(8)
+        return checkpoint.load(path)
+
+    path, found = checkpoint.read_newest(tmp_path, read_late)
+    assert found.facts["step"] == 8 and read == [first.name, path.name]
+    path.write_bytes(b"")
+    with pytest.raises(BadInput, match="not a readable checkpoint"):
+        checkpoint.read_newest(tmp_path, checkpoint.load)
+    path.unlink()
+    assert checkpoint.read_newest(tmp_path, checkpoint.load) is None
+
+
 def test_backward_from_several_roots_leaves_out_what_has_no_gradient():
     x = torch.tensor([1.0, 2.0], requires_grad=True)
     y = x * 3

@@ -87,7 +87,7 @@ def read_colmap(root: Path) -> Posed:
     if images.name in ORIGINALS:
         notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
     if images.name in SHRUNKEN:
-        notes.append(Note(f"The photos in {images} are used: it holds most of the model's.", harmless=True))
+        notes.append(Note(f"The photos in {images} are used: images/ holds few of the model's, or none.", harmless=True))
     names_used = Counter(image.name for image in found)
     notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
     photos, found_notes = with_files_found([posed_photo(image, images) for image in found], [images])
@@ -155,8 +155,9 @@ def _other_models(model: Path) -> list[str]:
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
-    """The folder with most of the model's photos: images/, images_N/, the same below dense/, or root itself; input/ or photos/ only if
-    none of these holds any."""
+    """The first folder with at least half of the model's photos, or else the one with most: images/, images_N/, the same below dense/, or root
+    itself; input/ or photos/ only if none of these holds any. A photo that is taken out of images/ so does not bring back the smaller copies.
+    """
     near = model.parent.parent if model.name.isdecimal() else model.parent
     usual = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
     originals = [base / name for base in (root, near) for name in ORIGINALS]
@@ -168,7 +169,8 @@ def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
         return len(nearly_named([folder / name for name in names], [folder]))
 
     for folders, count in ((usual, exact), (usual, alike), (originals, exact), (originals, alike)):
-        best = max(folders, key=count)  # the first of equals
-        if count(best):
-            return best
+        counts = {folder: count(folder) for folder in folders}
+        most = max(counts, key=counts.__getitem__)  # the first of equals
+        if counts[most]:
+            return next((folder for folder, found in counts.items() if 2 * found >= len(names)), most)
     return usual[0]

@@ -179,7 +179,8 @@ class _Reading:
             folder = Path(os.path.commonpath([photo.path.parent for photo in photos]))
             photos = [replace(photo, name=photo.path.relative_to(folder).as_posix()) for photo in photos]
         points = self.points(facts, photos)
-        photos, found = with_files_found(photos, [self.root / name for name in ("images", ".", *SHRUNKEN)])
+        anew = SHRUNKEN if not any(os.path.isfile(photo.path) for photo in photos) else ()  # else what was taken out would come back
+        photos, found = with_files_found(photos, [self.root / name for name in ("images", ".", *anew)])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."
         return Posed(kind, source, photos, points, missing_words, fix, self.faults.notes() + self.notes + found)

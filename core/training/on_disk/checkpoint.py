@@ -2,10 +2,11 @@
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -17,6 +18,7 @@ from core.errors import BadInput, command
 PATTERN = "checkpoint_[0-9]*.safetensors"
 TEMPORARY = "checkpoint_[0-9]*.tmp"  # what a killed run may leave
 VERSION = 2
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,20 @@ def newest(folder: Path) -> Path | None:
     return max(folder.glob(PATTERN), key=lambda path: (len(path.name), path.name), default=None)
 
 
+def read_newest(folder: Path, read: Callable[[Path], Read]) -> tuple[Path, Read] | None:
+    """The newest checkpoint of a run folder and what `read` reads of it, or None if there is none; raises as `read` does.
+
+    A training may be at work in the folder, whose next checkpoint takes the place of the one that is read.
+    """
+    while path := newest(folder):
+        try:
+            return path, read(path)
+        except BadInput:
+            if path == newest(folder):
+                raise
+    return None
+
+
 def read_facts(path: Path) -> dict:
     """The facts of a checkpoint, without its tensors; BadInput if it is cut off or not one of ours."""
     return _read(path, with_tensors=False).facts
@@ -79,7 +95,9 @@ def _read(path: Path, with_tensors: bool) -> Checkpoint:
             facts = json.loads((file.metadata() or {})["wegs"])
             names = file.keys() if with_tensors else ()
             tensors = {name: file.get_tensor(name) for name in names}
-    except (OSError, SafetensorError, KeyError, ValueError) as error:
+    except torch.OutOfMemoryError:  # a RuntimeError, and no fault of the checkpoint's
+        raise
+    except (OSError, SafetensorError, KeyError, ValueError, RuntimeError) as error:  # of torch if the file goes meanwhile
         raise BadInput(f"{path} is not a readable checkpoint: {error}.", "Train again, or name another run.") from None
     if facts.get("version") != VERSION:
         raise BadInput(f"{path} has version {facts.get('version')}, this is version {VERSION}.", "Train again.")

@@ -62,6 +62,8 @@ def test_whole_photos_are_preferred_to_shrunken_ones(tmp_path, base, shrunken):
     (tmp_path / "whole" / "images").rename(root / base / "images")
     photos = load_collection(root).photos
     assert {photo.path.parent.name for photo in photos} == {"images"} and photos[0].camera.width == WIDTH
+    photos[1].path.unlink()  # taken out: no reason to use the shrunken ones
+    assert [photo.path for photo in load_collection(root).photos] == [photo.path for photo in (photos[0], *photos[2:])]
 
 
 @pytest.mark.parametrize("form", ["binary", "text", "old binary", "old text"])

@@ -155,6 +155,14 @@ def test_of_photos_that_were_shrunk_and_not_kept_the_small_ones_are_used(scene):
         assert half.camera.fx == pytest.approx(whole.camera.fx / 2) and half.camera.cy == pytest.approx(whole.camera.cy / 2)
 
 
+def test_a_photo_that_was_taken_out_does_not_come_back_shrunken(scene):
+    (scene / "images_2").mkdir()
+    for path in (scene / "images").iterdir():
+        (scene / "images_2" / path.name).write_bytes(path.read_bytes())
+    (scene / "images" / "photo_1.png").unlink()
+    assert [photo.name for photo in load_collection(scene).photos] == [name for name in SmallScene().names if name != "photo_1.png"]
+
+
 def test_photos_elsewhere(scene, tmp_path):
     (scene / "images").rename(tmp_path / "elsewhere")
     paths = [str(tmp_path / "elsewhere" / "photo_0.png"), *(f"../elsewhere/photo_{number}.png" for number in (1, 2, 3))]

@@ -17,6 +17,7 @@ from core.evaluation import lpips
 from core.evaluation.lpips import Lpips
 from core.looks.trained import load_run
 from core.rasterizer import Rendering, Visible
+from core.rasterizer.shares import Shares
 from core.system import device
 from core.training.gaussians import gaussians
 from core.training.gaussians.adam import plain_adam_rows
@@ -47,6 +48,10 @@ class Distant:
 
     def contributions(self, splats, camera, pairs=None):
         return self.rasterizer.contributions(fetched(splats), camera).to(DEVICE)
+
+    def shares(self, splats, camera, weight):
+        shares = self.rasterizer.shares(fetched(splats), camera, fetched_tensor(weight))
+        return Shares(shares.cells.to(DEVICE), shares.gaussians.to(DEVICE), shares.values.to(DEVICE), shares.size)
 
 
 def fetched_tensor(tensor):

@@ -10,11 +10,11 @@ from torch import Tensor
 from core.appearance.colouring import Colouring
 from core.appearance.refinement import FARTHEST, UNSEEN_PX
 from core.appearance.tone import toned
-from core.rasterizer.shares import Mixture
 from core.scene.camera import Camera
 from core.scene.cells import cell_sums
 from core.scene.harmonics import basis
 from core.scene.splats import Splats
+from core.system.device import sent
 
 if TYPE_CHECKING:
     from core.looks.trained import TrainedRun
@@ -72,17 +72,17 @@ class RunInCells:
 
     def __init__(self, view: RunView, weight: Float[Tensor, "h w"]):
         self.view, trained = view, view.trained
-        shares = trained.rasterizer.shares(view.shown, view.camera, weight)
-        self.mixture = Mixture(shares)
-        self.background = (cell_sums(weight[..., None]) - shares.sum(dim=1).to_dense()[:, None]) * weight.new_tensor(trained.background)
-        directions = view.shown.means - weight.new_tensor(view.camera.centre)
+        self.shares = trained.rasterizer.shares(view.shown, view.camera, weight)
+        light_left = cell_sums(weight[..., None]) - self.shares.of_cells()[:, None]
+        self.background = light_left * sent(torch.tensor(trained.background), weight.device)
+        directions = view.shown.means - sent(torch.tensor(view.camera.centre, dtype=torch.float32), weight.device)
         self.basis = basis(torch.nn.functional.normalize(directions, dim=1), view.shown.degree)
 
     def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
         """The sums of the pixels of each cell in this look; differentiable in all of the look that they follow."""
         sh = self.view.in_look(look).sh
         colours = ((self.basis[..., None] * sh).sum(dim=1) + 0.5).clamp_min(0)
-        return self.mixture(colours) + self.background
+        return self.shares.mixed(colours) + self.background
 
     @cached_property
     def sky(self) -> Float[Tensor, " cells"] | None:
@@ -92,11 +92,11 @@ class RunInCells:
             return None
         is_sky = torch.zeros(len(view.shown), 1, device=view.shown.means.device)
         is_sky[len(view.place) :] = 1
-        return self.mixture(is_sky)[:, 0]
+        return self.shares.mixed(is_sky)[:, 0]
 
     @property
     def unseen(self) -> Int[Tensor, " u"]:
         """Rows of the Gaussians of which less than UNSEEN_PX is in view: what lies out of view, behind something, or where nothing counts."""
         unseen = self.view.trained.splats.finite_rows()
-        unseen[self.view.visible.rows[self.mixture.of_gaussians() >= UNSEEN_PX]] = False
+        unseen[self.view.visible.rows[self.shares.of_gaussians() >= UNSEEN_PX]] = False
         return unseen.nonzero()[:, 0]

@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from core.rasterizer.shares import Shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -96,7 +97,7 @@ class Rasterizer(Protocol):
     def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
         """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable. pairs: as in `render`."""
 
-    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         """How much each Gaussian makes up of each cell of the picture (core.scene.cells): the sum of weight * alpha * transmittance over its
-        pixels; sparse, not differentiable. In whatever look, a Gaussian adds as much of its colour to what the cell's pixels show in all.
+        pixels; not differentiable. In whatever look, a Gaussian adds as much of its colour to what the cell's pixels show in all.
         """

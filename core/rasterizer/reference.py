@@ -29,6 +29,7 @@ from core.rasterizer.contract import (
     Visible,
     jacobian_limits,
 )
+from core.rasterizer.shares import Shares
 from core.scene.camera import Camera
 from core.scene.cells import cell_of_pixels, grid
 from core.scene.harmonics import colour
@@ -117,7 +118,7 @@ class ReferenceRasterizer:
         return splats.logit_opacities.new_zeros(len(splats)).index_put((rows,), largest)
 
     @torch.no_grad()
-    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         rows = self.visible(splats, camera).rows
         rows = rows[front_to_back(splats[rows], camera)]
         projection = project(splats[rows], camera)
@@ -127,7 +128,8 @@ class ReferenceRasterizer:
         for pixels, of_pixels, cells in zip(chunks, weight.flatten().split(size), cell_of_pixels(camera, weight.device).flatten().split(size)):
             weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
             shares.index_put_((cells[:, None], rows), of_pixels[:, None] * weights, accumulate=True)
-        return shares.to_sparse_coo()
+        cells, gaussians = shares.nonzero(as_tuple=True)
+        return Shares(cells, gaussians, shares[cells, gaussians], tuple(shares.shape))
 
 
 # ---------------------------------------------------------------------------------------------------------------- cull

@@ -4,6 +4,8 @@ Whoever compares many looks with one photo projects, sorts and blends once: what
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import scipy.sparse
 import torch
@@ -17,35 +19,48 @@ from core.scene.cells import cell_of_pixels, grid
 TILE_CELLS = 2  # a side of the tiles that both backends of kernels draw in
 
 
-class Mixture:
-    """The product of a sparse matrix such as `Rasterizer.shares` gives with colours. On a CPU by scipy: torch's takes ten times as long."""
+@dataclass(frozen=True)
+class Shares:
+    """A sparse matrix of `size` (cells, n), by its entries: the cell, the Gaussian, and how much of the cell the Gaussian makes up."""
 
-    def __init__(self, shares: Float[Tensor, "cells n"]):
-        self.shares = shares
-        self.on_cpu = shares.device.type == "cpu"
-        if self.on_cpu:
-            matrix = scipy.sparse.coo_array((shares.values().numpy(), tuple(shares.indices().numpy())), shape=shares.shape)
-            self.matrix, self.transposed = matrix.tocsr(), matrix.T.tocsr()
+    cells: Int[Tensor, " k"]
+    gaussians: Int[Tensor, " k"]
+    values: Float[Tensor, " k"]
+    size: tuple[int, int]
 
-    def __call__(self, colours: Float[Tensor, "n c"]) -> Float[Tensor, "cells c"]:
-        """What the cells show, summed over their pixels; differentiable."""
-        return _Product.apply(self, colours) if self.on_cpu else torch.sparse.mm(self.shares, colours)
+    def mixed(self, colours: Float[Tensor, "n c"]) -> Float[Tensor, "cells c"]:
+        """The matrix times colours: what the cells show, summed over their pixels. Differentiable in the colours."""
+        if colours.device.type == "cpu":  # torch's own takes five times as long there
+            return _Product.apply(self._matrices, colours)
+        parts = self.values[:, None] * colours.index_select(0, self.gaussians)
+        return colours.new_zeros(self.size[0], colours.shape[1]).index_add(0, self.cells, parts)
+
+    def of_cells(self) -> Float[Tensor, " cells"]:
+        """How much of each cell all Gaussians make up."""
+        return self.values.new_zeros(self.size[0]).index_add_(0, self.cells, self.values)
 
     def of_gaussians(self) -> Float[Tensor, " n"]:
-        """How many pixels each Gaussian makes up, over all cells."""
-        return self.shares.sum(dim=0).to_dense()
+        """How much each Gaussian makes up of all cells."""
+        return self.values.new_zeros(self.size[1]).index_add_(0, self.gaussians, self.values)
+
+    @cached_property
+    def _matrices(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+        """The matrix and its transpose."""
+        entries = self.values.numpy(), (self.cells.numpy(), self.gaussians.numpy())
+        matrix = scipy.sparse.coo_array(entries, shape=self.size)
+        return matrix.tocsr(), matrix.T.tocsr()
 
 
 class _Product(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, mixture: Mixture, colours: Tensor) -> Tensor:
-        ctx.mixture = mixture
-        return torch.from_numpy(mixture.matrix @ colours.numpy())
+    def forward(ctx, matrices, colours: Tensor) -> Tensor:
+        matrix, ctx.transposed = matrices
+        return torch.from_numpy(matrix @ colours.numpy())
 
     @staticmethod
     @once_differentiable
     def backward(ctx, gradient: Tensor):
-        return None, torch.from_numpy(ctx.mixture.transposed @ gradient.numpy())
+        return None, torch.from_numpy(ctx.transposed @ gradient.numpy())
 
 
 def shares_of_slots(
@@ -55,33 +70,24 @@ def shares_of_slots(
     owners: Int[Tensor, " slots"],
     tiles: Int[Tensor, " slots"],
     colour_gradients: Callable[[Float[Tensor, "h w 3"]], Float[Tensor, "slots 3"]],
-) -> Float[Tensor, "cells n"]:
+) -> Shares:
     """`Rasterizer.shares` from slots, each of one Gaussian in one tile of TILE_CELLS x TILE_CELLS cells.
 
-    owners, tiles: of the slots. count: n. colour_gradients: the gradients of the slots' colours by those of the picture. As a picture is
-    linear in the colours, these are sums of shares. Each channel asks for one quarter of all tiles.
+    owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours by those of the picture. As a
+    picture is linear in the colours, these are sums of shares. Each channel asks for one quarter of all tiles.
     """
-    _, columns = grid(camera)
+    rows, columns = grid(camera)
     tiles_across = -(-columns // TILE_CELLS)
     cells = cell_of_pixels(camera, weight.device)
     quarters = cells // columns % TILE_CELLS * TILE_CELLS + cells % columns % TILE_CELLS
-    indices, values = [], []
+    found = []
     for first in range(0, TILE_CELLS**2, 3):
-        channels = torch.arange(first, first + 3, device=weight.device)
-        sums = colour_gradients(weight[..., None] * (quarters[..., None] == channels))
-        for channel, quarter in enumerate(channels[channels < TILE_CELLS**2].tolist()):
+        channels = range(first, min(first + 3, TILE_CELLS**2))
+        asked = torch.stack([weight * (quarters == channels[number]) if number < len(channels) else weight * 0 for number in range(3)], dim=2)
+        sums = colour_gradients(asked)
+        for channel, quarter in enumerate(channels):
             slots = sums[:, channel].nonzero()[:, 0]
-            row, column = (TILE_CELLS * at + of for at, of in zip(_divmod(tiles[slots], tiles_across), divmod(quarter, TILE_CELLS)))
-            indices.append(torch.stack([row * columns + column, owners[slots].long()]))
-            values.append(sums[slots, channel])
-    return sparse(torch.cat(indices, dim=1), torch.cat(values), camera, count)
-
-
-def sparse(indices: Int[Tensor, "2 k"], values: Float[Tensor, " k"], camera: Camera, count: int) -> Float[Tensor, "cells n"]:
-    """The sparse matrix of these shares; indices: cell and Gaussian of each."""
-    rows, columns = grid(camera)
-    return torch.sparse_coo_tensor(indices, values, (rows * columns, count), check_invariants=True).coalesce()
-
-
-def _divmod(numbers: Tensor, by: int) -> tuple[Tensor, Tensor]:
-    return numbers // by, numbers % by
+            row = TILE_CELLS * (tiles[slots] // tiles_across) + quarter // TILE_CELLS
+            column = TILE_CELLS * (tiles[slots] % tiles_across) + quarter % TILE_CELLS
+            found.append((row * columns + column, owners[slots].long(), sums[slots, channel]))
+    return Shares(*map(torch.cat, zip(*found)), (rows * columns, count))

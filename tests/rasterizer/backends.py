@@ -6,6 +6,7 @@ from torch import Tensor
 
 from core.errors import BadSetting
 from core.rasterizer import BACKENDS, ON_GPU, Rasterizer, Rendering, Visible, create
+from core.rasterizer.shares import Shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -37,8 +38,9 @@ class OnGpu:
     def contributions(self, splats: Splats, camera: Camera) -> Tensor:
         return self.rasterizer.contributions(moved(splats), camera).cpu()
 
-    def shares(self, splats: Splats, camera: Camera, weight: Tensor) -> Tensor:
-        return self.rasterizer.shares(moved(splats), camera, weight.cuda()).cpu()
+    def shares(self, splats: Splats, camera: Camera, weight: Tensor) -> Shares:
+        shares = self.rasterizer.shares(moved(splats), camera, weight.cuda())
+        return Shares(shares.cells.cpu(), shares.gaussians.cpu(), shares.values.cpu(), shares.size)
 
 
 def moved(splats: Splats) -> Splats:

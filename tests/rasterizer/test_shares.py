@@ -5,7 +5,7 @@ import torch
 
 from core.rasterizer import create
 from core.rasterizer.reference import project
-from core.rasterizer.shares import Mixture
+from core.rasterizer.shares import Shares
 from core.scene.cells import CELL_PX, cell_of_pixels, cell_sums
 from core.scene.harmonics import colour
 from tests.rasterizer.backends import FAST_BACKENDS, backend_or_skip
@@ -20,6 +20,10 @@ def weight_of(judge) -> torch.Tensor:
     return judge.cotangent[..., 0].abs()
 
 
+def dense(shares: Shares) -> torch.Tensor:
+    return torch.zeros(shares.size, dtype=shares.values.dtype).index_put((shares.cells, shares.gaussians), shares.values)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_cells_show_what_the_picture_shows_in_them(name):
     judge = verdict(SCENES[name])
@@ -29,7 +33,7 @@ def test_cells_show_what_the_picture_shows_in_them(name):
     colours = torch.zeros(len(splats), 3, dtype=torch.float64)
     colours[rows] = colour(splats.sh[rows], project(splats[rows], camera).directions)
     expected = cell_sums(create("reference").render(splats, camera).image.detach() * weight[..., None])
-    torch.testing.assert_close(Mixture(shares)(colours), expected, rtol=0, atol=1e-12)
+    torch.testing.assert_close(shares.mixed(colours), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -37,10 +41,10 @@ def test_cells_show_what_the_picture_shows_in_them(name):
 def test_every_backend_finds_the_shares_of_the_reference(backend, name):
     judge = verdict(SCENES[name])
     weight = weight_of(judge)
-    expected = create("reference").shares(judge.scene.splats.map(torch.Tensor.double), judge.scene.camera, weight.double()).to_dense()
+    expected = create("reference").shares(judge.scene.splats.map(torch.Tensor.double), judge.scene.camera, weight.double())
     shares = backend_or_skip(backend, name).shares(judge.scene.splats, judge.scene.camera, weight)
-    error = (shares.to_dense().double() - expected).abs()
-    assert error.shape == expected.shape and (error <= PICTURE * cell_sums(weight[..., None])).all()
+    error = (dense(shares).double() - dense(expected)).abs()
+    assert shares.size == expected.size and (error <= PICTURE * cell_sums(weight[..., None])).all()
 
 
 def test_cells_are_numbered_row_by_row_and_cut_off_at_the_edge():
@@ -54,8 +58,10 @@ def test_cells_are_numbered_row_by_row_and_cut_off_at_the_edge():
 
 def test_the_product_has_the_gradient_of_a_matrix_product():
     torch.manual_seed(0)
-    dense = torch.rand(6, 5, dtype=torch.float64) * (torch.rand(6, 5) < 0.5)
-    mixture, colours = Mixture(dense.to_sparse_coo()), torch.rand(5, 3, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(mixture, colours)
-    torch.testing.assert_close(mixture(colours), dense @ colours)
-    torch.testing.assert_close(mixture.of_gaussians(), dense.sum(dim=0))
+    cells, gaussians = (torch.rand(6, 5) < 0.5).nonzero(as_tuple=True)
+    shares = Shares(cells, gaussians, torch.rand(len(cells), dtype=torch.float64), (6, 5))
+    colours = torch.rand(5, 3, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(shares.mixed, colours)
+    torch.testing.assert_close(shares.mixed(colours), dense(shares) @ colours)
+    torch.testing.assert_close(shares.of_gaussians(), dense(shares).sum(dim=0))
+    torch.testing.assert_close(shares.of_cells(), dense(shares).sum(dim=1))

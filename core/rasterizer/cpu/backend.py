@@ -17,7 +17,7 @@ from core.rasterizer.cpu.blend_backward import SLOT_COLUMNS, SUM_BLUE, SUM_RED, 
 from core.rasterizer.cpu.blend_forward import blend_forward
 from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
-from core.rasterizer.shares import shares_of_slots
+from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system.threads import in_parallel, threads
@@ -61,7 +61,7 @@ class CpuRasterizer:
         np.maximum.at(largest, lists.owners(), strongest)
         return torch.from_numpy(largest)
 
-    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         lists = tile_lists(arrays_of(splats), NOTHING, camera)
         image, _ = draw(lists, camera, BLACK)
 

@@ -15,7 +15,7 @@ from core.rasterizer.cuda import blend_backward, blend_forward, project, project
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
 from core.rasterizer.cuda.footprint import COLUMNS, TILE
 from core.rasterizer.cuda.view import view_of
-from core.rasterizer.shares import shares_of_slots
+from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -74,7 +74,7 @@ class CudaRasterizer:
         return largest.scatter_reduce_(0, prepared.lists.owners.long(), strongest, "amax")
 
     @torch.no_grad()
-    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Float[Tensor, "cells n"]:
+    def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         prepared = prepare(self._parameters(splats), None, camera)
         lists = prepared.lists
         image, _, tile_ends = draw(prepared, BLACK)

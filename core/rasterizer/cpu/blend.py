@@ -19,7 +19,7 @@ from core.kernels.simd import (
     select,
     store,
 )
-from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN
+from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, STOP_TRANSMITTANCE
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.footprint import TILE
 
@@ -27,6 +27,7 @@ CHUNKS = 2 * TILE
 BATCH = 16  # splats whose chunk sets are found ahead, so that the branches on them are known when they come
 LOG2_ALPHA_MIN = np.float32(np.log2(ALPHA_MIN))
 ALPHA_LIMIT = np.float32(ALPHA_MAX)
+STOP = np.float32(STOP_TRANSMITTANCE)
 ZERO, ONE = np.float32(0), np.float32(1)
 # Rows of a tile from its centre; its left half's pixels and, eight further on, its right half's: the same sixteen
 # numbers.
@@ -85,3 +86,16 @@ def alpha_in_chunk(chunk, sharpness, terms, at):
 @exact_part
 def clamped(alpha):
     return minimum(alpha, broadcast(ALPHA_LIMIT))
+
+
+@exact_part
+def blended(light, alpha):
+    """A splat over what is left of the light: (goes on, weight, the light behind it), eight pixels at a time.
+
+    light is negative once its pixel is finished (or lies outside the picture), so that it then fails the test against STOP for good.
+    """
+    # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.
+    left_over = light * (broadcast(ONE) - alpha)
+    goes_on = left_over >= broadcast(STOP)
+    weight = select(goes_on, alpha * light, broadcast(ZERO))
+    return goes_on, weight, select(goes_on, left_over, minimum(light, broadcast(ZERO) - light))

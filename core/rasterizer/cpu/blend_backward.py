@@ -19,7 +19,6 @@ from core.kernels.simd import (
     lane_sums,
     load,
     lowest_set_bit,
-    minimum,
     multiply_add,
     prefetch,
     select,
@@ -36,10 +35,10 @@ from core.rasterizer.cpu.blend import (
     ROW_TERMS,
     ZERO,
     alpha_in_chunk,
+    blended,
     clamped,
     write_row_terms,
 )
-from core.rasterizer.cpu.blend_forward import STOP
 from core.rasterizer.cpu.footprint import TILE
 
 # What a chunk keeps: transmittances (negative when finished, as in the forward pass), S, and the three gradients v.
@@ -127,11 +126,8 @@ def gather_moments(chunks, footprints, i, terms, at, state, moments):
         light = load(state, here)
         unclamped = alpha_in_chunk(chunk, sharpness, terms, at)
         alpha = clamped(unclamped)
-        passed = one - alpha
-        left_over = light * passed
-        goes_on = left_over >= broadcast(STOP)
-        weight = select(goes_on, alpha * light, zero)
-        store(state, here, select(goes_on, left_over, minimum(light, zero - light)))
+        goes_on, weight, light = blended(light, alpha)
+        store(state, here, light)
 
         v_red, v_green, v_blue = load(state, here + RED), load(state, here + GREEN), load(state, here + BLUE)
         sum_red = multiply_add(weight, v_red, sum_red)
@@ -142,7 +138,7 @@ def gather_moments(chunks, footprints, i, terms, at, state, moments):
         store(state, here + BEHIND, behind)
 
         # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. 1 - alpha >= 0.01.
-        g = weight * pull - behind * alpha / passed
+        g = weight * pull - behind * alpha / (one - alpha)
         g = select(goes_on & (broadcast(ALPHA_LIMIT) >= unclamped), g, zero)
         x, y = load(OFFSETS, (chunk >> 4) * LANES), broadcast(OFFSETS[chunk & (TILE - 1)])
         g_x, g_y = g * x, g * y

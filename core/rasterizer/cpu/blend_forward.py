@@ -12,29 +12,24 @@ from core.kernels.simd import (
     load,
     lowest_set_bit,
     maximum,
-    minimum,
     multiply_add,
     prefetch,
-    select,
     store,
 )
-from core.rasterizer.contract import STOP_TRANSMITTANCE
 from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
     BATCH,
     CHUNKS,
-    ONE,
     ROW_TERMS,
     ZERO,
     alpha_in_chunk,
+    blended,
     clamped,
     touched_chunks,
     write_row_terms,
 )
 from core.rasterizer.cpu.footprint import TILE
-
-STOP = np.float32(STOP_TRANSMITTANCE)
 
 # What a chunk keeps, side by side: its eight transmittances, then red, green and blue. A transmittance is negative once
 # its pixel is finished (or lies outside the picture), so that it then fails the test against STOP for good.
@@ -119,12 +114,8 @@ def blend_splat(chunks, footprints, i, terms, at, state):
         here = chunk * STATE
         light = load(state, here)
         alpha = clamped(alpha_in_chunk(chunk, sharpness, terms, at))
-        # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.
-        left_over = light * (broadcast(ONE) - alpha)
-        goes_on = left_over >= broadcast(STOP)
-        weight = select(goes_on, alpha * light, broadcast(ZERO))
-        finished = minimum(light, broadcast(ZERO) - light)
-        store(state, here, select(goes_on, left_over, finished))
+        _, weight, light = blended(light, alpha)
+        store(state, here, light)
         store(state, here + RED, multiply_add(weight, red, load(state, here + RED)))
         store(state, here + GREEN, multiply_add(weight, green, load(state, here + GREEN)))
         store(state, here + BLUE, multiply_add(weight, blue, load(state, here + BLUE)))

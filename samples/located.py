@@ -43,7 +43,7 @@ WIDTH_PX = 400  # of the picture in which a camera's error is measured
 def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""
     trained = load_run(run_folders.find_run(run_folder))
-    collection = load_collection(trained.collection.root)
+    collection = load_collection(trained.collection.read_from)
     landmarks = landmarks_of_run(trained, QUIET)
     rows = []
     for photo in collection.split("test"):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from core import pipeline
-from core.pipeline import evaluating, training
+from core.pipeline import evaluating
 from core.training.interrupt import HANG_UP
-from core.training.on_disk import checkpoint
+from core.training.on_disk import checkpoint, mask_files
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_scene, small_settings
 
@@ -67,7 +67,7 @@ def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypa
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(training, "write_masks", interrupted)
+        patch.setattr(mask_files, "write_masks", interrupted)
         with pytest.raises(KeyboardInterrupt, match="All steps are kept; finish with: wegs train --resume -o"):
             pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
     assert not (tmp_path / "run" / CLOUD).exists()

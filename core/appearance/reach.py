@@ -10,6 +10,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from core.system.threads import one_torch_thread
+
 WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what training photos share
 
 
@@ -34,8 +36,9 @@ class Reach:
             return Reach(met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(()))
         centre = met.mean(dim=0)
         away = met - centre
-        # All axes are needed where photos are fewer; else that would make a matrix of photos times photos.
-        _, strengths, axes = torch.linalg.svd(away, full_matrices=len(met) < met.shape[1])
+        with one_torch_thread():  # more would round differently
+            # All axes are needed where photos are fewer; else that would make a matrix of photos times photos.
+            _, strengths, axes = torch.linalg.svd(away, full_matrices=len(met) < met.shape[1])
         lengths = strengths.new_zeros(len(axes))
         lengths[: len(strengths)] = strengths
         lengths = lengths.clamp_min(max(WEAK_AXIS * float(strengths[0]), 1e-12))  # a single photo has none

@@ -40,10 +40,11 @@ class SHTransfer(nn.Module):
         self.coefficients = 3 * coefficient_count(settings.sh_degree)
         self.learned_columns = encoded_size(self.coefficients, settings.sh_octaves) + settings.latent_size
         self.mixes = settings.embedding_enters == "output"
-        place_columns = encoded_size(3, settings.position_octaves)
-        first_inputs = self.learned_columns + place_columns + (0 if self.mixes else settings.embedding_size)
+        # Inputs of the first layer: what is learned, the place, and the embedding where it enters there.
+        self.first_columns = self.learned_columns, encoded_size(3, settings.position_octaves), 0 if self.mixes else settings.embedding_size
         width = settings.transfer_width
-        self.layers = nn.ModuleList(nn.Linear(inputs, width) for inputs in (first_inputs, *(width,) * (settings.transfer_layers - 2)))
+        inputs = sum(self.first_columns), *(width,) * (settings.transfer_layers - 2)
+        self.layers = nn.ModuleList(nn.Linear(columns, width) for columns in inputs)
         for layer in self.layers:
             nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
             nn.init.zeros_(layer.bias)
@@ -124,13 +125,12 @@ class SHTransfer(nn.Module):
     def hidden_layers(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> HiddenLayers:
         """The hidden layers of this photo."""
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
-        (first_weight, *weights), (first_bias, *biases) = (
+        weights, biases = (
             [changed(getattr(layer, kind), f"layers.{number}.{kind}", changes) for number, layer in enumerate(self.layers)]
             for kind in ("weight", "bias")
         )
-        places = encoded_size(3, self.settings.position_octaves)
-        columns = self.learned_columns, places, first_weight.shape[1] - self.learned_columns - places
-        learned_weight, place_weight, embedding_weight = first_weight.split(columns, dim=1)
+        first_weight, first_bias = weights.pop(0), biases.pop(0)
+        learned_weight, place_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
         if not self.mixes:
             first_bias = embedding_weight @ embedding + first_bias
         width = len(first_bias)

@@ -13,7 +13,7 @@ from core.bench.rendering import rendering_figure
 from core.bench.training import Course, checks, training_figure
 from core.config import LEAST, PRESETS, Settings, preset
 from core.data.collection import Collection, spread_over
-from core.data.made import scene_beside
+from core.data.made import CURVES, scene_beside
 from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
@@ -26,7 +26,6 @@ from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
 OF_RUN = "rendering-run"  # the rendering of a run's own cameras
-CURVES = "curves"  # folder in a run
 ELSEWHERE = ("Seconds are those of the machine that trained; this figure was drawn on:",)  # histories do not name it
 CHECKS = 12  # times a run that is trained for a figure is measured on the way
 

@@ -49,7 +49,7 @@ class Photo:
 class Collection:
     """Posed photos and SfM points, in the scene frame; `frame` leads back to world units.
 
-    root: the folder it is read from: the scene, or the points that were triangulated for it (`sfm.kept_points.home_of` leads on to the scene).
+    root: the scene's own folder. points_from: that of the points triangulated for it (`sfm.kept_points`); None if it has its own.
     points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: for the user, a line with the reason for each thing dropped or
     decided.
     """
@@ -62,6 +62,12 @@ class Collection:
     point_colours: np.ndarray
     frame: SceneFrame
     notes: tuple[str, ...] = field(default=())
+    points_from: Path | None = None
+
+    @property
+    def read_from(self) -> Path:
+        """The folder that `load_collection` reads it from, points and all."""
+        return self.points_from or self.root
 
     def split(self, name: str) -> tuple[Photo, ...]:
         """The photos of one split, by name; held-out ones without their masks, which never enter a figure."""

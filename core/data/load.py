@@ -36,10 +36,11 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
         raise BadInput(f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}")
     home = home_of(path)
     posed = _read(home, kind)
-    if home != path:
-        points, notes = read_kept(path)
-        posed = replace(posed, points=points, notes=posed.notes + notes)
-    return replace(collect(home, posed, all_photos), root=path)
+    if home == path:
+        return collect(home, posed, all_photos)
+    points, notes = read_kept(path)
+    posed = replace(posed, points=points, notes=posed.notes + notes)
+    return replace(collect(home, posed, all_photos), points_from=path)
 
 
 def _read(path: Path, kind: str) -> Posed:

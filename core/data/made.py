@@ -10,6 +10,12 @@ from core.report import Report
 from core.system.atomic import MadeMeanwhile
 
 CONFIG = "config.json"  # of a run
+# What a run gets from layers that the one that replaces runs (core.training.on_disk.run_folders) cannot import. EVALUATED: by protocol.
+LOOKS, PICTURES, CURVES = "appearance", "pictures", "curves"
+EVALUATED = {
+    "half": ("results.json", "per_view.json", "sheet.png"),
+    "full": ("results_full.json", "per_view_full.json", "sheet_full.png"),
+}
 FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interpolation writes, the first two always
 
 

@@ -14,7 +14,7 @@ from core.report import Report
 def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False) -> Collection:
     """The collection in the folder `scene`; what it lacks is made now, unless it was made before.
 
-    wanted: the folder for what is made, which is then the collection's root; nothing is written into the scene. all_photos: as in
+    wanted: the folder for what is made, which is then where the collection is read from; nothing is written into the scene. all_photos: as in
     load_collection. Errors: as in structure from motion and load_collection.
     """
     plain = find_kind(scene) == "photos"

@@ -1,4 +1,4 @@
-"""Which photos are held out for testing: as a .tsv or test.txt says, or else every eighth."""
+"""Which photos are held out for testing: as a .tsv or a list says, or else every eighth."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,7 +10,8 @@ from core.system.atomic import write_bytes, write_json
 from core.words import Note, list_names, name_them
 
 EVERY = 8  # as in the original 3DGS and everything compared with it
-TEST_LIST = "test.txt"
+TEST_LISTS = ("test.txt", "test_list.txt")  # the original 3DGS's; nerfbaselines', beside which a TRAINING_LIST says what is trained on
+TRAINING_LIST = "train_list.txt"
 COMMENT = "# "  # begins a line of it that names no photo
 COPIED = "lists.json"  # in a scene made of plain photos: the lists that were copied into it, each with the hash of its content
 
@@ -18,13 +19,13 @@ COPIED = "lists.json"  # in a scene made of plain photos: the lists that were co
 def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str], Path]:
     """The split of each usable photo ("train" or "test"; photos in neither are left out), notes, and the file that says so, or `model`.
 
-    A .tsv lies in `root`; a test.txt there or, as in the original 3DGS, in the folder `model`. names: the usable photos, sorted.
+    A .tsv lies in `root`; one of TEST_LISTS there or, as in the original 3DGS, in the folder `model`. names: the usable photos, sorted.
     in_model: all photos of the model, so that a list is not called wrong for naming a photo that is merely missing.
     Raises BadInput for a table that cannot be read.
     """
     tables, others = find_tables(root)
     no_splits = [f"{path.name} holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}." for path in others]
-    lists = [path for folder in (root, model) if (path := folder / TEST_LIST).is_file()]
+    lists = [path for folder in (root, model) for name in TEST_LISTS if (path := folder / name).is_file()]
     if tables:
         source = tables[0]
         splits, notes = _by_table(source, names, in_model)
@@ -37,7 +38,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits], model
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
-        every = f"No split .tsv and no {TEST_LIST}: every {EVERY}th photo by name is held out for testing."
+        every = f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing."
         return splits, [Note(every, harmless=True, of_split=True), *no_splits], model
     if "train" in splits.values() and "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
@@ -66,7 +67,7 @@ def copy_lists(folders: Iterable[Path], scene: Path) -> None:
 def _lists_in(folder: Path) -> list[Path]:
     """The split tables and the test list in a folder; other tables may be about anything."""
     tables = [path for path in find_tables(folder)[0] if columns_of(path) >= COLUMNS]
-    return [path for path in (*tables, folder / TEST_LIST) if path.is_file()]
+    return [path for path in (*tables, *(folder / name for name in (*TEST_LISTS, TRAINING_LIST))) if path.is_file()]
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
@@ -87,9 +88,19 @@ def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[st
 
 
 def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
+    held_out, notes = _rows_of(path, in_model.union(names), _lines_of(path))
+    training = path.with_name(TRAINING_LIST)
+    if path.name != TEST_LISTS[1] or not training.is_file():
+        return {name: "test" if name in held_out else "train" for name in names}, notes
+    trained, more = _rows_of(training, in_model.union(names), _lines_of(training))
+    listed = held_out.keys() | trained.keys()
+    notes += more + name_them(f"neither in {path.name} nor in {training.name}, not used", [name for name in names if name not in listed])
+    return {name: "test" if name in held_out else "train" for name in names if name in listed}, notes
+
+
+def _lines_of(path: Path) -> set[str]:
     lines = map(str.strip, path.read_text(encoding=encoding_of(path), errors="replace").splitlines())
-    rows, notes = _rows_of(path, in_model.union(names), {line for line in lines if line and not line.startswith(COMMENT)})
-    return {name: "test" if name in rows else "train" for name in names}, notes
+    return {line for line in lines if line and not line.startswith(COMMENT)}
 
 
 def _rows_of(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], list[str]]:

@@ -93,9 +93,8 @@ def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
     names = trained.model.photo_names
     masks: dict[str, float] = {}
     unusable: dict[str, str] = {}  # with what to do about each
-    splats, added = trained.splats, _Residuals(trained.settings.residual_bound)
-    good = splats.finite_rows()
-    splats, latents = splats[good], None if trained.latents is None else trained.latents[good]
+    splats, latents = trained.base(trained.splats.finite_rows())
+    added = _Residuals(trained.settings.residual_bound)
     for number, photo in enumerate(photos):
         report.progress("Looks", number + 1, len(photos), photo.name)
         try:

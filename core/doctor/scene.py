@@ -17,7 +17,6 @@ from core.data.photos.pixels import load_photo, read_pixels
 from core.data.placing import USUAL_FOCAL_LENGTHS
 from core.data.sfm.features import LEAST_PHOTOS
 from core.data.sfm.kept_cameras import scene_around
-from core.data.sfm.kept_points import scene_of
 from core.data.sfm.likely_pairs import PAIR_S, most_pairs
 from core.data.sfm.originals import placed_of, shortfall
 from core.doctor import views
@@ -134,7 +133,7 @@ def _points(collection: Collection) -> list[Finding]:
         each, more = "", "Give more of them, or run SfM with more features."
     figure = f"{count:,}{each}, the farthest {farthest:.3g} radii off"
     found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")
-    if collection.kind not in FOUND_BY_SFM or scene_of(collection.root) or not any(seen.values()):
+    if collection.kind not in FOUND_BY_SFM or collection.points_from or not any(seen.values()):
         return [found]  # the poses were not estimated from these points
     return [
         found,

@@ -6,6 +6,7 @@ come from the whole photo.
 Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -117,9 +118,9 @@ def measure(
     photo, scored = fit.photo, fit.scored
     height, width = photo.shape[:2]
     looks = {"zero_shot": Colouring(fit.start)}
-    if refine:
-        for refined in refining(subject, fit):
-            looks["refined"] = refined
+    if refine and (course := deque(refining(subject, fit), maxlen=1)):
+        looks["refined"] = course.pop()
+    shown = "refined" if "refined" in looks else "zero_shot"
 
     everything = slice(0, width)
     against = {"photo": (photo, view.valid, scored)}
@@ -127,18 +128,17 @@ def measure(
         against["clean"] = (metrics.quantised(view.truth.clean), None, everything)
         if protocol == "half":
             against["clean_right"] = (against["clean"][0], None, scored)
-    scores: dict[str, dict[str, Scores]] = {name: {} for name in against}
     seen = subject.seen_by(view.camera)
-    for look, colouring in looks.items():
-        with torch.no_grad():
-            image = metrics.quantised(seen.render(colouring))
-        for name, (truth, valid, columns) in against.items():
-            part = None if valid is None else valid[:, columns]
-            scores[name][look] = compare(image[:, columns], truth[:, columns], part, lpips)
+    with torch.no_grad():
+        images = {look: metrics.quantised(seen.render(colouring)) for look, colouring in looks.items()}
+    scores = {}
+    for name, (truth, valid, columns) in against.items():
+        part = None if valid is None else valid[:, columns]
+        scores[name] = {look: compare(image[:, columns], truth[:, columns], part, lpips) for look, image in images.items()}
     mask = subject.mask(photo.permute(2, 0, 1).contiguous())
     overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
-    shown = None if mask is None else mask.cpu().numpy()
-    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(image), look, shown)
+    drawn_mask = None if mask is None else mask.cpu().numpy()
+    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(images[shown]), shown, drawn_mask)
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 

@@ -9,22 +9,11 @@ from typing import Any
 
 import core
 from core.appearance import refinement
-from core.data.made import read_mark
+from core.data.made import EVALUATED, read_mark
 from core.evaluation import LOOKS, PROTOCOLS, lpips
 from core.evaluation.metrics import PSNR_KIND, SSIM_KIND
 from core.evaluation.protocols import ViewResult
 from core.system.atomic import write_json
-
-RESULTS = "results.json"
-PER_VIEW = "per_view.json"
-SHEET = "sheet.png"
-PICTURES = "pictures"  # a folder for each protocol
-
-
-def file_of(name: str, protocol: str) -> str:
-    """The name of one of these files for a protocol, so that the figures of one leave those of the other alone."""
-    stem, ending = name.split(".")
-    return name if protocol == "half" else f"{stem}_{protocol}.{ending}"
 
 
 @dataclass(frozen=True)
@@ -83,7 +72,7 @@ class Results:
     def to_json(self) -> dict[str, Any]:
         """The content of results.json."""
         how = f"Adam, L1 of means over cells: {refinement.STEPS} steps of embedding, tone and any weights that embeddings give"
-        how += f", {refinement.LATER_STEPS} of these and of any hidden layers of the SH transfer"
+        how += f"; where the SH transfer has hidden layers, {refinement.LATER_STEPS} more of weights and these"
         refined = any("refined" in by_look for view in self.views for by_look in view.scores.values())
         return {
             "wegs": core.__version__,
@@ -109,15 +98,15 @@ class Results:
         }
 
     def save(self, folder: Path) -> None:
-        """Write RESULTS and PER_VIEW of this protocol into `folder`, each whole or not at all."""
-        write_json(folder / file_of(RESULTS, self.protocol), _plain(self.to_json()))
-        write_json(folder / file_of(PER_VIEW, self.protocol), _plain([asdict(view) for view in self.views]))
+        """Write the means and the figures of each photo into `folder`, each file whole or not at all."""
+        means, per_view, _ = EVALUATED[self.protocol]
+        write_json(folder / means, _plain(self.to_json()))
+        write_json(folder / per_view, _plain([asdict(view) for view in self.views]))
 
 
 def measured_earlier(folder: Path, step: int) -> list[str]:
     """The names of the results in a run folder that were measured at another step than `step`, the newest."""
-    names = [file_of(RESULTS, protocol) for protocol in PROTOCOLS]
-    return [name for name in names if read_mark(folder / name).get("steps", step) != step]
+    return [name for name, *_ in EVALUATED.values() if read_mark(folder / name).get("steps", step) != step]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -24,7 +24,7 @@ BLANK = 32  # grey of a tile without a picture
 
 def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
     """The mean |difference| over the channels as a colour map from black (0) to pale yellow (FULL_ERROR and above)."""
-    difference = np.abs(photo.astype(np.float32) - render.astype(np.float32)).mean(axis=2) / (255 * FULL_ERROR)
+    difference = cv2.absdiff(photo, render).mean(axis=2, dtype=np.float32) / (255 * FULL_ERROR)
     levels = (difference.clip(0, 1) * 255).round().astype(np.uint8)
     return cv2.cvtColor(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)
 

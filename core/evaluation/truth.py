@@ -11,7 +11,6 @@ from torch import Tensor
 
 from core.data.photos.names import relative_path
 from core.data.photos.pixels import read_pixels
-from core.data.sfm.kept_points import home_of
 from core.errors import BadInput
 
 FOLDER = "truth"
@@ -35,10 +34,9 @@ UNKNOWN = Truth()
 def load_truth(scene: Path, photo_name: str, width: int, height: int) -> Truth:
     """The truth of a photo at a picture size (px): truth/clean/NAME.png and truth/masks/NAME.png (white = static).
 
-    NAME is the photo's name without its suffix. scene: its folder, or that of points triangulated for it. Parts without a file are None.
+    NAME is the photo's name without its suffix. scene: its folder. Parts without a file are None.
     Raises BadInput for a file that cannot be read.
     """
-    scene = home_of(scene)
     name = relative_path(photo_name).with_suffix(".png")
     clean = _read(scene / FOLDER / "clean" / name, width, height)
     masks = _read(scene / FOLDER / "masks" / name, width, height)

@@ -11,6 +11,7 @@ import torch
 from core.appearance.colouring import EVEN, Colouring
 from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
+from core.data.made import LOOKS
 from core.data.photos.file import probe
 from core.data.photos.pixels import mask_size, read_light
 from core.data.sfm import originals
@@ -61,7 +62,7 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     """The file of a saved look, named by its path or its name; that a path does not exist is reported when it is read."""
     path = Path(word)
-    named = path if path.name != word else trained.folder / saved_look.FOLDER / f"{word.removesuffix('.json')}.json"
+    named = path if path.name != word else trained.folder / LOOKS / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":
         return path if path.is_file() else named
     return named if named.is_file() and not path.is_file() else None

@@ -13,7 +13,7 @@ from core.words import counted
 def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, pruner: Pruner | None, sky: bool = True) -> int:
     """Bake and write one look, with or without its sky; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
     baked = bake(trained, look)
-    pruned = Pruned(baked, 0, 0, 0.0) if pruner is None else pruner(baked)
+    pruned = Pruned(baked) if pruner is None else pruner(baked)
     splats = pruned.splats if sky else pruned.splats[: len(pruned.splats) - trained.sky]
     frame = trained.collection.frame
     maker = maker_of(trained.identity, trained.sky if sky else 0, look.name)
@@ -28,6 +28,6 @@ def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, prun
         # A row of a vanilla .ply is 248 bytes whatever the degree: some viewers count on it.
         gone.append(f"the SH bands above degree {splats.degree} (zeros in a .ply)")
     if gone:
-        bound = f"a pixel changes by at most {pruned.largest:.2f} of 255; `wegs bake --prune off` keeps all"
-        report.say(f"No training view shows {' and '.join(gone)}: left out ({bound})")
+        bound = f"in no training view does a pixel change by more than {pruned.largest:.2f} of 255; `wegs bake --prune off` keeps all"
+        report.say(f"Left out {' and '.join(gone)}: {bound}")
     return written

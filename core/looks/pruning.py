@@ -22,9 +22,9 @@ class Pruned:
     """A pruned look. gaussians, bands: how many were left out. largest: change of any pixel in any view, in 8-bit steps."""
 
     splats: Splats
-    gaussians: int
-    bands: int
-    largest: float
+    gaussians: int = 0
+    bands: int = 0
+    largest: float = 0.0
 
 
 class Pruner:
@@ -84,7 +84,7 @@ class Pruner:
         degree, only Gaussians that no view draws are left out, which changes nothing.
         """
         if not self.drawn.any():
-            return Pruned(baked, 0, 0, 0.0)
+            return Pruned(baked)
         kept = baked[self.kept]
         options = [kept.up_to_degree(degree) for degree in range(baked.degree + 1)]
         if torch.equal(self.kept, self.drawn):
@@ -101,7 +101,7 @@ class Pruner:
         for option, change in zip(options, largest, strict=True):
             if change <= HALF_STEP:
                 return Pruned(option, len(baked) - len(option), baked.degree - option.degree, change * 255)
-        return Pruned(baked[self.drawn], int((~self.drawn).sum()), 0, 0.0)
+        return Pruned(baked[self.drawn], int((~self.drawn).sum()))
 
     def _shown(self, baked: Splats, camera: Camera) -> Tensor:
         return self.rasterizer.render(baked, camera, self.background).image.clamp(0, 1)

@@ -12,7 +12,7 @@ from core.appearance.refinement import FARTHEST, UNSEEN_PX
 from core.appearance.tone import toned
 from core.scene.camera import Camera
 from core.scene.cells import cell_sums
-from core.scene.harmonics import basis
+from core.scene.harmonics import basis, evaluated
 from core.scene.splats import Splats
 from core.system.device import sent
 
@@ -31,8 +31,8 @@ class RunView:
         rows = self.visible.rows
         self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
         self.smooth_sky = trained.smooth_sky if len(self.discs) else None
-        self.sources = self._base(rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid]))
-        self.shown = trained.splats[rows].detached()
+        self.sources = trained.base(rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid]))
+        self.shown = trained.splats[rows]
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
         """The view in this look; differentiable in all of the look that it follows."""
@@ -53,11 +53,7 @@ class RunView:
 
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
         """The SH of these Gaussians in this look, before tone and smooth sky; differentiable as `render`."""
-        return self._harmonics(*self._base(rows), look)
-
-    def _base(self, rows: Int[Tensor, " r"]) -> tuple[Splats, Float[Tensor, "r l"] | None]:
-        trained = self.trained
-        return trained.splats[rows].detached(), None if trained.latents is None else trained.latents[rows].detach()
+        return self._harmonics(*self.trained.base(rows), look)
 
     def _harmonics(self, base: Splats, latents: Float[Tensor, "r l"] | None, look: Colouring) -> Float[Tensor, "r c 3"]:
         return self.trained.model.transfer(base.sh, base.means, look.embedding, latents, look.changes)[0]
@@ -81,7 +77,7 @@ class RunInCells:
     def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
         """The sums of the pixels of each cell in this look; differentiable in all of the look that they follow."""
         sh = self.view.in_look(look).sh
-        colours = ((self.basis[..., None] * sh).sum(dim=1) + 0.5).clamp_min(0)
+        colours = (evaluated(self.basis, sh) + 0.5).clamp_min(0)
         return self.shares.mixed(colours) + self.background
 
     @cached_property

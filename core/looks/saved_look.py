@@ -9,6 +9,7 @@ from torch import Tensor
 
 from core.appearance.colouring import Colouring
 from core.data.collection import Collection
+from core.data.made import LOOKS
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
 from core.system.atomic import write_json
@@ -16,7 +17,6 @@ from core.system.device import CPU
 from core.training.on_disk.run_folders import check_writable
 from core.words import counted
 
-FOLDER = "appearance"
 LARGEST = 1e6  # no number of a look comes near; far larger ones would overflow
 
 
@@ -27,7 +27,7 @@ def path_of(folder: Path, name: str) -> Path:
         raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
     if not re.fullmatch(r"\w[\w. -]*", name):
         raise BadSetting(f"{name!r} cannot be the name of a look.", "Use letters, digits, '-', '_' and '.'.")
-    return folder / FOLDER / f"{name}.json"
+    return folder / LOOKS / f"{name}.json"
 
 
 def check_free(folder: Path, name: str, force: bool, collection: Collection) -> None:
@@ -45,7 +45,7 @@ def check_free(folder: Path, name: str, force: bool, collection: Collection) -> 
 
 def names(folder: Path) -> list[str]:
     """The names of the looks saved in a run."""
-    return sorted(path.stem for path in (folder / FOLDER).glob("*.json"))
+    return sorted(path.stem for path in (folder / LOOKS).glob("*.json"))
 
 
 def save(folder: Path, look: Look, identity: str, step: int) -> Path:

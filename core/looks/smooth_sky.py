@@ -15,7 +15,7 @@ from torch import Tensor
 from core.data.collection import spread_over
 from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
-from core.scene.harmonics import basis, dc_of_colour
+from core.scene.harmonics import SH_0, basis, evaluated
 from core.scene.splats import Splats
 from core.system.threads import one_torch_thread
 
@@ -67,8 +67,8 @@ class SmoothSky:
     def sh(self, sh: Float[Tensor, "o c 3"], discs: Int[Tensor, " d"] | slice = slice(None)) -> Float[Tensor, "d c 3"]:
         """The coefficients of these discs, all by default, from those of the discs that photos show."""
         with one_torch_thread():
-            colours = self.weights[discs] @ (self.basis[..., None] * sh).sum(dim=1) + 0.5
-        return torch.cat([dc_of_colour(colours)[:, None], sh.new_zeros(len(colours), sh.shape[1] - 1, 3)], dim=1)
+            seen = self.weights[discs] @ evaluated(self.basis, sh)  # less 0.5, as a row of weights adds up to 1
+        return torch.cat([(seen / SH_0)[:, None], sh.new_zeros(len(seen), sh.shape[1] - 1, 3)], dim=1)
 
     def over(self, baked: Splats) -> Splats:
         """The Gaussians of a look under this sky."""

@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 import core.rasterizer
@@ -15,7 +15,6 @@ from core.appearance.reach import Reach
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.data.sfm.kept_points import home_of
 from core.errors import BadInput
 from core.looks.run_view import RunView
 from core.looks.smooth_sky import SmoothSky
@@ -58,9 +57,8 @@ class TrainedRun:
 
         Raises BadInput if the photo is missing or damaged.
         """
-        root = self.collection.root
-        if not photo.path.is_file() and not home_of(root).is_dir():
-            raise run_config.scene_gone(self.folder, root, f"{photo.name} cannot be read")
+        if not photo.path.is_file() and not self.collection.root.is_dir():
+            raise run_config.scene_gone(self.folder, self.collection, f"{photo.name} cannot be read")
         return load_sized_photo(photo, self.sizes, self.device, self.transparent_is_empty)
 
     def camera(self, photo: Photo) -> Camera:
@@ -77,6 +75,10 @@ class TrainedRun:
         """The mask of a picture, 1 = static; None if the run has no mask network."""
         mask = self.model.read(picture).mask
         return None if mask is None else mask[0]
+
+    def base(self, rows: Int[Tensor, " r"] | Bool[Tensor, " n"] | slice) -> tuple[Splats, Float[Tensor, "r l"] | None]:
+        """These Gaussians as no look has changed them, and their latents."""
+        return self.splats[rows], None if self.latents is None else self.latents[rows]
 
     def seen_by(self, camera: Camera) -> RunView:
         """What the camera sees of it, in any look."""
@@ -175,11 +177,16 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
     rows: of those wanted, all by default; ascending, the whole dome among them.
     """
     embedding, tone, changes = look.colouring
-    latents = None if trained.latents is None else trained.latents[rows]
-    baked = trained.model.bake(trained.splats[rows], embedding, latents, changes)
+    splats, latents = trained.base(rows)
+    baked = trained.model.bake(splats, embedding, latents, changes)
     if trained.smooth_sky is not None:
         baked = trained.smooth_sky.over(baked)
     return baked if tone is None else toned(baked, tone, trained.sky)
+
+
+def drawn(trained: TrainedRun, look: Look, camera: Camera) -> Float[Tensor, "h w 3"]:
+    """The run in one look, as the camera sees its bake; not clamped at 1."""
+    return trained.rasterizer.render(bake(trained, look), camera, trained.background).image
 
 
 def neutral_look(trained: TrainedRun) -> Look:

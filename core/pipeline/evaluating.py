@@ -7,11 +7,12 @@ from pathlib import Path
 from statistics import fmean
 
 from core.data.collection import Photo
+from core.data.made import EVALUATED, PICTURES
 from core.data.photos.names import png_paths
 from core.errors import BadInput
 from core.evaluation import LOOKS, lpips
 from core.evaluation.protocols import ViewPictures, ViewResult, measure
-from core.evaluation.results import PER_VIEW, PICTURES, RESULTS, SHEET, Results, file_of
+from core.evaluation.results import Results
 from core.evaluation.sheet import Row, picture_sheet, pictures_kept, row_of, write_view
 from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
@@ -61,8 +62,9 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
         report.warn(f"{kept} is of an earlier call: --pictures replaces it")
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
     results.save(trained.folder)
-    write_png(trained.folder / file_of(SHEET, protocol), picture_sheet(rows, protocol, trained.step))
-    names = (*(file_of(name, protocol) for name in (RESULTS, PER_VIEW, SHEET)), *[f"{PICTURES}/{protocol}/"] * keep_pictures)
+    *_, sheet = names = EVALUATED[protocol]
+    write_png(trained.folder / sheet, picture_sheet(rows, protocol, trained.step))
+    names += (f"{PICTURES}/{protocol}/",) * keep_pictures
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results
 

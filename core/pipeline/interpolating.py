@@ -9,7 +9,7 @@ from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks.find_look import find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
-from core.looks.trained import bake, blend
+from core.looks.trained import blend, drawn
 from core.pipeline.baking import ONE_LOOK
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
@@ -45,7 +45,6 @@ def interpolate(
     check_fillable(output, FADE, force)
     ends = [find_look(trained, word, refine=refine, report=report) for word in (first, last)]
     camera = trained.camera(photo)
-    rasterizer = trained.rasterizer
     report.say(f"{trained.folder}{trained.where}: {steps} steps, seen from {photo.name}")
     for which, end in zip(("from", "to"), ends, strict=True):
         report.say(f"  {which} {end.source}")
@@ -58,7 +57,7 @@ def interpolate(
             look = blend(*ends, step / (steps - 1))
             if ply:
                 write_look(trained, look, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
-            frames.append(to_8_bit(rasterizer.render(bake(trained, look), camera, trained.background).image))
+            frames.append(to_8_bit(drawn(trained, look, camera)))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))

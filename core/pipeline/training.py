@@ -9,7 +9,6 @@ from core.data.given_masks import check_masks, with_masks_in, with_same_masks
 from core.data.made import scene_beside
 from core.data.photos.folder import list_photos
 from core.data.prepare import prepared
-from core.data.sfm.kept_points import home_of
 from core.errors import BadInput, command
 from core.evaluation.results import measured_earlier
 from core.looks.look_file import write_look
@@ -21,9 +20,8 @@ from core.system import device
 from core.system.atomic import check_apart
 from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
-from core.training.on_disk import checkpoint, history, run_config, run_folders
+from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders
 from core.training.on_disk.claim import held, new_run
-from core.training.on_disk.mask_files import write_masks
 from core.training.sized_photos import check_resolution
 from core.training.tell import next_step, tell_collection, tell_plan, tell_step
 from core.training.trainer import Trainer
@@ -80,9 +78,9 @@ def _go_on(folder: Path, report: Report) -> Path:
         return folder
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
-    if not home_of(before.root).is_dir():
-        raise run_config.scene_gone(folder, before.root, f"{folder} cannot go on")
-    collection = with_same_masks(load_collection(before.root, settings.all_photos), before)
+    if not before.root.is_dir():
+        raise run_config.scene_gone(folder, before, f"{folder} cannot go on")
+    collection = with_same_masks(load_collection(before.read_from, settings.all_photos), before)
     trainer = Trainer(collection, settings, folder)
     names = {sized.photo.name for sized in trainer.photos}
     if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
@@ -125,7 +123,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     folder = trainer.folder
     trained = load_run(folder)
     neutral = run_folders.point_cloud_path(folder, trained.step)
-    masks = write_masks(folder, trainer.model, trainer.photos)
+    masks = mask_files.write_masks(folder, trainer.model, trainer.photos)
     preview = write_preview(trained, trainer.photos)
     write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [
@@ -135,7 +133,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
         ("neutral look", f"{neutral} ({neutral.stat().st_size / 1e6:.1f} MB)"),
     ]
     if masks:
-        rows.append(("masks", str(folder / "masks")))
+        rows.append(("masks", str(folder / mask_files.FOLDER)))
     rows.append(("to look at", str(preview)))
     report.table("Done", rows)
     if earlier := measured_earlier(folder, trained.step):

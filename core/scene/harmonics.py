@@ -65,10 +65,14 @@ def basis(directions: Float[Tensor, "n 3"], degree: int) -> Float[Tensor, "n c"]
     return torch.stack(terms, dim=-1)
 
 
+def evaluated(values: Float[Tensor, "n c"], sh: Float[Tensor, "n c 3"]) -> Float[Tensor, "n 3"]:
+    """The sums of SH coefficients times the basis' values: colours less 0.5, before the clamp at 0."""
+    return (values[..., None] * sh).sum(dim=1)
+
+
 def colour(sh: Float[Tensor, "n c 3"], directions: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
     """Colours in [0, inf) of SH coefficients seen along unit directions: max(0, SH + 0.5)."""
-    values = torch.einsum("nc,nck->nk", basis(directions, degree_of(sh.shape[1])), sh)
-    return (values + 0.5).clamp_min(0.0)
+    return (evaluated(basis(directions, degree_of(sh.shape[1])), sh) + 0.5).clamp_min(0.0)
 
 
 def dc_of_colour(colours: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

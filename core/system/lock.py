@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 try:
@@ -13,16 +13,27 @@ except ImportError:  # Windows
 
 @contextmanager
 def taken(folder: Path) -> Iterator[bool | None]:
-    """True: the folder is ours inside, and no other process can take it. False: it is another's. None: the system or the disk
-    knows no such locks."""
+    """True: the folder is ours inside, and no other process can take it. False: it is another's, or was, who has removed it meanwhile. None: the
+    system or the disk knows no such locks."""
     if fcntl is None:
         yield None
         return
-    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        yield _lock(descriptor)
+        descriptor = os.open(folder, os.O_RDONLY)
+    except FileNotFoundError:
+        yield False
+        return
+    try:
+        yield _lock(descriptor) and _is_there(folder, descriptor)
     finally:
         os.close(descriptor)
+
+
+def _is_there(folder: Path, descriptor: int) -> bool:
+    """Whether `folder` is still the one that was opened: a lock on one that is gone holds nobody off."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(descriptor), os.stat(folder))
+    return False
 
 
 def _lock(descriptor: int) -> bool | None:

@@ -72,6 +72,8 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
             "bake_to_file",
             LOOK | {"folder": Path("r"), "word": "neutral", "force": True, "save_as": "x"},
         ),
+        ("bake --appearance a.jpg -o a.ply --no-refine", "bake_to_file", LOOK | {"refine": False}),
+        ("interpolate a b --no-refine", "interpolate", {"folder": None, "first": "a", "last": "b", "refine": False}),
         ("interpolate a b", "interpolate", {"folder": None, "first": "a", "last": "b"}),
         (
             "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",

@@ -79,4 +79,4 @@ def write_corner(root: Path, count: int = 6, masked: int | None = None) -> Path:
 def corner_with_points(folder: Path) -> Collection:
     """The corner and its points, triangulated, below `folder`; photo 0 is held out."""
     (folder / "corner").mkdir()
-    return load_collection(prepared(write_corner(folder / "corner"), folder / "points", Report()).root)
+    return load_collection(prepared(write_corner(folder / "corner"), folder / "points", Report()).read_from)

@@ -203,6 +203,17 @@ def test_the_table_that_nerfbaselines_keeps(tmp_path):
     assert split(tmp_path, ["a.jpg", "b.jpg"]) == ({"a.jpg": "test", "b.jpg": "train"}, [])
 
 
+def test_the_lists_that_nerfbaselines_keeps(tmp_path):
+    (tmp_path / "test_list.txt").write_text("b.jpg\n")
+    assert split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"]) == ({"a.jpg": "train", "b.jpg": "test", "c.jpg": "train"}, [])
+    (tmp_path / "train_list.txt").write_text("a.jpg\nd.jpg\n")
+    splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
+    assert splits == {"a.jpg": "train", "b.jpg": "test"}
+    assert notes == ["1 photo of train_list.txt not in the model: d.jpg", "1 photo neither in test_list.txt nor in train_list.txt, not used: c.jpg"]
+    (tmp_path / "test.txt").write_text("a.jpg\n")
+    assert split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])[0] == {"a.jpg": "test", "b.jpg": "train", "c.jpg": "train"}
+
+
 def test_long_lists_are_cut_but_counted(tmp_path):
     (tmp_path / "x.tsv").write_text(table(*((name, "", "train", "x") for name in NAMES[:15]), ("q.jpg", "1", "train", "x")))
     note = split(tmp_path)[1][0]

@@ -160,9 +160,6 @@ def test_truth_is_read_at_the_size_wanted(tmp_path):
     assert truth.clean.shape == (16, 20, 3) and truth.clean[3, 3].tolist() == [1, 0, 0]
     assert not truth.static[:, :10].any() and truth.static[:, 10:].all()
     assert load_truth(tmp_path, "b.jpg", 20, 16) == Truth(None, None)
-    (tmp_path / "scene-scene").mkdir()  # points of the scene, made elsewhere
-    (tmp_path / "scene-scene" / "triangulated.json").write_text(json.dumps({"scene": str(tmp_path), "kind": "colmap"}))
-    assert load_truth(tmp_path / "scene-scene", "sub/a.jpg", 20, 16).static is not None
     above = tmp_path / "truth" / "a.png"  # a photo, in reach of names that lead out of a folder
     cv2.imwrite(str(above), red)
     assert [load_truth(tmp_path, name, 20, 16).clean for name in (str(above), "../a.png")] == [None, None]

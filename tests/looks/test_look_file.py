@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from core.export.ply import read_ply
+from core.export.ply import read_ply, sky_of
 from core.looks.find_look import find_look
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
@@ -45,8 +45,8 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     gone = len(trained.splats) - written
     assert gone >= 7 and pruner.kept[-trained.sky :].all()
     (line,) = heard.lines
-    assert line.startswith(f"No training view shows {counted(gone, 'Gaussian')} ({gone * ROW_BYTES / 1e6:.1f} MB)")
-    assert re.search(r": left out \(a pixel changes by at most 0\.\d\d of 255; `wegs bake --prune off` keeps all\)$", line)
+    assert line.startswith(f"Left out {counted(gone, 'Gaussian')} ({gone * ROW_BYTES / 1e6:.1f} MB)")
+    assert re.search(r": in no training view does a pixel change by more than 0\.\d\d of 255; `wegs bake --prune off` keeps all$", line)
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
     assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
 
@@ -54,6 +54,7 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
 def test_a_look_can_be_written_without_the_sky(trained, tmp_path):
     paths, neutral = [tmp_path / "all.ply", tmp_path / "place.ply"], find_look(trained, "neutral")
     counts = [write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)]
+    assert [sky_of(path) for path in paths] == [trained.sky, 0]
     assert trained.sky > 0 and counts == [len(trained.splats), len(trained.splats) - trained.sky]
     whole, place = (read_ply(path) for path in paths)
     assert all(torch.equal(part[: len(place)], other) for part, other in zip(whole.tensors().values(), place.tensors().values()))

@@ -148,7 +148,7 @@ def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without
     outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
     (tmp_path / "run").mkdir()
     new = replace(trained, folder=tmp_path / "run")
-    gone = replace(new, collection=replace(trained.collection, root=tmp_path / "gone"))
+    gone = replace(new, collection=replace(trained.collection, points_from=tmp_path / "gone"))
     assert find_look(gone, str(outside)).source.endswith(f"not refined: There is no folder {tmp_path / 'gone'}")
     photos = tuple(replace(photo, camera=replace(photo.camera, centre=photo.camera.centre + 0.01)) for photo in trained.collection.photos)
     anew = replace(new, collection=replace(trained.collection, photos=photos))

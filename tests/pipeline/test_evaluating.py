@@ -13,10 +13,13 @@ import torch
 from core import pipeline
 from core.bench import suite
 from core.errors import BadInput, WegsError, disk_full
+from core.evaluation import lpips
+from core.evaluation.lpips import Lpips
 from core.looks import held_out_views
 from core.pipeline import baking, evaluating, training
 from core.training.on_disk import checkpoint
 from core.training.on_disk.claim import held
+from tests.evaluation.test_lpips import made_weights
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
@@ -38,6 +41,21 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
         assert json.loads((trained[0] / name).read_text())["protocol"] == protocol
     assert {path.name for path in trained[0].glob("*_full.*")} == {"per_view_full.json", "results_full.json", "sheet_full.png"}
     assert {path.name for path in (trained[0] / "pictures/full/gt-color").iterdir()} == {"photo_2.png", "photo_5.png"}
+
+
+def test_what_is_known_of_a_synthetic_scene_is_measured_too(trained, small_scene, monkeypatch):
+    """The photos themselves as the clean truth, nobody in them; and of photos too small for LPIPS that is said."""
+    monkeypatch.setattr(lpips, "load", lambda: Lpips("alex", made_weights("alex")))
+    for kind in ("clean", "masks"):
+        (small_scene / "truth" / kind).mkdir(parents=True)
+    for name in ("photo_2.png", "photo_5.png"):
+        shutil.copy(small_scene / name, small_scene / "truth" / "clean" / name)
+        cv2.imwrite(str(small_scene / "truth" / "masks" / name), np.full((36, 48), 255, np.uint8))
+    heard = Heard()
+    means = pipeline.evaluate(trained[0], "half", heard, refine=False).means()
+    shutil.rmtree(small_scene / "truth")
+    assert means["photo"]["zero_shot"] == means["clean_right"]["zero_shot"] != means["clean"]["zero_shot"]
+    assert any(line.startswith("mask IoU: ") for line in heard.lines) and "LPIPS: 2 photos too small for it" in heard.lines
 
 
 def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):

@@ -4,10 +4,11 @@ pycolmap 4.2 never returns from some truncated files and reads others as zeros, 
 record.
 """
 
+import os
 import shutil
 import struct
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -51,22 +52,31 @@ def _has(folder: Path, suffix: str, *parts: str) -> bool:
 
 
 def read_model(folder: Path) -> pycolmap.Reconstruction:
-    """The model in `folder`, binary (preferred) or text, with or without rigs, frames and points.
+    """The model in `folder`, binary (preferred) or text, with or without points.
 
-    If its parts do not agree, as after photos were removed by hand, it is read without rigs, frames and tracks (which photos see a
-    point). Raises BadInput for files that are truncated, damaged or not a model.
+    Its rigs and frames are not read: the file of images has the same poses, and programs that change a model often change that alone. If images
+    and points do not agree, as after photos were removed by hand, it is read without tracks (which photos see a point). Raises BadInput for
+    files that are missing, truncated, damaged or not a model.
     """
     fix = "Copy the model again, or run COLMAP again."
     whole = next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
     suffix = whole or next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED)), None)
+    if suffix is None:
+        raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking_files(folder))}.", fix)
     for part, walk in WALKS.items() if suffix == ".bin" else ():
         file = folder / f"{part}.bin"
         if file.is_file() and not _whole(file.read_bytes(), walk):
             raise BadInput(f"{file} is truncated or damaged.", fix)
     names = _names_with_spaces(folder / "images.txt") if suffix == ".txt" else {}
+    points = folder / (POINTS + suffix)
     try:
         with quiet():
-            model = _read(folder, suffix, bool(whole))
+            try:
+                model = _read(folder, suffix, points if whole else EMPTY_POINTS[suffix])
+            except REFUSALS:
+                if not whole:
+                    raise
+                model = _read(folder, suffix, _without_tracks(points))
             for number, name in names.items():
                 model.image(number).name = name
             return model
@@ -75,15 +85,19 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
         raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None
 
 
-def _read(folder: Path, suffix: str | None, whole: bool) -> pycolmap.Reconstruction:
-    if suffix and not whole:
-        return _read_parts(folder, suffix, WALKS, EMPTY_POINTS[suffix])
-    try:
-        return pycolmap.Reconstruction(str(folder))
-    except REFUSALS:
-        if not whole:
-            raise
-        return _read_parts(folder, suffix, NEEDED, _without_tracks(folder / (POINTS + suffix)))
+def _read(folder: Path, suffix: str, points: Path | bytes) -> pycolmap.Reconstruction:
+    """The cameras and images in `folder` with the `points` of this file or of this content: pycolmap insists on all three, and reads whatever else
+    lies beside them."""
+    with tempfile.TemporaryDirectory() as place:
+        for file in (*(folder / (part + suffix) for part in NEEDED), points):
+            if isinstance(file, bytes):
+                Path(place, POINTS + suffix).write_bytes(file)
+                continue
+            try:
+                os.symlink(file.resolve(), Path(place, file.name))
+            except OSError:  # Windows lets few users do so
+                shutil.copyfile(file, Path(place, file.name))
+        return pycolmap.Reconstruction(place)
 
 
 def _names_with_spaces(path: Path) -> dict[int, str]:
@@ -95,22 +109,12 @@ def _names_with_spaces(path: Path) -> dict[int, str]:
             words = line.split(maxsplit=9)
             if len(words) < 10 or not words[0].isdecimal():
                 continue
-            name, features = words[9].strip(), next(file, "").strip()
-            if features[-1:].isalpha():  # of the next name; features end in numbers
+            name, features = words[9].strip(), next(file, None)
+            if features is None or features.strip()[-1:].isalpha():  # of the next name; features end in numbers
                 raise BadInput(f"{path} gives {name} one line in place of two.", "Add the line of its features after it, which may be empty.")
             if " " in name:
                 names[int(words[0])] = name
     return names
-
-
-def _read_parts(folder: Path, suffix: str, parts: Iterable[str], points: bytes) -> pycolmap.Reconstruction:
-    """The model read from those of these `parts` that exist, with `points` as its file of points, which pycolmap insists on."""
-    with tempfile.TemporaryDirectory() as copy:
-        for part in parts:
-            if _has(folder, suffix, part):
-                shutil.copyfile(folder / (part + suffix), Path(copy, part + suffix))
-        Path(copy, POINTS + suffix).write_bytes(points)
-        return pycolmap.Reconstruction(copy)
 
 
 def _without_tracks(path: Path) -> bytes:
@@ -167,21 +171,8 @@ def _point(data: bytes, start: int) -> int:
     return track + 8 + 8 * _integer(data, track, "Q")
 
 
-def _rig(data: bytes, start: int) -> int:
-    sensors = _integer(data, start + 4, "I")
-    position = start + 8 + (8 if sensors else 0)  # the reference sensor has no pose
-    for _ in range(max(sensors - 1, 0)):
-        position += 9 + (POSE_BYTES if _integer(data, position + 8, "B") else 0)
-    return position
-
-
-def _frame(data: bytes, start: int) -> int:
-    ids = start + 8 + POSE_BYTES
-    return ids + 4 + 16 * _integer(data, ids, "I")
-
-
 def _integer(data: bytes, position: int, kind: str) -> int:
     return struct.unpack_from("<" + kind, data, position)[0]
 
 
-WALKS = {"cameras": _camera, "images": _image, "points3D": _point, "rigs": _rig, "frames": _frame}
+WALKS = {"cameras": _camera, "images": _image, "points3D": _point}

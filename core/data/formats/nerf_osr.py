@@ -51,6 +51,9 @@ def read_nerf_osr(root: Path) -> Posed:
     masks = {split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")} for split in photos}
     for split, place in used:
         name = f"{split}/{place.as_posix()}" if several else place.as_posix()
+        if name.encode("utf-8", "replace").decode() != name:  # COLMAP, which triangulates, takes only UTF-8
+            faults.add("whose name is not in UTF-8, not used", name)
+            continue
         role = None if held_out is None else "train" if split == TRAINING else "test"
         try:
             lens = _lens(_matrix(source / split / "intrinsics", place))

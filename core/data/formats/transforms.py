@@ -29,7 +29,7 @@ BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test"
 # All read alike, with whatever lens terms are given.
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 FISHEYE = "OPENCV_FISHEYE"
-LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # in the order of nerfstudio's distortion_params, which may stand in their place
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
 LARGEST_SIDE = 1 << 20  # px
 IN_VIEW = 0.5  # of the points; if the cameras show less, the file is likely to be in another frame
@@ -201,6 +201,8 @@ class _Lens:
             raise Fault(f"with a camera_model that is not supported ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
         terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)
         try:
+            if (listed := facts.get("distortion_params")) is not None:  # as nerfstudio reads them
+                facts = facts | dict(zip(LENS_TERMS, listed, strict=True))
             numbers = {name: float(facts[name]) for name in terms if facts.get(name) is not None}
         except (TypeError, ValueError, OverflowError):
             raise Fault("with intrinsics that are not numbers") from None

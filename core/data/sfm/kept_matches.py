@@ -33,7 +33,8 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
     with taken(work) as ours:
         if not ours:
             if ours is None:
-                work.rmdir()
+                with suppress(OSError):  # removed by a program that makes the same scene
+                    work.rmdir()
             with temporary_folder(output) as other:
                 yield other
             return

@@ -22,10 +22,11 @@ from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import files_in, replacing_folder, write_json
+from core.system.atomic import NAME_PART, files_in, replacing_folder, write_json
 from core.words import counted, name_them
 
 JPEG_SUFFIXES = (".jpg", ".jpeg")
+LONGEST_NAME = 255  # bytes, of the usual disks; of a PNG whose name is nearly as long, that of its JPEG is longer
 FEATURES_TO_MAP = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
 
 
@@ -103,7 +104,8 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
             turned += header.orientation != 1
             name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
             name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
-            copies[copy] = f"{number}-{name}" if name in copies.values() else name
+            unfit = name in copies.values() or len(name.encode()) > LONGEST_NAME
+            copies[copy] = f"{number}-{name[-NAME_PART:]}" if unfit else name
         except BadInput as problem:
             report.warn(f"Left out: {problem.what}")
         report.progress("Photos", done, len(paths))

@@ -11,6 +11,8 @@ from core.data.photos.names import png_paths
 from core.export.pictures import write_png
 from core.training.sized_photos import SizedPhotos
 
+FOLDER = "masks"
+
 
 def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> int:
     """FOLDER/masks/NAME.png for every photo that has a mask, at its training size: white is used, black is hidden, by the network or by the mask
@@ -29,7 +31,7 @@ def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> in
             shown = cv2.resize(mask[0].cpu().numpy(), (width, height))
         if sized.photo.mask is not None and sized.valid is not None:
             shown = shown * sized.valid
-        target = folder / "masks" / paths[sized.photo.name]
+        target = folder / FOLDER / paths[sized.photo.name]
         target.parent.mkdir(parents=True, exist_ok=True)
         write_png(target, (shown * 255).round().astype(np.uint8))
         written += 1

@@ -26,19 +26,18 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
 
     The settings are those that came of the decisions, which are written for the reader: a run is never decided again.
     """
-    home = home_of(collection.root)
     facts = {
-        "scene": {"name": collection.name, "path": str(collection.root.resolve()), "kind": collection.kind},
+        "scene": {"name": collection.name, "path": str(collection.read_from.resolve()), "kind": collection.kind},
         "frame": collection.frame.to_json(),
         "settings": settings.to_json(),
         "decisions": [decision.to_json() for decision in decisions],
-        "photos": [_photo_to_json(photo, home) for photo in collection.photos],
+        "photos": [_photo_to_json(photo, collection.root) for photo in collection.photos],
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the sizes stand for the content.
     files = [path for photo in collection.photos for path in (photo.path, photo.mask) if path is not None and path.is_file()]
     made_of = [core.__version__, facts, [path.stat().st_size for path in files]]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
-    facts["scene"]["from_run"] = way_to(collection.root, folder)
+    facts["scene"]["from_run"] = way_to(collection.read_from, folder)
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
@@ -51,16 +50,17 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         settings = Settings().changed(**facts["settings"])
-        root = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder)
-        home = home_of(root)
+        read_from = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder)
+        root = home_of(read_from)
         collection = Collection(
             name=facts["scene"]["name"],
             root=root,
             kind=facts["scene"]["kind"],
-            photos=tuple(_photo_from_json(values, home) for values in facts["photos"]),
+            photos=tuple(_photo_from_json(values, root) for values in facts["photos"]),
             points=np.zeros((0, 3)),
             point_colours=np.zeros((0, 3), dtype=np.float32),
             frame=SceneFrame.from_json(facts["frame"]),
+            points_from=None if read_from == root else read_from,
         )
         return str(facts["run"]), settings, collection
     except BadSetting as problem:
@@ -70,11 +70,11 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
 
 
-def scene_gone(folder: Path, root: Path, what: str) -> BadInput:
-    """The error for a run in `folder` whose scene `root`, or the one whose points that holds, is no longer there. what: cannot be done without it."""
-    home = home_of(root)
-    where = f"{folder / CONFIG}, as its path" if home == root else f"{root / MARK}, as its scene"
-    return BadInput(f"{what}: the scene {home} is gone.", f"Move it back, or write where it is now into {where}.")
+def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:
+    """The error for a run in `folder` whose scene is no longer there. what: cannot be done without it."""
+    points = collection.points_from
+    where = f"{folder / CONFIG}, as its path" if points is None else f"{points / MARK}, as its scene"
+    return BadInput(f"{what}: the scene {collection.root} is gone.", f"Move it back, or write where it is now into {where}.")
 
 
 def _photo_to_json(photo: Photo, home: Path) -> dict:

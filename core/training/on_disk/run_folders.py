@@ -10,13 +10,13 @@ from pathlib import Path
 
 from core.config import Settings
 from core.data.collection import Collection
-from core.data.made import CONFIG, is_of_run, read_mark
+from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, is_of_run, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
 from core.system.atomic import check_folder, remove, swept
 from core.system.lock import taken
 from core.training.decisions import Decision
-from core.training.on_disk import checkpoint, history, viewer_files
+from core.training.on_disk import checkpoint, history, mask_files, viewer_files
 from core.training.on_disk.run_config import write_config
 from core.training.transparency import transparent_is_empty
 
@@ -25,9 +25,8 @@ RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
 # All that a run may have written, and so all that --force may delete.
 OURS = (
-    "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, "appearance", "pictures", "curves",
-    history.FILE, landmarks.FILE, "masks", PREVIEW,
-    "results.json", "results_full.json", "per_view.json", "per_view_full.json", "sheet.png", "sheet_full.png",
+    "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
+    history.FILE, landmarks.FILE, mask_files.FOLDER, PREVIEW, *(name for names in EVALUATED.values() for name in names),
 )  # fmt: skip
 
 

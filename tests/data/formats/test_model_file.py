@@ -2,14 +2,16 @@
 
 import shutil
 
+import numpy as np
 import pytest
 
 from core.data import load_collection
 from core.errors import BadInput
+from tests.data.formats.test_colmap import check_geometry
 from tests.data.small_scene import SmallScene
 
 
-@pytest.mark.parametrize("part", ["cameras", "images", "points3D", "rigs", "frames"])
+@pytest.mark.parametrize("part", ["cameras", "images", "points3D"])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
 def test_truncated_binary_models_are_refused(tmp_path, part, share):
     """pycolmap itself hangs on some of these and reads zeros from others."""
@@ -48,3 +50,32 @@ def test_of_several_models_the_one_with_most_photos_is_read(tmp_path, binary):
     collection = load_collection(root)
     assert len(collection.photos) == len(larger.reg_image_ids())
     assert any("holds other models as well (0); 1 is used: it has most photos" in note for note in collection.notes)
+
+
+@pytest.mark.parametrize("content", [None, b"no frames"])
+def test_rigs_and_frames_that_are_older_than_the_images_are_not_read(tmp_path, content):
+    """Programs made for earlier versions of COLMAP rewrite the other three files alone."""
+    scene = SmallScene(offset=np.array([3.0, 0.0, 0.0]))
+    root, older = scene.write(tmp_path / "scene"), SmallScene().write(tmp_path / "older")
+    for name in ("rigs.bin", "frames.bin"):
+        stale = root / "sparse" / "0" / name
+        stale.write_bytes((older / "sparse" / "0" / name).read_bytes() if content is None else content)
+    check_geometry(load_collection(root), scene)
+
+
+def test_a_text_model_whose_last_photo_has_one_line_is_refused(tmp_path):
+    """pycolmap would drop the photo."""
+    scene = SmallScene()
+    root = scene.write(tmp_path / "scene")
+    model = root / "sparse" / "0"
+    scene.reconstruction().write_text(str(model))
+    for path in model.glob("*.bin"):
+        path.unlink()
+    images = model / "images.txt"
+    poses = [line for line in images.read_text().splitlines() if line.endswith(".png")]
+    images.write_text("\n\n".join(poses))
+    (model / "points3D.txt").write_text("")
+    with pytest.raises(BadInput, match=f"gives {poses[-1].split()[-1]} one line in place of two"):
+        load_collection(root)
+    images.write_text("\n\n".join(poses) + "\n\n")
+    assert len(load_collection(root).photos) == len(poses)

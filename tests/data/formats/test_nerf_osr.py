@@ -1,5 +1,6 @@
 """NeRF-OSR folders: the cameras of the model that they were made from, their splits and masks, and what is wrong with them."""
 
+import os
 import shutil
 
 import cv2
@@ -52,6 +53,15 @@ def test_validation_photos_are_held_out_where_there_are_no_test_photos(scene):
     shutil.rmtree(scene / "final" / "validation")
     collection = load_collection(scene)
     assert used(collection) == {"photo_1.png": "test", "photo_2.png": "train"} and notes_with(collection, "every 8th photo")
+
+
+def test_names_that_are_not_in_utf_8_are_told_and_the_rest_goes_on(scene):
+    latin = os.fsdecode(b"b\xe9")
+    for part, suffix in (("rgb", ".png"), ("pose", ".txt"), ("intrinsics", ".txt")):
+        folder = scene / "final" / "train" / part
+        (folder / f"photo_1{suffix}").rename(folder / f"{latin}{suffix}")
+    collection = load_collection(scene)
+    assert "photo_1.png" not in used(collection) and notes_with(collection, f"whose name is not in UTF-8, not used: {latin}.png")
 
 
 def test_photos_of_one_name_are_told_apart_by_their_split(scene):

@@ -162,7 +162,7 @@ def broken_pose(scene):
         (lambda scene: frames(scene, lambda number, frame: frame.update(colmap_im_id=1)), "not those of the scene"),
         (truncated("points3D.bin"), "points3D.bin is truncated or damaged"),
         (truncated("images.bin"), "images.bin is truncated or damaged"),
-        (lambda scene: (scene / MODEL / "images.bin").unlink(), "is not a COLMAP model that can be read"),
+        (lambda scene: (scene / MODEL / "images.bin").unlink(), "lacks images.bin"),
         (lambda scene: (scene / MODEL / "points3D.bin").unlink(), "it has no usable points"),
     ],
 )  # fmt: skip

@@ -77,6 +77,22 @@ def test_a_third_radial_term_is_taken_along(tmp_path):
     assert farthest_px(load_collection(root), load_collection(colmap), given.points) < EXACT_PX
 
 
+def test_distortion_params_stand_for_the_terms(tmp_path):
+    """As nerfstudio reads them: k1, k2, k3, k4, p1, p2."""
+    given = SmallScene(model="OPENCV")
+    colmap = given.write(tmp_path / "colmap")
+    root = write_nerfstudio(colmap, tmp_path / "scene")
+
+    def listed(facts):
+        for frame in facts["frames"]:
+            k1, k2, p1, p2 = (frame.pop(term) for term in ("k1", "k2", "p1", "p2"))
+            frame["distortion_params"] = [k1, k2, 0, 0, p1, p2]
+
+    assert farthest_px(load_collection(changed(root, listed)), load_collection(colmap), given.points) < EXACT_PX
+    found = load_collection(changed(root, lambda facts: facts["frames"][1].update(distortion_params=[0.1, 0.2])))
+    assert len(found.photos) == 3 and notes_with(found, "intrinsics that are not numbers")
+
+
 def test_the_sample_has_the_same_cameras_in_every_format(tmp_path):
     given = load_collection(PLAZA)
     splits = {photo.name: photo.split for photo in given.photos}

@@ -208,6 +208,14 @@ def test_copies_of_a_photo_are_left_out(tmp_path):
     assert any("Left out: a (1).jpg is a copy of a.jpg." in line for line in heard.lines)
 
 
+def test_a_name_too_long_for_its_jpeg_is_cut(tmp_path):
+    names = ["a" * 251 + ".png", "b" * 247 + ".png"]
+    for name, texture in zip(names, textures(), strict=False):
+        assert cv2.imwrite(str(tmp_path / name), texture)
+    copies = _copy_upright(list_photos(tmp_path), tmp_path / "upright", Heard())
+    assert set(copies.values()) == {"1-" + ("a" * 52 + ".png.jpg"), names[1] + ".jpg"}
+
+
 def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
     """However few bytes it has; and one that cannot be used is no reason to leave out another."""
     noise_photo(tmp_path / "b.jpg", 1, cells=(12, 16))

@@ -38,7 +38,7 @@ def corner(tmp_path_factory):
 def kept(corner, tmp_path_factory):
     """The folder of its points, and what was said."""
     heard, before = Heard(), sorted(corner.iterdir())
-    folder = prepared(corner, tmp_path_factory.mktemp("runs") / "corner-scene", heard).root
+    folder = prepared(corner, tmp_path_factory.mktemp("runs") / "corner-scene", heard).read_from
     assert sorted(corner.iterdir()) == before  # which may be read-only
     return folder, heard
 
@@ -51,7 +51,7 @@ def copy_of(kept, tmp_path):
 
 def test_points_lie_on_the_walls_and_photos_see_them(corner, kept):
     collection = load_collection(kept[0])
-    assert (collection.name, collection.kind, collection.root) == (corner.name, "nerfstudio", kept[0])
+    assert (collection.name, collection.kind, collection.read_from) == (corner.name, "nerfstudio", kept[0])
     points = collection.frame.to_world(collection.points)
     off = np.abs(points - [-1, 1, 5])  # of the planes x = -1, y = 1 and z = 5
     # 0.01 was seen in 1277 points: 0.3 px of 380 at a distance of 5, from about a unit apart.
@@ -90,9 +90,9 @@ def test_they_are_made_once_for_the_same_photos_and_cameras(corner, kept, tmp_pa
     assert any("has cameras but no points: they are triangulated from 5 photos" in line for line in heard.lines)
     assert any(line.startswith(f"{folder}: ") and line.endswith(" points") for line in heard.lines)
     again = Heard()
-    assert prepared(corner, folder, again).root == folder
+    assert prepared(corner, folder, again).read_from == folder
     assert again.lines == [f"Points as triangulated before in {folder}; remove it to have them found again."]
-    assert prepared(folder, tmp_path / "other", again).root == folder  # lacks nothing
+    assert prepared(folder, tmp_path / "other", again).read_from == folder  # lacks nothing
     first, second = load_collection(folder), load_collection(folder)
     assert first.changed_since(second) == [] and (first.points == second.points).all()
 
@@ -104,7 +104,7 @@ def test_other_cameras_and_lenses_get_points_of_their_own(corner, tmp_path):
     made = []
     for change in ({}, {"fl_x": FOCAL * 1.01}, {"k1": 0.01}, {}):
         write_json(scene / "transforms.json", facts | change)
-        made.append(prepared(scene, tmp_path / "points", Report()).root.name)
+        made.append(prepared(scene, tmp_path / "points", Report()).read_from.name)
     assert made == ["points", "points-2", "points-3", "points"]
 
 
@@ -127,9 +127,9 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
     now = before.rename(tmp_path / "elsewhere")
     points, run_folder = now / "runs" / "photos-scene", now / "runs" / "photos"
     again = prepared(now / "photos", points, Report())
-    assert again.root == points and not (now / "runs" / "photos-scene-2").exists()
+    assert again.read_from == points and not (now / "runs" / "photos-scene-2").exists()
     for found in (again, run_config.read_config(run_folder)[2]):
-        assert found.root == points and found.changed_since(collection) == []
+        assert found.read_from == points and found.changed_since(collection) == []
         assert all(photo.path.is_relative_to(now / "photos") and photo.path.is_file() for photo in found.photos)
     (now / "photos").rename(tmp_path / "other")  # alone
     with pytest.raises(
@@ -175,12 +175,12 @@ def test_a_colmap_model_without_points_gets_them(corner, kept, tmp_path, split):
     if split:
         (scene / "corner.tsv").write_text(split)
     collection = prepared(scene, tmp_path / "scene-scene", heard)
-    assert (collection.kind, collection.root) == ("phototourism" if split else "colmap", tmp_path / "scene-scene")
+    assert (collection.kind, collection.read_from) == ("phototourism" if split else "colmap", tmp_path / "scene-scene")
     off = np.abs(collection.frame.to_world(collection.points) - [-1, 1, 5]).min(axis=1)
     assert len(off) > 500 and np.median(off) < 0.02
     assert [photo.name for photo in collection.split("test")] == ["1.png"]
-    assert prepared(scene, tmp_path / "scene-scene", heard).root == collection.root
-    found = {finding.name: finding for finding in examine(scene, heard)} | {finding.name: finding for finding in examine(collection.root, heard)}
+    assert prepared(scene, tmp_path / "scene-scene", heard).read_from == collection.read_from
+    found = {finding.name: finding for finding in examine(scene, heard)} | {finding.name: finding for finding in examine(collection.read_from, heard)}
     assert found["points"].figure.startswith(f"{len(off):,},") and "photos with few points" not in found
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from core import pipeline
 from core.data import load_collection
+from core.pipeline.baking import ONE_LOOK
 from core.training.tell import tell_collection
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
@@ -57,3 +58,12 @@ def test_the_looks_of_a_fade_have_a_line_each(trained, tmp_path):
     pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, view="photo_1")
     assert heard.lines[0].endswith("small: 2 steps, seen from photo_1.png")
     assert heard.lines[1:3] == ["  from the mean of the training photos", "  to training photo photo_0.png, refined"]
+
+
+def test_that_all_looks_are_one_is_said_only_where_it_is_true(trained, tmp_path):
+    plain = finished(small_collection(tmp_path), small_settings(steps=1, appearance="off"), tmp_path / "run").folder
+    for folder, said in ((trained, False), (plain, True)):
+        heard = Heard()
+        pipeline.bake_to_file(folder, "neutral", tmp_path / f"{said}.ply", heard)
+        pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / f"fade{said}", heard)
+        assert heard.lines.count(f"! {ONE_LOOK}") == 2 * said

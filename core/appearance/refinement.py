@@ -186,8 +186,9 @@ def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colour
         with torch.enable_grad(), threads_for_blocks():
             now = learned()
             loss = loss_of(now)
-        if float(loss.detach()) < least or best is None:
-            best, least = now.detached(), float(loss.detach())
+        value = float(loss.detach())
+        if value < least or best is None:
+            best, least = now.detached(), value
         yield best
         if step == steps:
             return best

@@ -104,7 +104,8 @@ class SHTransfer(nn.Module):
 
     @property
     def given(self) -> Weights:
-        """What a look may change of the output layers that embeddings give: what they share. Nothing where an embedding is an input."""
+        """The bias of the map from an embedding to the output layer: a change of it moves the output layers of all embeddings alike. Empty where an
+        embedding is an input."""
         return {"last.bias": self.last.bias.detach()} if self.mixes else {}
 
     @property

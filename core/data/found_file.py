@@ -8,6 +8,7 @@ from pathlib import Path
 from unicodedata import normalize
 
 from core.data.photos.folder import SUFFIXES, list_photos
+from core.data.photos.names import is_file
 from core.data.placing import PosedPhoto
 from core.words import Note, name_them
 
@@ -19,7 +20,7 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
 
     folders: where to look besides the folder that the photo names.
     """
-    missing = [photo for photo in photos if not os.path.isfile(photo.path)]  # pathlib's raises for names that are too long
+    missing = [photo for photo in photos if not is_file(photo.path)]
     if not missing:
         return list(photos), []
     there = {photo.path for photo in photos} - {photo.path for photo in missing}

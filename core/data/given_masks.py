@@ -1,6 +1,5 @@
 """Masks that come with photos, from the user (`wegs train --masks DIR`) or from the scene: which photo each belongs to, and whether it fits."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from math import log
@@ -9,7 +8,7 @@ from pathlib import Path
 from core.data.collection import Collection, Photo
 from core.data.photos.file import named_with_fault, probe
 from core.data.photos.folder import SUFFIXES, list_photos
-from core.data.photos.names import names_without_suffixes, relative_path
+from core.data.photos.names import is_file, names_without_suffixes, relative_path
 from core.data.photos.pixels import read_mask
 from core.data.sfm.originals import lenses_of
 from core.errors import BadInput
@@ -135,7 +134,7 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
     if mask is None:
         said.add("without a mask, used whole", photo.name)
         return whole
-    if not os.path.isfile(mask):  # pathlib's raises for names that are too long
+    if not is_file(mask):
         said.add("whose mask is missing, used whole", f"{photo.name} ({mask})")
         return whole
     try:

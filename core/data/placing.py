@@ -1,6 +1,5 @@
 """Fits cameras to the photo files that are found: scaled, turned as EXIF says, or left out with the reason."""
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ import pycolmap
 
 from core.data.photos import distortion
 from core.data.photos.file import Header, named_with_fault, probe
+from core.data.photos.names import is_file
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.lens import Lens
@@ -62,7 +62,7 @@ class Placing:
 
     def place(self, photo: PosedPhoto) -> Placed | None:
         """The camera fitted to the photo's file, or None; the reason goes into the notes."""
-        if not os.path.isfile(photo.path):  # pathlib's raises for names that are too long
+        if not is_file(photo.path):
             self.missing += 1
             self.said.add(self.missing_words, photo.name)
             return None

@@ -8,6 +8,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from core.export.pictures import levels
+
 WINDOW = 11  # px
 SIGMA = 1.5  # px
 C1 = 0.01**2
@@ -17,8 +19,8 @@ SSIM_KIND = "11 x 11 Gaussian window, sigma 1.5, whole windows only, mean over R
 
 
 def quantised(picture: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
-    """The picture as an 8-bit file would hold it: clamped to [0, 1], rounded to steps of 1/255. NaN stays NaN."""
-    return (picture.detach().clamp(0, 1) * 255).round() / 255
+    """The picture as an 8-bit file would hold it, in [0, 1]. NaN stays NaN."""
+    return levels(picture) / 255
 
 
 def psnr(image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> float:

@@ -19,9 +19,14 @@ VIDEO_SECONDS, MOST_FPS = 3.0, 30.0  # of few frames, and of many, which then ta
 VIDEO_CODECS = "vp09", "mp4v"  # VP9, which browsers and editors play; if OpenCV lacks it, MPEG-4 part 2, which they do not
 
 
+def levels(image: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
+    """The picture in the steps of an 8-bit file: clamped to [0, 1], rounded to whole 255ths, which it counts. NaN stays NaN."""
+    return (image.detach().clamp(0, 1) * 255).round()
+
+
 def to_8_bit(image: Float[Tensor, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
-    """A rendering as pixels: clamped to [0, 1], rounded to the nearest of 256 steps."""
-    return (image.detach().clamp(0, 1) * 255).round().byte().cpu().numpy()
+    """A rendering as pixels."""
+    return levels(image).byte().cpu().numpy()
 
 
 def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:

@@ -34,7 +34,8 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
     Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection, or the file
     that structure from motion made it of; the name of a look saved in the run; the name of a photo of the collection, also without its
-    suffix if that is unambiguous. A photo of the collection is encoded with its predicted mask, any other with M := 1.
+    suffix if that is unambiguous. A training photo has the embedding that was learned for it; a held-out one, or one with `mask`, is encoded with
+    its predicted mask, any other photo with M := 1.
     Raises BadInput, with the nearest name, if nothing fits; and for a mask with a look that is not read from a photo.
     """
     saved = _saved_as(trained, word)
@@ -109,7 +110,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
     """The look of a photo of the collection; the rest as in `find_look`."""
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
-    kind = "training" if row is not None else "held-out"
+    kind = "training" if photo.split == "train" else "held-out"
     look = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
     if not trained.has_looks:
         return look(neutral_look(trained).colouring)

@@ -47,6 +47,9 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
         photo = Photo(path.name, path, found.camera, "test", mask=mask)
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
+    except BadInput as problem:
+        return not_refined(look, problem.what.removesuffix("."))
+    try:
         loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
     except BadInput as problem:  # nothing is left of a mask in a smaller picture
         too_fine = "too little of it is left at the size at which it is drawn"
@@ -58,7 +61,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
 
 
 def not_refined(look: Look, why: str) -> Look:
-    """The look as it was read, which is said."""
+    """The look as it was read; its source says why it was not refined."""
     return replace(look, source=f"{look.source}, not refined: {why}")
 
 

@@ -32,7 +32,7 @@ class RunView:
         self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
         self.smooth_sky = trained.smooth_sky if len(self.discs) else None
         self.sources = trained.base(rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid]))
-        self.shown = trained.splats[rows]
+        self.in_view = trained.splats[rows]
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
         """The view in this look; differentiable in all of the look that it follows."""
@@ -44,7 +44,7 @@ class RunView:
         if self.smooth_sky is not None:
             place = len(self.place)
             sh = torch.cat([sh[:place], self.smooth_sky.sh(sh[place:], self.discs)])
-        seen = self.shown.with_sh(sh)
+        seen = self.in_view.with_sh(sh)
         return seen if look.tone is None else toned(seen, look.tone, len(self.discs))
 
     def in_cells(self, weight: Float[Tensor, "h w"]) -> "RunInCells":
@@ -68,11 +68,11 @@ class RunInCells:
 
     def __init__(self, view: RunView, weight: Float[Tensor, "h w"]):
         self.view, trained = view, view.trained
-        self.shares = trained.rasterizer.shares(view.shown, view.camera, weight)
+        self.shares = trained.rasterizer.shares(view.in_view, view.camera, weight)
         light_left = cell_sums(weight[..., None]) - self.shares.of_cells()[:, None]
         self.background = light_left * sent(torch.tensor(trained.background), weight.device)
-        directions = view.shown.means - sent(torch.tensor(view.camera.centre, dtype=torch.float32), weight.device)
-        self.basis = basis(torch.nn.functional.normalize(directions, dim=1), view.shown.degree)
+        directions = view.in_view.means - sent(torch.tensor(view.camera.centre, dtype=torch.float32), weight.device)
+        self.basis = basis(torch.nn.functional.normalize(directions, dim=1), view.in_view.degree)
 
     def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
         """The sums of the pixels of each cell in this look; differentiable in all of the look that they follow."""
@@ -86,7 +86,7 @@ class RunInCells:
         view = self.view
         if not view.trained.sky:
             return None
-        is_sky = torch.zeros(len(view.shown), 1, device=view.shown.means.device)
+        is_sky = torch.zeros(len(view.in_view), 1, device=view.in_view.means.device)
         is_sky[len(view.place) :] = 1
         return self.shares.mixed(is_sky)[:, 0]
 

@@ -37,7 +37,7 @@ class TrainedRun:
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
     seconds: spent on training. learned: the embeddings of the training photos, in the order of `model.photo_names`: a table's, or an encoder's
-    once training is finished; the reach of looks is then made of these. It is a Subject of core.evaluation.
+    once training is finished; the reach of looks then also takes in how these photos are read as from outside. It is a Subject of core.evaluation.
     """
 
     folder: Path

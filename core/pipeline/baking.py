@@ -47,7 +47,7 @@ def bake_to_file(
     look = find_look(trained, word, mask, refine, report)
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {look.source}")
     for note in trained.collection.frame.offset_notes():
-        report.warn(note)
+        report.say(note)
     if not trained.has_looks:
         report.warn(ONE_LOOK)
     start = time.perf_counter()

@@ -79,11 +79,7 @@ class ReferenceRasterizer:
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
     ) -> Rendering:
-        # Selected before any differentiable arithmetic: a NaN that enters it would come back out of the gradient of a
-        # mere mask, because 0 * NaN = NaN.
-        rows = self.visible(splats, camera).rows
-        rows = rows[front_to_back(splats[rows], camera)]
-        projection = project(splats[rows], camera)
+        rows, projection = projected(splats, camera)
         colours = colour(splats.sh[rows], projection.directions)
         centres = projection.centres if probe is None else projection.centres + probe[rows]
 
@@ -108,9 +104,7 @@ class ReferenceRasterizer:
 
     @torch.no_grad()
     def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
-        rows = self.visible(splats, camera).rows
-        rows = rows[front_to_back(splats[rows], camera)]
-        projection = project(splats[rows], camera)
+        rows, projection = projected(splats, camera)
         largest = projection.opacities.new_zeros(len(rows))
         for pixels in pixel_chunks(camera, len(rows), projection.centres):
             weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
@@ -119,9 +113,7 @@ class ReferenceRasterizer:
 
     @torch.no_grad()
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
-        rows = self.visible(splats, camera).rows
-        rows = rows[front_to_back(splats[rows], camera)]
-        projection = project(splats[rows], camera)
+        rows, projection = projected(splats, camera)
         shares = projection.opacities.new_zeros(math.prod(grid(camera)), len(splats))
         chunks = pixel_chunks(camera, len(rows), projection.centres)
         size = len(chunks[0])
@@ -133,6 +125,16 @@ class ReferenceRasterizer:
 
 
 # ---------------------------------------------------------------------------------------------------------------- cull
+
+
+def projected(splats: Splats, camera: Camera) -> tuple[Int[Tensor, " v"], Projection]:
+    """The rows of the visible Gaussians, front to back, and what the camera sees of these.
+
+    Selected before any differentiable arithmetic: a NaN that enters it would come back out of the gradient of a mere mask, because 0 * NaN = NaN.
+    """
+    rows = ReferenceRasterizer().visible(splats, camera).rows
+    rows = rows[front_to_back(splats[rows], camera)]
+    return rows, project(splats[rows], camera)
 
 
 def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:

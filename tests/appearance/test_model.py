@@ -78,14 +78,6 @@ def test_only_what_is_needed_is_built(changes, expected):
         assert parameter.grad is not None and parameter.grad.any(), name
 
 
-def test_parameter_counts_of_the_default_transfer():
-    model = AppearanceModel(whole_settings(), PHOTOS)
-    width, inputs = 32, 12 + 27  # four coefficients of three channels, gamma(mu) of 3 * (1 + 2 * 4)
-    hidden = inputs * width + width + width * width + width
-    expected = hidden + (16 + 1) * 12 * (width + 12 + 1)  # an embedding of 16 gives the output layer's weights
-    assert sum(parameter.numel() for parameter in model.sh_transfer.parameters()) == expected
-
-
 @pytest.mark.parametrize(
     "appearance, embedding, transients, mask",
     list(product(("off", "exposure", "full"), ("encoder", "glo"), ("off", "on"), ("attention", "cnn", "mlp"))),

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from core.rasterizer import Rasterizer
 from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, STOP_TRANSMITTANCE
-from core.rasterizer.reference import ReferenceRasterizer, coverage, front_to_back, pixel_chunks, project
+from core.rasterizer.reference import ReferenceRasterizer, coverage, pixel_chunks, projected
 from tests.rasterizer.scenes import Scene
 
 # Colours and transmittances are of order 1. A projected centre is rounded to about 1e-7 of the picture's size plus the
@@ -88,9 +88,7 @@ def verdict(make: Callable[[], Scene]) -> Verdict:
 def steady_pixels(scene: Scene) -> Tensor:
     """(height, width) bool: the pixels where no splat is within the scene's margin of a threshold, in float64."""
     camera, splats = scene.camera, scene.splats.map(torch.Tensor.double)
-    rows = ReferenceRasterizer().visible(splats, camera).rows
-    rows = rows[front_to_back(splats[rows], camera)]
-    seen = project(splats[rows], camera)
+    rows, seen = projected(splats, camera)
     raw = torch.cat([coverage(pixels, seen.centres, seen.conics, seen.opacities) for pixels in pixel_chunks(camera, len(rows), seen.centres)])
     alphas = torch.where(raw < ALPHA_MIN, 0, raw).clamp_max(ALPHA_MAX)
     behind = torch.cumprod(1 - alphas, dim=1)

@@ -11,6 +11,7 @@ import pycolmap
 from core.data.formats.model_file import holds_model, lacking_files, photos_in_model, read_model
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
+from core.data.photos.names import is_file
 from core.data.placing import PosedPhoto
 from core.data.posed import Points, Posed, usable_points
 from core.data.split_table import find_tables
@@ -163,7 +164,7 @@ def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
     originals = [base / name for base in (root, near) for name in ORIGINALS]
 
     def exact(folder: Path) -> int:
-        return sum(os.path.isfile(folder / name) for name in names)  # pathlib's raises for names that are too long
+        return sum(is_file(folder / name) for name in names)
 
     def alike(folder: Path) -> int:
         return len(nearly_named([folder / name for name in names], [folder]))

@@ -19,6 +19,7 @@ from core.data.formats.nerfstudio_model import points_of_model
 from core.data.formats.point_file import read_points_file
 from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photos.folder import SUFFIXES
+from core.data.photos.names import is_file
 from core.data.placing import PosedPhoto
 from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable_points
 from core.data.split import rows_of
@@ -115,11 +116,11 @@ class _Reading:
     def find(self, name: str) -> Path:
         """The file that a file_path means, relative to the root. Blender scenes omit the suffix."""
         path = os.path.abspath(self.root / name)
-        if os.path.isfile(path):  # pathlib's raises for names that are too long
+        if is_file(path):
             return Path(path)
         if "\\" in name:  # written on Windows
             return self.find(name.replace("\\", "/"))
-        return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if os.path.isfile(path + suffix)), path))
+        return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if is_file(path + suffix)), path))
 
     def split_as_listed(self, source: Path, facts: dict, photos: list[PosedPhoto]) -> list[PosedPhoto]:
         """The photos with the split of the file's lists; unchanged if it has none. Without train_filenames, all that is not held out is trained
@@ -156,7 +157,7 @@ class _Reading:
             self.notes += [f"The ply_file_path {name!r} is no name of a file."] * (name is not None)
             return None
         path = self.find(name)
-        if not os.path.isfile(path):
+        if not is_file(path):
             self.notes.append(f"The points file {path} is missing.")
             return None
         positions, colours = read_points_file(path)
@@ -179,7 +180,7 @@ class _Reading:
             folder = Path(os.path.commonpath([photo.path.parent for photo in photos]))
             photos = [replace(photo, name=photo.path.relative_to(folder).as_posix()) for photo in photos]
         points = self.points(facts, photos)
-        anew = SHRUNKEN if not any(os.path.isfile(photo.path) for photo in photos) else ()  # else what was taken out would come back
+        anew = SHRUNKEN if not any(is_file(photo.path) for photo in photos) else ()  # else what was taken out would come back
         photos, found = with_files_found(photos, [self.root / name for name in ("images", ".", *anew)])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."

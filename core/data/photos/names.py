@@ -1,5 +1,6 @@
-"""Names of photos: what else one may be called, and where a file of that name goes."""
+"""Names of photos: what else one may be called, whether there is such a file, and where one of that name goes."""
 
+import os
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,6 +17,11 @@ def names_without_suffixes(name: str) -> list[str]:
 def without_suffix(name: str) -> str:
     """The name of a photo, which may be a path, without its suffix."""
     return name[: len(name) - len(Path(name).suffix)]
+
+
+def is_file(path: Path | str) -> bool:
+    """Whether there is a file; False, where pathlib raises, for a name that is too long for the disk."""
+    return os.path.isfile(path)
 
 
 def relative_path(name: str) -> Path:

@@ -24,12 +24,14 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
     end. That model is taken if it has more such photos, and more points (core/TRIED.md has the figures).
     """
     models = _models(work, names, report, refined=True)
-    found = _plausible(models)
+    largest = _largest(models)
+    found = _plausible(largest)
     if 2 * found < len(names):
         again = _models(work, names, report, refined=False)
-        _refine(again)
-        plausible = _plausible(again)
-        if plausible > found and _points(again) > _points(models):
+        largest_again = _largest(again)
+        _refine(largest_again)
+        plausible = _plausible(largest_again)
+        if plausible > found and largest_again.num_points3D() > largest.num_points3D():
             models = again
             report.say(
                 f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
@@ -85,17 +87,23 @@ def _models(work: Path, names: list[str], report: Report, refined: bool) -> list
     return _largest_first(models.values())
 
 
-def _refine(models: list[pycolmap.Reconstruction]) -> None:
-    """A bundle adjustment of the whole largest model, focal lengths included."""
-    for model in models[:1]:
-        config = pycolmap.BundleAdjustmentConfig()
-        for number in model.reg_image_ids():
-            config.add_image(number)
-        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-        options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-        options.ceres.solver_options.num_threads = _threads(model.num_reg_images())
-        pycolmap.create_default_bundle_adjuster(options, config, model).solve()  # pycolmap.bundle_adjustment would turn COLMAP's log on
-        model.update_point_3d_errors()
+def _largest(models: list[pycolmap.Reconstruction]) -> pycolmap.Reconstruction:
+    """The first of the models, or an empty one."""
+    return models[0] if models else pycolmap.Reconstruction()
+
+
+def _refine(model: pycolmap.Reconstruction) -> None:
+    """A bundle adjustment of the whole model, focal lengths included."""
+    if not model.num_reg_images():
+        return
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+    options.ceres.solver_options.num_threads = _threads(model.num_reg_images())
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()  # pycolmap.bundle_adjustment would turn COLMAP's log on
+    model.update_point_3d_errors()
 
 
 def _threads(photos: int) -> int:
@@ -103,14 +111,9 @@ def _threads(photos: int) -> int:
     return 1 if photos <= REPEATABLE else -1
 
 
-def _plausible(models: list[pycolmap.Reconstruction]) -> int:
-    """How many photos of the largest model have a pose, and a focal length that lenses have."""
-    return sum(is_usual(image.camera) for model in models[:1] for image in model.images.values() if image.has_pose)
-
-
-def _points(models: list[pycolmap.Reconstruction]) -> int:
-    """How many points the largest model has."""
-    return sum(model.num_points3D() for model in models[:1])
+def _plausible(model: pycolmap.Reconstruction) -> int:
+    """How many photos of the model have a pose, and a focal length that lenses have."""
+    return sum(is_usual(image.camera) for image in model.images.values() if image.has_pose)
 
 
 def _counter(report: Report, total: int, first: int) -> Callable[[], None]:

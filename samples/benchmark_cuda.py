@@ -15,6 +15,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent))  # the engine beside this script, installed or not
 
+from core.system.process import prepare
+
+prepare()  # before torch is imported
+
 import click
 import torch
 

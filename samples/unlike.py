@@ -90,13 +90,13 @@ def train(collection: Collection, settings: Settings, folder: Path, terminal: Te
 def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
     """How far out a photo's embedding lies (1: the end of reach), and the PSNR of its look moved into reach, and of its look with gains."""
     view = held_out_view(trained, photo)
-    counted = [part for part in (view.valid, view.truth.static) if part is not None]
-    counted = torch.stack(counted).all(dim=0) if counted else None
+    scored = [part for part in (view.valid, view.truth.static) if part is not None]
+    scored = torch.stack(scored).all(dim=0) if scored else None
     picture = view.picture.permute(2, 0, 1)
     embedding = trained.model.embedding_from_outside(picture)
     looks = Colouring(trained.reach.nearest(embedding)), read_from_outside(trained, picture)
     images = (drawn(trained, Look("", "", look), view.camera) for look in looks)
-    return trained.reach.distance(embedding), *(psnr(quantised(image), view.picture, counted) for image in images)
+    return trained.reach.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images)
 
 
 if __name__ == "__main__":

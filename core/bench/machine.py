@@ -22,6 +22,8 @@ def made_on(*seeds: int) -> dict[str, str]:
         facts["load"] = f"{os.getloadavg()[0]:.1f}"
     facts["wegs"] = core.__version__
     facts |= {name: _version(name) for name in PACKAGES}
+    if torch.cuda.is_available():
+        facts |= {"cuda": str(torch.version.cuda), "triton": _version("triton")}
     return facts | {"python": platform.python_version(), "seed": ", ".join(map(str, seeds))}
 
 

@@ -23,7 +23,7 @@ from core.training.trainer import Trainer
 from samples.measurements import peer
 from samples.measurements.drawing import draw
 from samples.measurements.gpu import GpuStopwatch, Place, compiled, copy_bandwidth, in_turns, profiled
-from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE, STEP_GAUSSIANS, garden, garden_camera
+from samples.measurements.scenes import BAKED, COEFFICIENTS, STEP_GAUSSIANS, garden, garden_camera
 from samples.measurements.steps import trainer_of
 
 GAUSSIANS, SIZE_PX = 1_000_000, (1920, 1080)
@@ -98,6 +98,8 @@ def trainer_at(place: Place, gaussians: float, settings: Settings) -> Trainer:
     """A Trainer in the middle of a run on so many Gaussians, past its first steps."""
     where = {"device": place.device.type, "backend": "cuda"}
     trainer = trainer_of(gaussians / STEP_GAUSSIANS, settings.changed(**where))
+    for index in range(len(trainer.photos)):
+        trainer.photos.target(index, 1)  # a run makes each once
     for _ in range(WARM_UP):
         trainer.step()
     return trainer
@@ -106,7 +108,7 @@ def trainer_at(place: Place, gaussians: float, settings: Settings) -> Trainer:
 def measure_steps(place: Place, scale: float) -> Iterable[Line]:
     """Whole steps on few and on the usual number of Gaussians; gsplat's with its appearance MLP on the same."""
     for gaussians in STEP_SIZES:
-        trainer = trainer_at(place, gaussians * scale, Settings(appearance="full", transients="on", sh_degree=DEGREE, **LEAST))
+        trainer = trainer_at(place, gaussians * scale, Settings(appearance="full", transients="on", sh_degree=1, **LEAST))
         camera, target = trainer.photos.target(0, 1)
         what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
         found = profiled(trainer.step, place)

@@ -10,16 +10,17 @@ from core.training.trainer import Trainer
 from samples.measurements.scenes import STEP_GAUSSIANS, STEP_SIZE_PX, plaza
 from samples.measurements.stopwatch import Stopwatch
 
+PROGRESS = 0.7  # of the run: by then masks hide, latents learn and L_regTS counts
 WARM_UP, STEPS = 100, 60  # the first steps turn the haze of a fresh scene into surfaces
-EVERYTHING = Settings(appearance="full", transients="on", sh_degree=1)
-PLAIN = Settings(appearance="off", transients="off", sh_degree=1)
+EVERYTHING = Settings(appearance="full", transients="on", sh_degree=1, device="cpu")
+PLAIN = Settings(appearance="off", transients="off", sh_degree=1, device="cpu")
 
 
 def trainer_of(scale: float, settings: Settings, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
     """A Trainer in the middle of its run, masks at work. scale: decides how many Gaussians there are and how many pixels, not `settings`."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
     trainer = Trainer(plaza(scale, size_px), settings.changed(resolution=1, max_gaussians=most), Path())
-    trainer.done = trainer.settings.steps // 2
+    trainer.done = round(PROGRESS * trainer.settings.steps)
     return trainer
 
 

@@ -12,13 +12,8 @@ from core.scene.splats import Splats
 
 EVERY_BACKEND = list(BACKENDS)
 FAST_BACKENDS = [name for name in BACKENDS if name != "reference"]
-# What Triton's interpreter draws in about a second: it takes 3 ms a splat and tile. On a GPU all scenes are drawn.
-INTERPRETED = {
-    *("random_degree_3", "needles", "behind_camera", "at_the_near_plane", "on_the_camera_centre", "opaque_stack"),
-    *("huge_splat", "picture_1x1", "picture_1x40", "picture_40x1", "picture_15x15", "picture_16x16", "picture_17x17"),
-    *("picture_33x17", "far_from_the_origin", "quaternions_of_any_norm", "scales_outside_their_range"),
-    *("opacities_zero_faint_and_one", "poisoned", "nothing_visible", "all_beside_the_picture", "empty", "single"),
-}
+# What Triton's interpreter takes half a minute and more for: 3 ms a splat and tile. On a GPU all scenes are drawn.
+TOO_LARGE = {"three_thousand_on_one_pixel", "many_tiles"}
 
 
 class OnGpu:
@@ -58,6 +53,6 @@ def backend_or_skip(name: str, scene: str | None = None) -> Rasterizer:
         backend = create(name, "cuda" if name in ON_GPU and not is_interpreted(name) else "cpu")
     except BadSetting as missing:
         pytest.skip(str(missing))
-    if is_interpreted(name) and scene is not None and scene not in INTERPRETED:
+    if is_interpreted(name) and scene in TOO_LARGE:
         pytest.skip(f"{scene} is too large for Triton's interpreter; it is drawn where there is a GPU.")
     return backend if is_interpreted(name) or name not in ON_GPU else OnGpu(backend)

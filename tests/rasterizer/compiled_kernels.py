@@ -1,7 +1,8 @@
 """Compile every CUDA kernel for GPUs that are not here, and print what each takes: python -m tests.rasterizer.compiled_kernels 75 90
 
 A program of its own, because Triton decides when it is imported whether kernels are compiled or interpreted. Prints JSON:
-{"sm_75": {kernel: {"registers": a thread, "spilled": bytes stored and loaded again}}}, in SH degree 3, the most there is.
+{"sm_75": {kernel: {"registers": a thread, "spilled": bytes stored and loaded again}}}, in SH degree 3, the most there is, unless the name says
+otherwise, as "blend_forward RECORD=True" does.
 """
 
 import contextlib
@@ -20,21 +21,25 @@ from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, pr
 from core.training.gaussians import adam_cuda
 from core.training.losses import photometric_cuda
 
-KERNELS = {  # with the options that they are launched with
-    project.find_visible: {"num_warps": project.WARPS, **UNFUSED},
-    project.project: {"num_warps": project.WARPS, **UNFUSED},
-    bin.list_tiles: {"num_warps": bin.WARPS, **UNFUSED},
-    blend_forward.blend_forward: {"num_warps": blend_forward.WARPS, **UNFUSED},
-    blend_backward.blend_backward: {"num_warps": blend_backward.WARPS, **UNFUSED},
-    blend_backward.add_up: {"num_warps": 1, **UNFUSED},
-    project_backward.project_backward: {"num_warps": project_backward.WARPS, **UNFUSED},
-    adam_cuda.update: FUSED,
-    positional_encoding_cuda.encode_places: FUSED,
-    photometric_cuda.blur_products_down: FUSED,
-    photometric_cuda.blur_down: FUSED,
-    photometric_cuda.compare: FUSED,
-    photometric_cuda.combine: FUSED,
-}
+PLAIN = {"COEFFICIENTS": 1, "PROBED": False}  # a look of degree 0, drawn and not trained
+KERNELS = [  # with the options that they are launched with, and what differs from CONSTANTS
+    (project.find_visible, {"num_warps": project.WARPS, **UNFUSED}, {}),
+    (project.project, {"num_warps": project.WARPS, **UNFUSED}, {}),
+    (project.project, {"num_warps": project.WARPS, **UNFUSED}, PLAIN),
+    (bin.list_tiles, {"num_warps": bin.WARPS, **UNFUSED}, {}),
+    (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS, **UNFUSED}, {}),
+    (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS, **UNFUSED}, {"RECORD": True}),
+    (blend_backward.blend_backward, {"num_warps": blend_backward.WARPS, **UNFUSED}, {}),
+    (blend_backward.add_up, {"num_warps": 1, **UNFUSED}, {}),
+    (project_backward.project_backward, {"num_warps": project_backward.WARPS, **UNFUSED}, {}),
+    (project_backward.project_backward, {"num_warps": project_backward.WARPS, **UNFUSED}, PLAIN),
+    (adam_cuda.update, FUSED, {}),
+    (positional_encoding_cuda.encode_places, FUSED, {}),
+    (photometric_cuda.blur_products_down, FUSED, {}),
+    (photometric_cuda.blur_down, FUSED, {}),
+    (photometric_cuda.compare, FUSED, {}),
+    (photometric_cuda.combine, FUSED, {}),
+]
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
     **dict.fromkeys(("count", "columns", "width", "height", "size", "solid"), "i32"),
@@ -47,10 +52,14 @@ TYPES = {
 CONSTANTS = {"COEFFICIENTS": 16, "COLUMNS": 48, "FREE": 3, "OCTAVES": 4, "PROBED": True, "RECORD": False}
 
 
-def compiled(kernel, options: dict, capability: int) -> dict[str, int]:
-    """What ptxas says of a kernel."""
+def name_of(kernel, changes: dict) -> str:
+    return " ".join([kernel.fn.__name__, *(f"{constant}={value}" for constant, value in changes.items())])
+
+
+def compiled(kernel, options: dict, changes: dict, capability: int) -> dict[str, int]:
+    """What ptxas says of a kernel. changes: of CONSTANTS."""
     block = getattr(sys.modules[kernel.fn.__module__], "BLOCK", None)
-    constants = {name: value for name, value in {**CONSTANTS, "BLOCK": block}.items() if name in kernel.arg_names}
+    constants = {name: value for name, value in {**CONSTANTS, **changes, "BLOCK": block}.items() if name in kernel.arg_names}
     signature = {name: "constexpr" if name in constants else TYPES.get(name, "*fp32") for name in kernel.arg_names}
     target = GPUTarget("cuda", capability, 32)
     with contextlib.redirect_stdout(io.StringIO()) as log:
@@ -64,7 +73,7 @@ if __name__ == "__main__":
     triton.knobs.compilation.always_compile = True  # what comes out of Triton's cache has no log
     triton.knobs.nvidia.dump_ptxas_log = True
     found = {
-        f"sm_{capability}": {kernel.fn.__name__: compiled(kernel, options, capability) for kernel, options in KERNELS.items()}
+        f"sm_{capability}": {name_of(kernel, changes): compiled(kernel, options, changes, capability) for kernel, options, changes in KERNELS}
         for capability in map(int, sys.argv[1:])
     }
     print(json.dumps(found))

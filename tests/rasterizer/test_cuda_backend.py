@@ -1,6 +1,7 @@
 """The CUDA backend as a citizen of torch: lists, autograd, memory layouts, refusals. On a GPU, or by Triton's interpreter."""
 
 import sys
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -151,6 +152,22 @@ def test_lists_beyond_the_memory_budget_are_refused(monkeypatch, splats):
     monkeypatch.setattr(backend, "BYTES_A_PAIR", 1 << 40)
     with pytest.raises(BadInput, match=r"12 Gaussians cover \d+ tiles of the 20x17 picture.*--max-gaussians"):
         backend.CudaRasterizer().render(splats, VIEW)
+
+
+@pytest.mark.parametrize("degree, most", [(3, 2**31 // 48), (0, 2**31 // 12)])
+def test_more_than_kernels_can_count_are_refused_at_every_entry(degree, most):
+    """Of degree 0 the footprints are the largest array. All Gaussians are one in memory."""
+    rasterizer, one = backend.CudaRasterizer(), cloud(VIEW, 1, seed=50, degree=degree).map(lambda tensor: tensor.to(DEVICE))
+    splats = one.map(lambda tensor: tensor.expand(most + 1, *tensor.shape[1:]))
+    shares = partial(rasterizer.shares, weight=torch.ones(17, 20, device=DEVICE))
+    for use in (rasterizer.visible, rasterizer.render, rasterizer.contributions, shares):
+        with pytest.raises(BadInput, match=rf"{most + 1} Gaussians of SH degree {degree} are more than .*--max-gaussians"):
+            use(splats, VIEW)
+
+
+def test_as_many_as_kernels_can_count_are_drawn(monkeypatch, splats):
+    monkeypatch.setattr(backend, "MOST_NUMBERS", splats.sh.numel() + 1)
+    assert backend.CudaRasterizer().render(splats, VIEW).image.any()
 
 
 def test_what_is_missing_is_one_line(monkeypatch):

@@ -41,6 +41,6 @@ def test_kernels_compile_and_spill_nothing(capability):
     result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)[f"sm_{capability}"]
-    assert found.keys() == MOST_REGISTERS.keys()
-    for kernel, taken in found.items():
-        assert taken["registers"] <= MOST_REGISTERS[kernel] and taken["spilled"] <= MOST_SPILLED, (kernel, taken)
+    assert {kernel.split()[0] for kernel in found} == MOST_REGISTERS.keys()
+    for kernel, taken in found.items():  # variants, behind the name, keep to its bound
+        assert taken["registers"] <= MOST_REGISTERS[kernel.split()[0]] and taken["spilled"] <= MOST_SPILLED, (kernel, taken)

@@ -24,7 +24,7 @@ from tests.real_data import real
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "plaza"
-SMALL = {"max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encoder_side_px": 32, "checkpoints": 1}
+SMALL = {"max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encoder_side_px": 32, "checkpoints": 1, "device": "cpu"}
 
 
 def decided_for(collection, settings: Settings | None = None, change=lambda photo: photo) -> dict:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.errors import BadSetting
+from core.errors import BadInput, BadSetting
 from core.kernels.triton_launch import UNFUSED, blocks, interpreted
 from core.rasterizer import inputs
 from core.rasterizer.contract import BLACK, Colour, Rendering, Visible
@@ -26,6 +26,7 @@ COLOURS = slice(blend_backward.SUM_RED.value, blend_backward.SUM_BLUE.value + 1)
 BYTES_A_PAIR = 42 + 4 * SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
+MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, as kernels find their place with 32 bits
 
 
 class CudaRasterizer:
@@ -60,7 +61,7 @@ class CudaRasterizer:
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
     ) -> Rendering:
-        inputs.check(splats, probe, self.name, self.device)
+        self._check(splats, probe)
         image, transmittance = _Render.apply(camera, background, probe, pairs, *splats.tensors().values())
         return Rendering(image, transmittance)
 
@@ -87,8 +88,16 @@ class CudaRasterizer:
         return shares_of_slots(camera, weight, len(splats), lists.owners, tiles, colour_gradients)
 
     def _parameters(self, splats: Splats) -> list[Tensor]:
-        inputs.check(splats, None, self.name, self.device)
+        self._check(splats)
         return [tensor.detach().contiguous() for tensor in splats.tensors().values()]
+
+    def _check(self, splats: Splats, probe: Tensor | None = None) -> None:
+        inputs.check(splats, probe, self.name, self.device)
+        if max(splats.sh.numel(), len(splats) * COLUMNS.value) >= MOST_NUMBERS:
+            raise BadInput(
+                f"{len(splats)} Gaussians of SH degree {splats.degree} are more than the {self.name} rasterizer can count.",
+                "Lower --max-gaussians.",
+            )
 
 
 class _Render(torch.autograd.Function):

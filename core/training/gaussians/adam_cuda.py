@@ -7,7 +7,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from core.kernels.triton_launch import FUSED
+from core.kernels.triton_launch import FUSED, blocks
 from core.system.device import sent
 from core.training.gaussians import adam
 from core.training.gaussians.gaussians import Gaussians, free_columns
@@ -55,7 +55,7 @@ def step(gaussians: Gaussians, rows: Tensor, leaves: dict[str, Tensor], rates: d
     for name, name_rates in zip(names, table):
         gradient, columns = leaves[name].grad.contiguous(), len(name_rates)
         size = gradient.numel()
-        update[(triton.cdiv(size, BLOCK),)](
+        update[blocks(size, BLOCK)](
             gaussians.parameters[name], gaussians.first[name], gaussians.second[name], gaussians.counts,
             _corrections(rows.device), rows, gradient, name_rates, taken, size, gaussians.solid,
             COLUMNS=columns, FREE=free_columns(name, columns), BLOCK=BLOCK, **FUSED,

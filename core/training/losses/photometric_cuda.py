@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.kernels.triton_launch import FUSED
+from core.kernels.triton_launch import FUSED, blocks
 from core.training.losses import photometric
 
 BLOCK = 128  # pixels a program, one a thread
@@ -147,10 +147,10 @@ class _Photometric(torch.autograd.Function):
         ctx.sizes = share, 1 / (3 * target.valid_pixels), height, width
         blurred, slopes = (image.new_empty(9, height, width) for _ in range(2))
         error = image.new_empty(height, width)
-        grid = triton.cdiv(height * width, BLOCK)
-        blur_products_down[(grid, 3)](x, y, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
+        grid = blocks(height * width, BLOCK)
+        blur_products_down[(*grid, 3)](x, y, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
         means = target.mean.contiguous(), target.mean_square.contiguous()
-        compare[(grid,)](blurred, x, y, *means, weights, taps, error, slopes, *ctx.sizes, BLOCK=BLOCK, **FUSED)
+        compare[grid](blurred, x, y, *means, weights, taps, error, slopes, *ctx.sizes, BLOCK=BLOCK, **FUSED)
         ctx.save_for_backward(x, y, weights, taps, slopes)
         ctx.valid = valid
         return (error * weights).sum() / target.valid_pixels
@@ -160,10 +160,10 @@ class _Photometric(torch.autograd.Function):
     def backward(ctx, loss_gradient):
         x, y, weights, taps, slopes = ctx.saved_tensors
         share, scale, height, width = ctx.sizes
-        grid = triton.cdiv(height * width, BLOCK)
+        grid = blocks(height * width, BLOCK)
         blurred, gradient = torch.empty_like(slopes), x.new_empty(height, width, 3)
-        blur_down[(grid, 9)](slopes, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
-        combine[(grid,)](
+        blur_down[(*grid, 9)](slopes, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
+        combine[grid](
             blurred, x, y, weights, taps, loss_gradient.contiguous(), gradient, share, scale, height, width,
             BLOCK=BLOCK, **FUSED,
         )  # fmt: skip

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from core.data import load_collection
 from core.data.given_masks import (
     check_fits,
     check_masks,
@@ -20,9 +21,8 @@ from core.data.photos.pixels import load_photo, read_light, read_pixels
 from core.errors import BadInput
 from core.scene.lens import Lens
 from core.training.on_disk import run_config, run_folders
-from tests.data.photos.test_distortion import HEIGHT, WIDTH, SmallScene, load_collection
 from tests.data.photos.test_pixels import noise, photo_at, save
-from tests.data.small_scene import add_exif, exif_block
+from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_block
 from tests.small import small_collection, small_settings
 
 

@@ -87,6 +87,22 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
     assert heard.lines[-1].endswith(f"need attention: {', '.join(n for n in findings if n in expected)}.")
 
 
+@pytest.mark.parametrize(
+    "axes, name, count",
+    [
+        ((0.4, 0.4, 0.4), "giants", 0),  # of a radius of about 1
+        ((0.6, 0.6, 0.6), "giants", 5),
+        ((0.01, 0.01, 0.01 / 390), "stiff", 0),
+        ((0.01, 0.01, 0.01 / 410), "stiff", 5),
+    ],
+)
+def test_what_counts_as_too_large_or_too_thin(tmp_path, axes, name, count):
+    rows = sound_rows()
+    for axis, length in enumerate(axes):
+        rows[f"scale_{axis}"][:5] = np.log(length)
+    assert examined(write(tmp_path / "a.ply", rows))[0][name].figure.split()[0] == str(count)
+
+
 def test_opacities_that_are_no_logits_are_told(tmp_path):
     rows = sound_rows()
     rows["opacity"] = np.random.default_rng(1).random(ROWS)

@@ -59,6 +59,13 @@ def test_a_run_that_went_wrong_is_told_and_how_to_go_on(trained, tmp_path):
     assert {"steps", "skipped steps", "held-out quality", "not finite", "residuals", "masks"} <= asked_for(findings)
 
 
+@pytest.mark.parametrize(("last", "fell"), [(20.6, False), (20.4, True)])
+def test_by_how_much_held_out_quality_may_fall(trained, tmp_path, last, fell):
+    folder = shutil.copytree(trained, tmp_path / "run")
+    (folder / "history.csv").write_text(f"step,held_out_psnr\n5,21.0\n9,{last}\n")
+    assert bool(examined(folder)[0]["held-out quality"].advice) == fell
+
+
 def test_a_run_without_its_results_is_not_sound(trained, tmp_path):
     shutil.copytree(trained, tmp_path / "run")
     shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been killed after its last step

@@ -72,8 +72,8 @@ def test_what_the_reader_notes_asks_for_a_look(tmp_path):
     assert asking[1].startswith("test.txt holds out none of these photos")
 
 
-def stray_scene(root):
-    """Nine photos, of which five are wrong in their own way, far from the origin."""
+def stray_scene(root, off=900.0):
+    """Nine photos, of which five are wrong in their own way, far from the origin. off: of photo 5's camera."""
     scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)], offset=np.array([5e6, 0.0, 0.0]))
     made = scene.reconstruction()
     scene.write(root)
@@ -84,7 +84,7 @@ def stray_scene(root):
     data[60:90] = bytes(30)  # seen only when it is decoded
     damaged.write_bytes(bytes(data))
     (root / "images" / "photo_4.png").unlink()
-    pose, centre = scene.pose(5), scene.offset + [900.0, 0.0, 0.0]
+    pose, centre = scene.pose(5), scene.offset + [off, 0.0, 0.0]
     made.images[6].frame.rig_from_world = type(pose)(pose.rotation, -pose.rotation.matrix() @ centre)
     made.write_binary(str(root / "sparse/0"))
     return root
@@ -107,17 +107,23 @@ def test_a_scene_with_faults_names_them(tmp_path):
     assert {"photos of one colour", "unusable photos", "cameras astray", "points"} <= asked_for(findings)
 
 
+@pytest.mark.parametrize(("off", "figure"), [(25.0, "0 of 8"), (40.0, "1 of 8 (photo_5.png)")])  # the others are about 3 from the points
+def test_how_far_a_camera_may_be(tmp_path, off, figure):
+    assert examined(stray_scene(tmp_path / "scene", off))[0]["cameras astray"].figure == figure
+
+
 @pytest.mark.parametrize(
     "params, name, figure",
     [
         ([3e6, 3e6, 80, 60], "odd focal lengths", "4 of 4 (photo_0.png: 1.88e+04,"),
         ([150, 190, 80, 60], "unequal focal lengths", "4 of 4"),
-        ([150, 150, 10, 60], "principal points", "4 of 4"),
+        ([150, 150, 54, 60], "principal points", "4 of 4"),
+        ([150, 150, 58, 60], "principal points", "0 of 4"),
     ],
 )
 def test_cameras_out_of_the_ordinary(tmp_path, params, name, figure):
     findings, _ = examined(replace(SmallScene(), params=params).write(tmp_path / "scene"))
-    assert findings[name].figure.startswith(figure) and findings[name].advice
+    assert findings[name].figure.startswith(figure) and bool(findings[name].advice) == (figure != "0 of 4")
 
 
 def test_photos_without_points_or_cameras(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from core.data.collection import Photo
 from core.data.photos import distortion
 from core.data.photos import file as photo_file
-from core.data.photos.pixels import load_photo, read_light, read_pixels, upright
+from core.data.photos.pixels import _reduction, load_photo, read_light, read_pixels, upright
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.lens import Lens
@@ -217,9 +217,9 @@ def test_damaged_png(tmp_path, capfd):
     capfd.readouterr()  # libpng's own complaint
 
 
-@pytest.mark.parametrize("size", [(333, 251), (1000, 752), (997, 751)])
+@pytest.mark.parametrize(("size", "divisor", "reduction"), [((333, 251), 9, 1), ((1000, 752), 9, 8), ((997, 751), 9, 1), ((999, 751), 12, 8)])
 @pytest.mark.parametrize("orientation", [1, 6])
-def test_shrunk_jpegs_stay_aligned(tmp_path, size, orientation):
+def test_shrunk_jpegs_stay_aligned(tmp_path, size, divisor, reduction, orientation):
     """A dot stays where the resized camera says, although JPEGs are decoded at a fraction of their size."""
     width, height = size
     dots = np.array([[0.1, 0.15], [0.9, 0.85], [0.5, 0.5]]) * (width, height)
@@ -228,7 +228,8 @@ def test_shrunk_jpegs_stay_aligned(tmp_path, size, orientation):
     if orientation == 6:
         dots = np.column_stack([height - dots[:, 1], dots[:, 0]])
         width, height = height, width
-    small = (width // 9, height // 9)
+    small = (width // divisor, height // divisor)
+    assert _reduction(photo_file.peek(path, path.read_bytes()), small) == reduction
     loaded = load_photo(photo_at(path, width, height), *small)
     for dot in dots * small / (width, height):
         # 0.1 px from a reduction that does not divide the size (MISALIGNED_PX) and 0.05 for rounding to 8 bits.

@@ -25,7 +25,7 @@ def test_few_photos_are_matched_all_with_all(tmp_path):
 
 
 def test_of_many_photos_those_are_matched_that_share_features(tmp_path, monkeypatch):
-    """On a line, each photo shares a half of its features with either neighbour; one shows nothing."""
+    """On a line, each photo shares a half of its features with either neighbour, so that those at the ends have one; one shows nothing."""
     strip = features(500, 0)
     shown = [strip[50 * number : 50 * number + 100] for number in range(8)] + [strip[:0]]
     monkeypatch.setattr(module, "_largest_features", lambda work, names: shown)
@@ -34,6 +34,7 @@ def test_of_many_photos_those_are_matched_that_share_features(tmp_path, monkeypa
     pairs = likely_pairs(tmp_path, NAMES, heard)
     neighbours = {(NAMES[number + 1], NAMES[number]) for number in range(7)}
     assert neighbours <= set(pairs) and len(pairs) <= 2 * len(NAMES)
+    assert all(first > second for first, second in pairs)  # none with itself, though some share features with fewer than two
     assert heard.lines == [f"9 photos make 36 pairs; the {len(pairs)} whose largest features look most alike are matched."]
     assert heard.steps[-1] == (36, 36)
 

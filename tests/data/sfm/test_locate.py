@@ -11,7 +11,7 @@ import torch
 from core.data import load_collection
 from core.data.sfm.features import DATABASE
 from core.data.sfm.landmarks import landmarks_of
-from core.data.sfm.locate import QUERY, locate
+from core.data.sfm.locate import QUERY, _camera_of, locate
 from core.errors import BadInput
 from core.report import Report
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
@@ -94,6 +94,17 @@ def test_a_photo_of_which_its_mask_leaves_nothing_is_refused(known, between, tmp
     assert cv2.imwrite(str(tmp_path / "mask.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(BadInput, match="0.0% of its pixels by its mask"):
         locate(between[0], known, Report(), tmp_path / "mask.png")
+
+
+@pytest.mark.parametrize(("true", "wrong", "agreeing"), [(11, 0, None), (12, 0, 12), (12, 60, None), (30, 50, 30)])
+def test_a_camera_needs_twelve_matches_that_agree_and_a_third_of_all(true, wrong, agreeing):
+    random = np.random.default_rng(0)
+    points = random.uniform((-1, -1, 4), (1, 1, 7), (true + wrong, 3))
+    pixels = points[:, :2] / points[:, 2:] * 600 + (320, 240)
+    pixels[true:] = random.uniform((0, 0), (640, 480), (wrong, 2))
+    lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=640, height=480, params=[600, 320, 240])
+    found = _camera_of(pixels, points, lens, (640, 480))
+    assert (found and found.agreeing) == agreeing
 
 
 def test_without_points_that_photos_see_nothing_is_found(between, tmp_path):

@@ -77,6 +77,8 @@ def test_cameras_are_found_again(tmp_path):
     for index, photo in enumerate(collection.photos[:5]):  # each still its own picture
         apart = [np.abs(load_photo(photo, 32, 24).pixels[..., ::-1] - one.astype(float)).mean() for one in given]
         assert np.argmin(apart) == index
+    os.utime(photos / "b.png", ns=(1, 1))
+    assert name_in(scene, photos / "b.png") is None  # changed since
 
 
 def test_the_same_photos_give_the_same_scene(tmp_path):

@@ -68,6 +68,33 @@ def test_points_lie_on_the_walls_and_photos_see_them(corner, kept):
     assert load_photo(hidden, WIDTH, HEIGHT).valid[HEIGHT // 2 + 1 :].sum() == 0
 
 
+def two_photos(scene):
+    """Photos 1 and 2, each with its camera in the world."""
+    collection = load_collection(scene)
+    return [(photo, photo.camera.in_world(collection.frame)) for photo in (collection.view("1.png"), collection.view("2.png"))]
+
+
+def test_matches_farther_than_two_pixels_off_their_lines_are_left_out(corner, tmp_path):
+    photos = two_photos(corner)
+    triangulate(photos, tmp_path, Report())
+    with pycolmap.Database.open(tmp_path / DATABASE) as database:
+        numbers = [database.read_image_with_name(f"{number:06d}.jpg").image_id for number in (1, 2)]
+        pixels = [database.read_keypoints(number)[:, :2].astype(np.float64) for number in numbers]
+        found, kept = database.read_matches(*numbers), database.read_two_view_geometry(*numbers).inlier_matches
+    off_px = off_line_px(*(camera for _, camera in photos), *(places[rows] for places, rows in zip(pixels, found.T, strict=True)))
+    assert (off_px > 2).any() and np.array_equal(kept, found[off_px <= 2])
+
+
+def test_few_points_that_two_photos_see_count(corner, tmp_path, monkeypatch):
+    def ten_nearest(*given):
+        off_px = off_line_px(*given)
+        off_px[np.argsort(off_px)[10:]] = np.inf
+        return off_px
+
+    monkeypatch.setattr("core.data.sfm.triangulate.off_line_px", ten_nearest)
+    assert 1 <= triangulate(two_photos(corner), tmp_path, Report()).num_points3D() <= 10
+
+
 def test_no_features_are_looked_for_where_a_mask_hides_the_photo(tmp_path):
     """A board of holes: what fills them has corners."""
     scene, work = tmp_path / "scene", tmp_path / "work"
@@ -76,9 +103,7 @@ def test_no_features_are_looked_for_where_a_mask_hides_the_photo(tmp_path):
     write_corner(scene, masked=1)
     use = np.kron(np.indices((HEIGHT // 10, WIDTH // 10)).sum(axis=0) % 2, np.ones((10, 10))) > 0
     assert cv2.imwrite(str(scene / "mask.png"), use * np.uint8(255))
-    collection = load_collection(scene)
-    photos = (collection.view("1.png"), collection.view("2.png"))
-    triangulate([(photo, photo.camera.in_world(collection.frame)) for photo in photos], work, Report())
+    triangulate(two_photos(scene), work, Report())
     with pycolmap.Database.open(work / DATABASE) as database:
         masked = database.read_image_with_name("000001.jpg").image_id
         columns, rows = database.read_keypoints(masked)[:, :2].astype(int).T
@@ -106,6 +131,13 @@ def test_other_cameras_and_lenses_get_points_of_their_own(corner, tmp_path):
         write_json(scene / "transforms.json", facts | change)
         made.append(prepared(scene, tmp_path / "points", Report()).read_from.name)
     assert made == ["points", "points-2", "points-3", "points"]
+
+
+def test_a_copy_of_a_scene_gets_points_of_its_own(corner, kept, tmp_path):
+    """Those of the scene itself would be lost with it."""
+    wanted, copy = copy_of(kept, tmp_path), shutil.copytree(corner, tmp_path / "copy")
+    assert prepared(corner, wanted, Report()).read_from == wanted
+    assert prepared(copy, wanted, Report()).read_from.name == "corner-scene-2"
 
 
 def test_a_scene_that_is_gone_or_a_model_that_is_damaged(kept, tmp_path):

@@ -1,0 +1,25 @@
+"""What a scene calls the photo of a file: found again where the file was moved to, unless it changed or may be another."""
+
+import os
+
+from core.data.made import stamp
+from core.data.sfm.originals import FILES, NAMES, name_in
+from core.system.atomic import write_json
+
+
+def test_a_moved_photo_is_known_until_it_changes_or_another_of_its_name_is_gone_as_well(tmp_path):
+    scene, (first, second) = tmp_path / "scene", [tmp_path / folder / "0.jpg" for folder in "ab"]
+    for folder in (scene, first.parent, second.parent):
+        folder.mkdir()
+    for path in (first, second):
+        path.write_bytes(b"photo")
+        os.utime(path, ns=(1, 1))
+    write_json(scene / FILES, {str(path.resolve()): stamp(path) for path in (first, second)})
+    write_json(scene / NAMES, {str(path.resolve()): f"{path.parent.name}.jpg" for path in (first, second)})
+    moved = first.rename(tmp_path / "0.jpg")
+    assert [name_in(scene, path) for path in (moved, second)] == ["a.jpg", "b.jpg"]
+    os.utime(moved, ns=(2, 2))
+    assert name_in(scene, moved) is None
+    os.utime(moved, ns=(1, 1))
+    second.unlink()
+    assert name_in(scene, moved) is None  # which of the two is it?

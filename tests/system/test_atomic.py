@@ -1,0 +1,183 @@
+"""Files and folders that appear whole or not at all."""
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from core.errors import BadInput, WegsError
+from core.system import lock
+from core.system.atomic import check_file, check_folder, files_in, filling, replacing, write_json
+
+
+def test_a_file_keeps_its_old_content_when_writing_fails(tmp_path):
+    path = tmp_path / "a.json"
+    write_json(path, {"old": True})
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        write_json(path, {"new": object()})
+    with pytest.raises(KeyboardInterrupt), replacing(path) as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "number, kind, words",
+    [
+        (errno.ENOSPC, WegsError, "disk is full"),
+        (errno.EACCES, BadInput, "could not be written"),
+        (errno.EFBIG, BadInput, "could not be written"),  # more than 4 GB on FAT, or `ulimit -f`
+        (errno.ENOENT, BadInput, "could not be written"),  # the folder was removed meanwhile
+        (errno.EIO, OSError, "refused"),
+    ],
+)
+def test_what_the_system_refuses_is_named(tmp_path, number, kind, words):
+    with pytest.raises(kind, match=words), replacing(tmp_path / "a.ply"):
+        raise OSError(number, "refused")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
+    path = tmp_path / ("ö" * 125 + ".json")
+    write_json(path, {})
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_is_filled_whole_or_not_at_all(tmp_path):
+    folder = tmp_path / "fade"
+    with pytest.raises(KeyboardInterrupt), filling(folder, ("*.png",), False) as work:
+        (work / "a.png").write_text("half")
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+    with filling(folder, ("*.png",), False) as work:
+        (work / "a.png").write_text("one")
+        (work / "b.png").write_text("one")
+    with pytest.raises(BadInput, match="--force"), filling(folder, ("*.png",), False):
+        pass
+    with filling(folder, ("*.png",), True) as work:
+        assert work.parent == folder  # which may be a disk of its own
+        (work / "a.png").write_text("two")
+    assert [path.name for path in folder.iterdir()] == ["a.png"] and (folder / "a.png").read_text() == "two"
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_folder_is_never_left_empty_while_it_is_filled_anew(tmp_path, monkeypatch):
+    folder = tmp_path / "pictures"
+    for text in ("one", "two"):
+        with filling(folder, ("*",), True) as work:
+            (work / "0.txt").write_text(text)
+            (work / "sub").mkdir()
+            (work / "sub" / text).touch()
+    assert (folder / "0.txt").read_text() == "two" and [path.name for path in (folder / "sub").iterdir()] == ["two"]
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), filling(folder, ("*",), True) as work:
+        (work / "0.txt").write_text("three")
+        monkeypatch.setattr("core.system.atomic.os.replace", interrupt)
+    assert (folder / "0.txt").read_text() == "two" and (folder / "sub").is_dir()
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_path):
+    def old(name):
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (1e9, 1e9))
+        return tmp_path / name
+
+    killed, other, foreign = old(".fade.wegs-1"), old(".sheet.wegs-1"), old(".fade.mine")
+    (tmp_path / ".fade.wegs-2").mkdir()  # of a process that is about to hold it
+    with filling(tmp_path / "fade", ("*.png",), False) as first:
+        assert not killed.exists() and other.exists() and foreign.exists()
+        os.utime(first, (1e9, 1e9))
+        with filling(tmp_path / "fade", ("*.png",), False) as second:
+            assert first != second and first.exists()
+            (second / "a.png").touch()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".fade.mine", ".fade.wegs-2", ".sheet.wegs-1", "fade"]
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_half_a_file_that_a_killed_process_left_is_removed_by_the_next(tmp_path):
+    program = (
+        "import os, signal, sys\nfrom pathlib import Path\nfrom core.system.atomic import replacing\n"
+        "with replacing(Path(sys.argv[1])) as work:\n    work.write_text('half')\n    os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", program, str(tmp_path / "look.ply")], check=False)
+    (left,) = tmp_path.iterdir()
+    assert files_in(tmp_path) == []  # in nobody's way
+    os.utime(left, (1e9, 1e9))
+    write_json(tmp_path / "other.json", {})
+    assert left.exists()
+    with replacing(tmp_path / "look.ply") as work:
+        work.write_text("whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["look.ply", "other.json"]
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_what_a_kill_left_just_before_is_removed_at_the_end(tmp_path):
+    killed = tmp_path / ".a.json.wegs-1"
+    killed.mkdir()
+    with replacing(tmp_path / "a.json") as work:
+        assert killed.exists()
+        os.utime(killed, (1e9, 1e9))  # old enough by now
+        work.write_text("whole")
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.json"]
+
+
+def test_a_folder_that_was_made_for_nothing_vanishes(tmp_path):
+    with pytest.raises(KeyboardInterrupt), filling(tmp_path / "run" / "pictures" / "half", ("*.png",), True):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_other_files_is_never_touched(tmp_path):
+    thesis = tmp_path / "thesis.txt"
+    thesis.write_text("years")
+    with pytest.raises(BadInput, match="thesis.txt"), filling(tmp_path, ("*.png",), True):
+        pass
+    with pytest.raises(BadInput, match="not a folder"), filling(thesis, ("*.png",), True):
+        pass
+    assert list(tmp_path.iterdir()) == [thesis]
+
+
+def test_the_folder_one_is_in_can_be_filled(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with filling(Path("."), ("*.png",), False) as work:
+        (work / "a.png").write_text("one")
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.png"]
+
+
+def test_an_error_names_the_folder_and_not_where_it_is_being_filled(tmp_path):
+    fade = filling(tmp_path / "fade", ("*.png",), False)
+    with pytest.raises(WegsError, match="fade/a.png") as caught, fade as work, replacing(work / "a.png"):
+        raise OSError(errno.ENOSPC, "full")
+    assert work.name not in str(caught.value)
+
+
+def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="file is not a folder"):
+        check_file(tmp_path / "file" / "a.ply")
+    with pytest.raises(BadInput, match="mkdir -p .*'?no such'?"):
+        check_file(tmp_path / "no such" / "a.ply")
+    with pytest.raises(BadInput, match="names no home folder.*Type: -o ~/a.ply, with a space"):
+        check_file(Path("~/a.ply"))
+    check_folder(tmp_path / "none" / "none")  # can be made
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # who runs the tests may be root, who may write anywhere
+    for check, path in ((check_file, tmp_path / "a.ply"), (check_folder, tmp_path / "none" / "none")):
+        with pytest.raises(BadInput, match=f"{tmp_path} may not be written in"):
+            check(path)
+
+
+def test_a_temporary_file_that_cannot_be_removed_hides_no_error(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(os, "rmdir", refuse)
+    with pytest.raises(BadInput, match="could not be written"), replacing(tmp_path / "a.ply"):
+        raise OSError(errno.EROFS, "Read-only file system")

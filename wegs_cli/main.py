@@ -42,7 +42,7 @@ class OneLineErrors(click.Command):
             if answer is None:
                 raise
             line, code = answer
-            click.secho(f"wegs: {line}", fg="red", err=True)
+            click.secho(f"wegs: {line}", fg=None if os.environ.get("NO_COLOR") else "red", err=True)
         sys.exit(code if isinstance(code, int) else 0)
 
 

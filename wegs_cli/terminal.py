@@ -62,10 +62,12 @@ class Terminal(Report):
 
     @_whoever_listens()
     def say(self, line: str) -> None:
+        self._end_bar(if_full=True)
         self.console.print(line, soft_wrap=True)
 
     @_whoever_listens()
     def warn(self, line: str) -> None:
+        self._end_bar(if_full=True)
         self.console.print(line, style="yellow", soft_wrap=True)
 
     @_whoever_listens()
@@ -112,8 +114,9 @@ class Terminal(Report):
             self.what = what
         self.bar.update(self.bar.task_ids[0], completed=share, count=f"{done}/{total}", note=note)
 
-    def _end_bar(self) -> None:
-        if self.bar is not None:
+    def _end_bar(self, if_full: bool = False) -> None:
+        """if_full: only a full bar, which else would stay below the lines that follow it."""
+        if self.bar is not None and (not if_full or self.bar.finished):
             self.bar.stop()
             self.bar = None
 

@@ -12,7 +12,7 @@ from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.lens import Lens
-from core.words import is_of_split
+from core.words import counted, is_of_split, list_names
 
 Item = TypeVar("Item")
 
@@ -93,12 +93,22 @@ class Collection:
         return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING * before.frame.radius) for name in then)
 
     def called(self, name: str) -> Photo | None:
-        """The photo called `name`, or the only one called so without its suffix (or two: structure from motion makes a.png.jpg of a.png), or else the
-        only one called so without its folders, too."""
+        """The only photo that may be called `name`."""
+        photos = self.all_called(name)
+        return photos[0] if len(photos) == 1 else None
+
+    def all_called(self, name: str) -> list[Photo]:
+        """The photo called `name`, or those called so without their suffix (or two: structure from motion makes a.png.jpg of a.png), or else those
+        called so without their folders, too."""
         exactly = [photo for photo in self.photos if photo.name == name]
         nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(photo.name)]
-        nearly = nearly or [photo for photo in self.photos if name in names_without_suffixes(Path(photo.name).name)]
-        return nearly[0] if len(nearly) == 1 else None
+        return nearly or [photo for photo in self.photos if name in names_without_suffixes(Path(photo.name).name)]
+
+    def check_meant(self, name: str) -> None:
+        """Raise BadInput if several photos may be called `name`."""
+        if len(photos := self.all_called(name)) > 1:
+            names = list_names([photo.name for photo in photos])
+            raise BadInput(f"{name} may be {counted(len(photos), 'photo')}: {names}.", "Give the whole name of one.")
 
     def view(self, name: str | None) -> Photo:
         """As `called`; for None the first held-out photo, or the first of all. Raises BadInput if there is no such photo."""
@@ -106,6 +116,7 @@ class Collection:
             return (self.split("test") or self.photos)[0]
         if (photo := self.called(name)) is not None:
             return photo
+        self.check_meant(name)
         raise BadInput(f"There is no photo {name} in this run.", f"Choose another, such as {self.photos[0].name}.")
 
 

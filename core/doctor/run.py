@@ -113,7 +113,7 @@ def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
     if unusable:
         example, fix = next(iter(unusable.items()))
         figure = f"{len(unusable)} of {len(photos)}, such as {example}"
-        findings.append(Finding("photos", figure, "cannot be used now, so their looks cannot be baked", fix))
+        findings.append(Finding("photos", figure, "cannot be used now, so their looks cannot be refined", fix))
     if added.looks:
         findings += added.findings(trained.settings)
     if masks:

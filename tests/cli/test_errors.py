@@ -92,6 +92,13 @@ def test_a_wrong_command_line_is_one_line_and_exit_code_2(arguments):
     assert len(result.stderr.strip().splitlines()) == 1 and "--help" in result.stderr
 
 
+@pytest.mark.parametrize("wanted", [True, False])
+def test_errors_are_red_unless_the_user_wants_no_colour(monkeypatch, wanted):
+    monkeypatch.setenv("NO_COLOR", "" if wanted else "1")
+    result = CliRunner().invoke(main.wegs, ["eval", "--run", "nowhere"], color=True)
+    assert result.exit_code == 1 and ("\x1b[31m" in result.stderr) == wanted
+
+
 def test_a_foreign_core_is_named(tmp_path):
     (tmp_path / "core").mkdir()
     (tmp_path / "core" / "__init__.py").write_text("")

@@ -44,6 +44,16 @@ def test_a_log_file_says_what_time_is_left_also_where_parts_differ(clock, capsys
     assert lines[-1] == "Training 99/100, 0:00:04 left"
 
 
+@pytest.mark.parametrize("done", [1, 2])
+def test_a_full_bar_stays_above_what_is_said_after_it_and_another_goes_on(done):
+    with Terminal() as watched:
+        watched.console = Console(file=io.StringIO(), force_terminal=True, width=120)
+        for tell in (watched.say, watched.warn):
+            watched.progress("Refinement", done, 2)
+            tell("look.ply: 100 Gaussians")
+            assert (watched.bar is None) == (done == 2)
+
+
 @pytest.mark.parametrize("width", [40, 79, 80])
 def test_a_narrow_terminal_gets_what_is_done_and_the_time_left(width):
     screen = io.StringIO()

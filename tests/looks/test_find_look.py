@@ -31,8 +31,10 @@ def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained
     assert twins.called("photo_0") is None
     made = replace(trained.collection, photos=tuple(replace(photo, name=f"{photo.name}.jpg") for photo in trained.collection.photos))
     assert made.called("photo_1").name == made.called("photo_1.png").name == "photo_1.png.jpg"
-    with pytest.raises(BadInput, match="photo_0 is neither a photo file.* such as photo_0"):
+    with pytest.raises(BadInput, match=r"photo_0 may be 2 photos: photo_0.png, photo_0.jpg\. Give the whole name of one"):
         find_look(replace(trained, collection=twins), "photo_0")
+    with pytest.raises(BadInput, match="photo_0 may be 2 photos"):
+        twins.view("photo_0")
 
 
 def test_photos_that_were_moved_are_known_by_name_and_size(trained, tmp_path):

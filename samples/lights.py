@@ -32,7 +32,7 @@ from core.evaluation import metrics
 from core.export.pictures import to_8_bit
 from core.looks.find_look import find_look, look_of_photo
 from core.looks.refined_look import refined
-from core.looks.trained import Look, TrainedRun, blend, drawn, load_run
+from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run
 from core.report import QUIET, Report
 from core.system.atomic import write_bytes
 from core.training.on_disk import run_folders
@@ -100,7 +100,7 @@ def sheet(trained: TrainedRun, styles: tuple[str, ...], photo: Photo, report: Re
 
 def rendered(trained: TrainedRun, look: Look, photo: Photo) -> np.ndarray:
     """A look from the camera of a photo, 8 bit."""
-    return to_8_bit(drawn(trained, look, trained.camera(photo)))
+    return to_8_bit(drawn(trained, bake(trained, look), trained.camera(photo)))
 
 
 def tile(picture: np.ndarray, height: int) -> np.ndarray:
@@ -143,7 +143,7 @@ def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | N
         fitted = refined(trained, own, camera, truth, None)
         looks |= {} if fitted is None else {"fitted": fitted}
         for which, look in looks.items():
-            picture = metrics.quantised(drawn(trained, look, camera))
+            picture = metrics.quantised(drawn(trained, bake(trained, look), camera))
             found.setdefault(which, []).append(metrics.psnr(picture, truth))
     means = {which: sum(values) / len(values) for which, values in found.items()}
     nearest = max(seen, key=means.__getitem__)

@@ -32,7 +32,7 @@ from core.errors import BadInput
 from core.evaluation.metrics import psnr, quantised
 from core.looks.held_out_views import held_out_view
 from core.looks.outside import read_from_outside
-from core.looks.trained import Look, TrainedRun, drawn, load_run
+from core.looks.trained import Look, TrainedRun, bake, drawn, load_run
 from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 from core.words import counted
@@ -95,7 +95,7 @@ def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
     picture = view.picture.permute(2, 0, 1)
     embedding = trained.model.embedding_from_outside(picture)
     looks = Colouring(trained.reach.nearest(embedding)), read_from_outside(trained, picture)
-    images = (drawn(trained, Look("", "", look), view.camera) for look in looks)
+    images = (drawn(trained, bake(trained, Look("", "", look)), view.camera) for look in looks)
     return trained.reach.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images)
 
 

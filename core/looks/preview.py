@@ -7,7 +7,7 @@ from core.data.collection import spread_over
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, to_8_bit, write_png
 from core.looks.find_look import look_of_photo
-from core.looks.trained import TrainedRun, drawn, neutral_look
+from core.looks.trained import TrainedRun, bake, drawn, neutral_look
 from core.training.on_disk.run_folders import PREVIEW
 from core.training.sized_photos import SizedPhoto
 
@@ -17,10 +17,10 @@ PHOTOS = 4
 def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
     """Write PREVIEW into the run folder: up to PHOTOS training photos, each beside the scene from its camera, in its look and in the neutral one."""
     columns = ("photo", "the scene in its look", "in the neutral look") if trained.has_looks else ("photo", "the scene")
-    rows = []
+    neutral, rows = bake(trained, neutral_look(trained)), []
     for sized in spread_over(photos, PHOTOS):
-        own = [look_of_photo(trained, sized.photo, refine=False)] if trained.has_looks else []
-        pictures = [to_8_bit(drawn(trained, look, sized.camera)) for look in (*own, neutral_look(trained))]
+        own = [bake(trained, look_of_photo(trained, sized.photo, refine=False))] if trained.has_looks else []
+        pictures = [to_8_bit(drawn(trained, baked, sized.camera)) for baked in (*own, neutral)]
         rows.append((sized.photo.name, [tile(pixels) for pixels in (sized.pixels, *pictures)]))
     write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))
     return path

@@ -37,18 +37,14 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     if not trained.has_looks:
         return look
     try:
-        known = landmarks_of_run(trained, report)
+        found = locate(path, landmarks_of_run(trained, report), report, mask)
     except BadInput as problem:
         return not_refined(look, problem.what.removesuffix("."))
-    try:
-        found = locate(path, known, report, mask)
-        if found is None:
-            return not_refined(look, "where it was taken was not found")
-        sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
-        photo = Photo(path.name, path, found.camera, "test", mask=mask)
-        camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
-    except BadInput as problem:
-        return not_refined(look, problem.what.removesuffix("."))
+    if found is None:
+        return not_refined(look, "where it was taken was not found")
+    sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
+    photo = Photo(path.name, path, found.camera, "test", mask=mask)
+    camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
     try:
         loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
     except BadInput as problem:  # nothing is left of a mask in a smaller picture

@@ -184,9 +184,9 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
     return baked if tone is None else toned(baked, tone, trained.sky)
 
 
-def drawn(trained: TrainedRun, look: Look, camera: Camera) -> Float[Tensor, "h w 3"]:
-    """The run in one look, as the camera sees its bake; not clamped at 1."""
-    return trained.rasterizer.render(bake(trained, look), camera, trained.background).image
+def drawn(trained: TrainedRun, baked: Splats, camera: Camera) -> Float[Tensor, "h w 3"]:
+    """The run in a look that is baked, as the camera sees it; not clamped at 1."""
+    return trained.rasterizer.render(baked, camera, trained.background).image
 
 
 def neutral_look(trained: TrainedRun) -> Look:

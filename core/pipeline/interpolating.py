@@ -9,7 +9,7 @@ from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks.find_look import find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
-from core.looks.trained import blend, drawn
+from core.looks.trained import bake, blend, drawn
 from core.pipeline.baking import ONE_LOOK
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
@@ -57,7 +57,7 @@ def interpolate(
             look = blend(*ends, step / (steps - 1))
             if ply:
                 write_look(trained, look, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
-            frames.append(to_8_bit(drawn(trained, look, camera)))
+            frames.append(to_8_bit(drawn(trained, bake(trained, look), camera)))
             write_png(work / f"frame_{step:03d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))

@@ -87,6 +87,14 @@ class SmallScene:
             assert cv2.imwrite(str(root / images / name), picture)
         return root
 
+    def in_text(self, root: Path) -> Path:
+        """The folder of the model below `root`, which is in text from now on."""
+        model = root / "sparse" / "0"
+        self.reconstruction().write_text(str(model))
+        for path in model.glob("*.bin"):
+            path.unlink()
+        return model
+
 
 def draw_dots(positions: np.ndarray, width: int, height: int, sigma: float = DOT_PX) -> np.ndarray:
     """A black picture (height, width, 3) uint8 with a white soft dot at each (x, y) px (pixel centres at .5)."""

@@ -73,9 +73,7 @@ def test_formats(tmp_path, form):
     root = scene.write(tmp_path / "scene")
     model = root / "sparse" / "0"
     if "text" in form:
-        scene.reconstruction().write_text(str(model))
-        for path in model.glob("*.bin"):
-            path.unlink()
+        scene.in_text(root)
     if "old" in form:
         for name in ("rigs", "frames"):
             for path in model.glob(f"{name}.*"):
@@ -157,9 +155,7 @@ def test_names_that_are_not_in_utf_8_are_told_and_the_rest_goes_on(tmp_path, suf
     root = scene.write(tmp_path / "scene")
     model = root / "sparse" / "0"
     if suffix == ".txt":
-        scene.reconstruction().write_text(str(model))
-        for path in model.glob("*.bin"):
-            path.unlink()
+        scene.in_text(root)
     latin = b"b\xe9_.png"  # of as many bytes
     images = model / f"images{suffix}"
     images.write_bytes(images.read_bytes().replace("bé.png".encode(), latin))

@@ -51,10 +51,7 @@ def test_where_nothing_says_who_sees_a_point_that_is_said_and_the_points_are_use
 
 def in_text(root):
     """The folder of the scene's model, which is in text from now on, and the lines of its images.txt."""
-    model = root / "sparse" / "0"
-    SmallScene().reconstruction().write_text(str(model))
-    for path in model.glob("*.bin"):
-        path.unlink()
+    model = SmallScene().in_text(root)
     return model, (model / "images.txt").read_text().splitlines()
 
 

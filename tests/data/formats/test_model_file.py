@@ -26,10 +26,7 @@ def test_truncated_binary_models_are_refused(tmp_path, part, share):
 def test_damaged_text_models_are_refused(tmp_path, part):
     scene = SmallScene()
     root = scene.write(tmp_path / "scene")
-    model = root / "sparse" / "0"
-    scene.reconstruction().write_text(str(model))
-    for path in model.glob("*.bin"):
-        path.unlink()
+    model = scene.in_text(root)
     text = (model / f"{part}.txt").read_text()
     (model / f"{part}.txt").write_text(text[: len(text) * 6 // 10])
     with pytest.raises(BadInput, match="not a COLMAP model that can be read"):
@@ -67,10 +64,7 @@ def test_a_text_model_whose_last_photo_has_one_line_is_refused(tmp_path):
     """pycolmap would drop the photo."""
     scene = SmallScene()
     root = scene.write(tmp_path / "scene")
-    model = root / "sparse" / "0"
-    scene.reconstruction().write_text(str(model))
-    for path in model.glob("*.bin"):
-        path.unlink()
+    model = scene.in_text(root)
     images = model / "images.txt"
     poses = [line for line in images.read_text().splitlines() if line.endswith(".png")]
     images.write_text("\n\n".join(poses))

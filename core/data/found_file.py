@@ -9,7 +9,7 @@ from unicodedata import normalize
 
 from core.data.photos.folder import SUFFIXES, list_photos
 from core.data.photos.names import is_file
-from core.data.placing import PosedPhoto
+from core.data.posed import PosedPhoto
 from core.words import Note, name_them
 
 SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original project, nerfstudio and data sets keep

@@ -3,13 +3,14 @@
 from dataclasses import replace
 from pathlib import Path
 
+from core.data.collect import collect
 from core.data.collection import Collection
 from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, kind_of, lacks_photos, read_colmap
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import is_of_run
 from core.data.photos.folder import fuller_below, list_photos, no_photos
-from core.data.posed import Posed, collect
+from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
 from core.report import Report

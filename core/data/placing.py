@@ -1,8 +1,6 @@
 """Fits cameras to the photo files that are found: scaled, turned as EXIF says, or left out with the reason."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -10,32 +8,14 @@ import pycolmap
 from core.data.photos import distortion
 from core.data.photos.file import Header, named_with_fault, probe
 from core.data.photos.names import is_file
+from core.data.posed import LARGEST_COORDINATE, PosedPhoto
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.lens import Lens
 from core.words import Note, Reasons, counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
-LARGEST_COORDINATE = 1e100  # the square of a larger one may be infinite
 USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # in lengths of the longer side: from fisheye to telephoto, mm on a frame 36 mm wide
-
-
-@dataclass(frozen=True)
-class PosedPhoto:
-    """A photo as a collection's files describe it, before the photo itself is opened.
-
-    lens: the camera for a photo of this width and height (px, as stored), which matter only to formats that state no size.
-    rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units. split: "train", "test", or None if the files do not say.
-    mask: a picture, white where the photo is to be used.
-    """
-
-    name: str
-    path: Path
-    lens: Callable[[int, int], pycolmap.Camera]
-    rotation: np.ndarray
-    centre: np.ndarray
-    split: str | None = None
-    mask: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from core.data.placing import Placing, PosedPhoto
+from core.data.placing import Placing
+from core.data.posed import PosedPhoto
 from core.words import is_harmless
 
 

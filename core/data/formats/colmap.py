@@ -12,8 +12,7 @@ from core.data.formats.model_file import holds_model, lacking_files, photos_in_m
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
 from core.data.photos.names import is_file
-from core.data.placing import PosedPhoto
-from core.data.posed import Points, Posed, usable_points
+from core.data.posed import Points, Posed, PosedPhoto, usable_points
 from core.data.split_table import find_tables
 from core.errors import BadInput
 from core.words import Note, name_them

@@ -13,8 +13,7 @@ import numpy as np
 import pycolmap
 
 from core.data.photos.folder import list_photos
-from core.data.placing import PosedPhoto
-from core.data.posed import Fault, Posed, from_camera_to_world
+from core.data.posed import Fault, Posed, PosedPhoto, from_camera_to_world
 from core.errors import BadInput
 from core.words import Note, Reasons
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from core.data.formats.colmap import names_in, nerfstudio_models, posed_photo, read_points
 from core.data.formats.model_file import read_model
-from core.data.placing import LARGEST_COORDINATE, PosedPhoto
-from core.data.posed import Points
+from core.data.posed import LARGEST_COORDINATE, Points, PosedPhoto
 from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note

@@ -20,8 +20,7 @@ from core.data.formats.point_file import read_points_file
 from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photos.folder import SUFFIXES
 from core.data.photos.names import is_file
-from core.data.placing import PosedPhoto
-from core.data.posed import Fault, Points, Posed, from_camera_to_world, usable_points
+from core.data.posed import Fault, Points, Posed, PosedPhoto, from_camera_to_world, usable_points
 from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them

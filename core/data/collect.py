@@ -1,0 +1,93 @@
+"""From what a scene's files say to a Collection: photos get their cameras, a split and the scene frame."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from core.data.collection import FAR, Collection, Photo, astray
+from core.data.given_masks import with_masks_by_name
+from core.data.photos.folder import copies_among
+from core.data.placing import Placing
+from core.data.posed import Points, Posed
+from core.data.split import split_photos
+from core.errors import BadInput, command
+from core.scene.frame import SceneFrame
+from core.words import Note, is_harmless, name_them
+
+NO_POINTS = "No points are given with the cameras: `wegs train` triangulates them from the photos."
+UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos need cannot be judged by their colours."
+
+
+def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
+    """The collection of the posed photos below `root`. all_photos: hold none of them out.
+
+    Photos that are missing, unreadable or of another shape than their camera are left out and noted. Without points the frame follows
+    the cameras. Raises BadInput if no photo is left, or none to train on.
+    """
+    placing = Placing(posed.missing_words)
+    named = {photo.name: photo for photo in sorted(posed.photos, key=lambda photo: photo.name)}
+    placed = {name: found for name, photo in named.items() if (found := placing.place(photo))}
+    if not placed:
+        anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
+        raise _unusable(f"No photo of {posed.source} can be used", posed, placing, anew)
+    splits, split_notes, source = _split(root, posed, list(placed))
+    if not splits or not (all_photos or "train" in splits.values()):
+        fix = f"Correct or remove {source.name}" + (", or train on what is held out with --all-photos." if splits else ".")
+        raise _unusable(f"{source} leaves no photo to train on", posed, placing, fix, split_notes)
+    points, points_notes = posed.points, []
+    if points is None:
+        points, points_notes = Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [Note(NO_POINTS, harmless=True)]
+    elif points.seen is None:
+        points_notes = [Note(UNSEEN_POINTS, harmless=True)]
+    centres = np.array([found.camera.centre for found in placed.values()])
+    frame = SceneFrame.around(points.positions if len(points.positions) else centres)
+    seen = points.seen or {}
+    nothing = np.empty(0, np.int64)
+    photos = tuple(
+        Photo(
+            name,
+            named[name].path,
+            found.camera.in_scene(frame),
+            splits[name],
+            seen.get(name, nothing),
+            found.lens,
+        )
+        for name, found in placed.items()
+        if name in splits
+    )
+    notes = posed.notes + placing.notes() + split_notes + points_notes + frame.offset_notes()
+    notes += _copies_held_out(photos)
+    notes += name_them("without any SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
+    far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
+    notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
+    collection = Collection(root.resolve().name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes))
+    masks = {name: photo.mask for name, photo in named.items() if photo.mask is not None}
+    collection = with_masks_by_name(collection, masks, posed.source) if masks else collection
+    return collection.undivided() if all_photos else collection
+
+
+def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[str] = ()) -> BadInput:
+    """The error for a scene without usable photos, with what was left out and why. fix: what to do if no photos are missing."""
+    reasons = "; ".join(note.rstrip(".") for note in [*posed.notes, *placing.notes(), *notes] if not is_harmless(note))
+    return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing else fix)
+
+
+def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
+    by_path = {photo.path: photo for split in ("train", "test") for photo in photos if photo.split == split}
+    pairs = [(by_path[copy], by_path[original]) for copy, original in copies_among(by_path).items()]
+    names = [f"{copy.name} ({original.name})" for copy, original in pairs if (copy.split, original.split) == ("test", "train")]
+    return [Note(line, of_split=True) for line in name_them("held out though a copy of a training photo, so figures are too good", names)]
+
+
+def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str], Path]:
+    """The split of each placed photo, notes, and the file that says so: that of the posed photos, or if they have none, as `split_photos`."""
+    said = {photo.name: photo.split for photo in posed.photos if photo.split}
+    if not said:
+        return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})
+    splits = {name: said[name] for name in names if name in said}
+    notes = []
+    if "train" in splits.values() and "test" not in splits.values():
+        why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
+        notes.append(f"{why}: quality on unseen photos cannot be measured.")
+    return splits, notes, posed.source

@@ -94,10 +94,15 @@ class Placing:
         return notes + [Note(undistorted, harmless=True)] * bool(self.undistorted)
 
 
-def is_usual(lens: pycolmap.Camera) -> bool:
+def focal_length_of(camera: Camera | pycolmap.Camera) -> float:
+    """The mean of both focal lengths, in lengths of the longer side."""
+    return camera.mean_focal_length() / max(camera.width, camera.height)
+
+
+def is_usual(camera: Camera | pycolmap.Camera) -> bool:
     """Whether lenses of this focal length exist."""
     low, high = USUAL_FOCAL_LENGTHS
-    return low <= lens.mean_focal_length() / max(lens.width, lens.height) <= high
+    return low <= focal_length_of(camera) <= high
 
 
 def _same_shape(lens: pycolmap.Camera, width: int, height: int) -> bool:

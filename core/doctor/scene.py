@@ -14,7 +14,7 @@ from core.data.photos.file import named_with_fault
 from core.data.photos.folder import fuller_below, list_photos, list_unreadable
 from core.data.photos.lookalikes import Pictures
 from core.data.photos.pixels import load_photo, read_pixels
-from core.data.placing import USUAL_FOCAL_LENGTHS
+from core.data.placing import USUAL_FOCAL_LENGTHS, focal_length_of, is_usual
 from core.data.sfm.features import LEAST_PHOTOS
 from core.data.sfm.kept_cameras import scene_around
 from core.data.sfm.likely_pairs import PAIR_S, most_pairs
@@ -23,7 +23,6 @@ from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
-from core.scene.camera import Camera
 from core.training.transparency import transparent_may_be_empty
 from core.words import counted, is_harmless, list_names
 
@@ -70,17 +69,11 @@ def placed_photos(scene: Path) -> list[Finding]:
 def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:
     """Which photos have a focal length that no lens has."""
     low, high = USUAL_FOCAL_LENGTHS
-    lengths = {photo.name: _focal_length(photo.camera) for photo in photos}
-    odd = [f"{name}: {length:.3g}" for name, length in lengths.items() if not low <= length <= high]
+    odd = [f"{photo.name}: {focal_length_of(photo.camera):.3g}" for photo in photos if not is_usual(photo.camera)]
     advice = "Remove them from the model unless they are what they seem."
     if 2 * len(odd) > len(photos):
         advice = "Unless they are what they seem, expect a poor scene: add photos from in between and find the cameras again."
     return _named("odd focal lengths", odd, len(photos), f"outside {low:.2g} to {high:.2g}: SfM gave up on them", advice)
-
-
-def _focal_length(camera: Camera) -> float:
-    """In lengths of the longer side; the mean of both, as `placing.is_usual` takes it."""
-    return (camera.fx + camera.fy) / 2 / max(camera.width, camera.height)
 
 
 def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:
@@ -96,7 +89,7 @@ def _cameras(collection: Collection) -> list[Finding]:
     crooked = [name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE]
     far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
     away = [photo.name for photo in photos if len(collection.points) and _shown(photo, collection.points) < SHOWN]
-    lengths = np.array([_focal_length(camera) for camera in cameras.values()])
+    lengths = np.array([focal_length_of(camera) for camera in cameras.values()])
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
     remove = "Remove them from the model unless they are what they seem."
     square, middle = (

@@ -32,6 +32,10 @@ class Camera:
         lens = [self.fx, self.fy, self.cx, self.cy, self.width, self.height]
         return [float(number) for number in (*lens, *self.world_to_camera.ravel(), *self.centre)]
 
+    def mean_focal_length(self) -> float:
+        """The mean of fx and fy, px; pycolmap's cameras have a method of this name too."""
+        return (self.fx + self.fy) / 2
+
     def resized(self, width: int, height: int) -> "Camera":
         """The same view at another picture size (pixels); x and y scale independently."""
         x, y = width / self.width, height / self.height

@@ -10,6 +10,7 @@ import pycolmap
 from core.data.collection import Photo
 from core.data.formats.model_file import quiet
 from core.data.photos.file import probe
+from core.data.placing import focal_length_of
 from core.data.sfm.features import DATABASE, MASKS, SEED, extract, match, write_picture
 from core.data.sfm.landmarks import NEAR_PX, NO_POINT, Landmarks
 from core.report import Report
@@ -86,7 +87,7 @@ def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
     except ValueError:  # a format that COLMAP does not read
         said = None
     known = said is not None and said.has_prior_focal_length
-    length = said.mean_focal_length() / max(said.width, said.height) if known else USUAL_FOCAL_LENGTH
+    length = focal_length_of(said) if known else USUAL_FOCAL_LENGTH
     params = [length * max(width, height), width / 2, height / 2]
     lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=params)
     lens.has_prior_focal_length = known

@@ -13,10 +13,11 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from core.rasterizer.layout import TILE
 from core.scene.camera import Camera
-from core.scene.cells import cell_of_pixels, grid
+from core.scene.cells import CELL_PX, cell_of_pixels, grid
 
-TILE_CELLS = 2  # a side of the tiles that both backends of kernels draw in
+TILE_CELLS = TILE // CELL_PX  # a side
 
 
 @dataclass(frozen=True)

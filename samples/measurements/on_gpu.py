@@ -13,8 +13,8 @@ from core.appearance.model import AppearanceModel
 from core.config import LEAST, Settings, preset
 from core.export.ply import read_ply
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
-from core.rasterizer.cuda.backend import SLOT_COLUMNS, prepare
-from core.rasterizer.cuda.footprint import COLUMNS
+from core.rasterizer.cuda.backend import prepare
+from core.rasterizer.layout import FOOTPRINT_COLUMNS, SLOT_COLUMNS
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training.gaussians import adam_cuda
@@ -162,7 +162,7 @@ def bytes_moved(scene: Splats, backend: rasterizer.Rasterizer, camera: Camera) -
     rows = backend.visible(scene, camera).rows
     lists = prepare([tensor[rows] for tensor in scene.tensors().values()], None, camera).lists
     everyone, count, pairs, pixels = len(scene), len(rows), len(lists.owners), camera.width * camera.height
-    parameters, footprints, slots = 4 * (3 + 4 + 3 + 1 + 3 * COEFFICIENTS), 4 * COLUMNS.value, 4 * SLOT_COLUMNS
+    parameters, footprints, slots = 4 * (3 + 4 + 3 + 1 + 3 * COEFFICIENTS), 4 * FOOTPRINT_COLUMNS, 4 * SLOT_COLUMNS
     return {
         "find_visible": everyone * (parameters + 8),
         "project": count * (parameters + 8 + footprints + 8),

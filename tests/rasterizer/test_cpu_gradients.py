@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core.rasterizer.cpu import backend, harmonics, project, project_backward
-from core.rasterizer.cpu.blend_backward import SLOT_COLUMNS, SUM_G, SUM_GE, SUM_GEE, SUM_GEY, SUM_GY, SUM_GYY
+from core.rasterizer.layout import SLOT_COLUMNS, SUM_G, SUM_GE, SUM_GEE, SUM_GEY, SUM_GY, SUM_GYY
 from core.scene.harmonics import basis as torch_basis
 from tests.afresh import afresh
 from tests.rasterizer.scenes import camera, in_world

@@ -5,13 +5,13 @@ import pytest
 from numba import njit
 
 from core.errors import BadInput
+from core.rasterizer import layout
 from core.rasterizer.contract import ALPHA_MIN
-from core.rasterizer.cpu import backend, footprint
+from core.rasterizer.cpu import backend
 from core.rasterizer.cpu.bin import SLOT, SPLAT, front_to_back, running_starts
 from core.rasterizer.cpu.blend import ROW_TERMS, touched_chunks, write_row_terms
+from core.rasterizer.layout import TILE
 from tests.rasterizer.scenes import camera, cloud
-
-TILE = footprint.TILE
 
 
 def scene():
@@ -27,9 +27,9 @@ def lists_of(splats, view):
 def alphas_of(footprints, x, y):
     """(splats, pixels) in float64 from the footprints: what blending computes."""
     f = footprints.astype(np.float64)[:, :, None]
-    dx, dy = x - f[:, footprint.X], y - f[:, footprint.Y]
-    across = f[:, footprint.SHARPNESS] * (dx - f[:, footprint.SLOPE] * dy)
-    return 2 ** (f[:, footprint.STRENGTH] - across**2 - f[:, footprint.FALL] * dy**2)
+    dx, dy = x - f[:, layout.X], y - f[:, layout.Y]
+    across = f[:, layout.SHARPNESS] * (dx - f[:, layout.SLOPE] * dy)
+    return 2 ** (f[:, layout.STRENGTH] - across**2 - f[:, layout.FALL] * dy**2)
 
 
 def test_tiles_hold_all_pixels_that_a_splat_reaches_and_few_others():
@@ -55,7 +55,7 @@ def test_tiles_hold_all_pixels_that_a_splat_reaches_and_few_others():
 def chunks_of(footprints, i, centre_x, centre_y):
     terms = np.empty(ROW_TERMS, np.float32)
     write_row_terms(footprints, i, np.float32(centre_x), np.float32(centre_y), terms, 0)
-    return touched_chunks(footprints[i, footprint.SHARPNESS], terms, 0)
+    return touched_chunks(footprints[i, layout.SHARPNESS], terms, 0)
 
 
 def test_chunks_hold_all_pixels_that_a_splat_reaches_and_no_others():

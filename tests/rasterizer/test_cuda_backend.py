@@ -11,15 +11,15 @@ import torch
 import core.rasterizer
 from core.errors import BadInput, BadSetting
 from core.rasterizer.contract import ALPHA_MIN
+from core.rasterizer.layout import TILE
 from core.scene.splats import Splats
 from tests.rasterizer.scenes import camera, cloud
 from tests.rasterizer.test_cpu_lists import alphas_of
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from core.rasterizer.cuda import backend, bin, footprint
+from core.rasterizer.cuda import backend, bin
 
-TILE = footprint.TILE.value
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 VIEW = camera(20, 17)
 

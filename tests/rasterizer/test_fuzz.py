@@ -8,8 +8,8 @@ import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from core.rasterizer import BACKENDS
-from core.rasterizer.cpu import backend, footprint
+from core.rasterizer import BACKENDS, layout
+from core.rasterizer.cpu import backend
 from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.scene.splats import Splats
 from tests.rasterizer.backends import backend_or_skip, is_interpreted
@@ -81,8 +81,8 @@ def test_footprints_are_finite_and_tile_lists_hold_what_they_announce(view, valu
     lists = backend.tile_lists(backend.arrays_of(poisoned(values)), backend.NOTHING, view)
     drawn = np.flatnonzero(np.diff(lists.slot_starts))
     assert np.isfinite(lists.footprints[drawn]).all()
-    assert (lists.footprints[drawn][:, [footprint.SHARPNESS, footprint.FALL, footprint.HALF_WIDTH, footprint.HALF_HEIGHT]] > 0).all()  # fmt: skip
-    tiles = -(-view.width // footprint.TILE) * -(-view.height // footprint.TILE)
+    assert (lists.footprints[drawn][:, [layout.SHARPNESS, layout.FALL, layout.HALF_WIDTH, layout.HALF_HEIGHT]] > 0).all()  # fmt: skip
+    tiles = -(-view.width // layout.TILE) * -(-view.height // layout.TILE)
     assert len(lists.tile_starts) == tiles + 1 and (np.diff(lists.tile_starts) >= 0).all()
     assert lists.tile_starts[-1] == lists.slot_starts[-1] == len(lists.entries) <= tiles * COUNT
     assert set(lists.entries[:, SPLAT]) == set(drawn)

@@ -9,11 +9,10 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.rasterizer import inputs
+from core.rasterizer import inputs, layout
 from core.rasterizer.contract import BLACK, Colour, Rendering, Visible, jacobian_limits
-from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import SLOT, fill_lists, front_to_back, running_starts
-from core.rasterizer.cpu.blend_backward import SLOT_COLUMNS, SUM_BLUE, SUM_RED, blend_backward
+from core.rasterizer.cpu.blend_backward import blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
 from core.rasterizer.cpu.project import find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
@@ -23,7 +22,7 @@ from core.scene.splats import Splats
 from core.system.threads import in_parallel, threads
 
 # A Gaussian in a tile costs 12 bytes in the forward pass (entry, drawn chunks) and 36 in the backward one (slot).
-BYTES_A_PAIR = 12 + 4 * SLOT_COLUMNS
+BYTES_A_PAIR = 12 + 4 * layout.SLOT_COLUMNS
 MEMORY_BUDGET = 4 << 30  # bytes for all tile lists of one picture
 NOTHING = np.empty((0, 2), dtype=np.float32)
 
@@ -66,7 +65,7 @@ class CpuRasterizer:
         image, _ = draw(lists, camera, BLACK)
 
         def colour_gradients(image_gradient: Tensor) -> Tensor:
-            gradients = gradients_of_slots(lists, image, array_of(image_gradient))[:, SUM_RED : SUM_BLUE + 1]
+            gradients = gradients_of_slots(lists, image, array_of(image_gradient))[:, layout.SUM_COLOUR]
             gradients[lists.drawn_chunks == 0] = 0
             return torch.from_numpy(gradients)
 
@@ -114,7 +113,7 @@ class _Render(torch.autograd.Function):
 class TileLists:
     """What lies between projection and blending, kept for the backward pass.
 
-    footprints: (N, footprint.COLUMNS) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64.
+    footprints: (N, layout.FOOTPRINT_COLUMNS) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64.
     tile_starts: (tiles + 1,) int64. entries: (pairs, 2) int32, Gaussian and slot. drawn_chunks: (pairs,) uint32, of
     each slot.
     """
@@ -139,8 +138,8 @@ class TileLists:
 def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> TileLists:
     """Project the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
     count = len(arrays[0])
-    tiles = -(-camera.width // footprint.TILE) * -(-camera.height // footprint.TILE)
-    footprints = np.empty((count, footprint.COLUMNS), dtype=np.float32)
+    tiles = -(-camera.width // layout.TILE) * -(-camera.height // layout.TILE)
+    footprints = np.empty((count, layout.FOOTPRINT_COLUMNS), dtype=np.float32)
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)
     view = arguments_of(camera)
@@ -186,7 +185,7 @@ def draw(
 
 def gradients_of_slots(lists: TileLists, image: np.ndarray, image_gradient: np.ndarray) -> np.ndarray:
     """(pairs, SLOT_COLUMNS) float32, set where chunks were drawn: see `blend_backward`. image: as `draw` made it of these lists."""
-    slot_gradients = np.empty((len(lists.entries), SLOT_COLUMNS), dtype=np.float32)
+    slot_gradients = np.empty((len(lists.entries), layout.SLOT_COLUMNS), dtype=np.float32)
     blended = lists.tile_starts, lists.entries, lists.footprints, lists.drawn_chunks
     on_all_tiles(lists, lambda *walk: blend_backward(*walk, *blended, image, image_gradient, slot_gradients))
     return slot_gradients

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.kernels.compiled import exact_kernel, exact_part
 from core.kernels.simd import prefetch
-from core.rasterizer.cpu import footprint
+from core.rasterizer import layout
 from core.rasterizer.cpu.footprint import touched_columns, touched_rows
 
 DIGIT_BITS = 11  # three passes for 32 bits; a pass's cursors stay in the first-level cache
@@ -84,7 +84,7 @@ def fill_lists(from_behind, order, footprints, slot_starts, tile_starts, size, e
     The nearer half of the Gaussians fills the lists from the front, the farther one, `from_behind`, from their ends, farthest
     first. So two threads can work at once, and the lists are the same as if one had.
     """
-    columns = (size[0] + footprint.TILE - 1) // footprint.TILE
+    columns = (size[0] + layout.TILE - 1) // layout.TILE
     half = len(order) // 2
     if from_behind:
         cursors = tile_starts[1:] - 1
@@ -95,7 +95,7 @@ def fill_lists(from_behind, order, footprints, slot_starts, tile_starts, size, e
     for position in range(first_position, last_position, step):
         # The order jumps about in memory.
         ahead = order[min(max(position + step * AHEAD, 0), len(order) - 1)]
-        prefetch(footprints, ahead * footprint.COLUMNS)
+        prefetch(footprints, ahead * layout.FOOTPRINT_COLUMNS)
         prefetch(slot_starts, ahead)
         i = np.int64(order[position])  # as `add_to_loads` has it, or all that follows would be compiled for int32 too
         slot = slot_starts[i]

@@ -19,9 +19,9 @@ from core.kernels.simd import (
     select,
     store,
 )
+from core.rasterizer import layout
 from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, STOP_TRANSMITTANCE
-from core.rasterizer.cpu import footprint
-from core.rasterizer.cpu.footprint import TILE
+from core.rasterizer.layout import TILE
 
 CHUNKS = 2 * TILE
 BATCH = 16  # splats whose chunk sets are found ahead, so that the branches on them are known when they come
@@ -43,9 +43,9 @@ def write_row_terms(footprints, i, centre_x, centre_y, terms, at):
 
     terms[at : at + 16] become the shifts, the next sixteen the strengths. centre_x, centre_y: the tile's centre, px.
     """
-    slope, sharpness = footprints[i, footprint.SLOPE], footprints[i, footprint.SHARPNESS]
-    fall, strength = footprints[i, footprint.FALL], footprints[i, footprint.STRENGTH]
-    to_x, to_y = centre_x - footprints[i, footprint.X], centre_y - footprints[i, footprint.Y]
+    slope, sharpness = footprints[i, layout.SLOPE], footprints[i, layout.SHARPNESS]
+    fall, strength = footprints[i, layout.FALL], footprints[i, layout.STRENGTH]
+    to_x, to_y = centre_x - footprints[i, layout.X], centre_y - footprints[i, layout.Y]
     shift = broadcast(sharpness * (to_x - slope * to_y))
     lean = broadcast(-sharpness * slope)
     for half in range(2):

@@ -24,7 +24,7 @@ from core.kernels.simd import (
     select,
     store,
 )
-from core.rasterizer.cpu import footprint
+from core.rasterizer import layout
 from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
     ALPHA_LIMIT,
@@ -39,16 +39,11 @@ from core.rasterizer.cpu.blend import (
     clamped,
     write_row_terms,
 )
-from core.rasterizer.cpu.footprint import TILE
+from core.rasterizer.layout import TILE
 
 # What a chunk keeps: transmittances (negative when finished, as in the forward pass), S, and the three gradients v.
 BEHIND, RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES, 4 * LANES
 STATE = 5 * LANES
-
-# A row of the slots' gradients. With g = alpha dL/d alpha and e = dx - slope dy, sums over the pixels of a tile of:
-SUM_G, SUM_GE, SUM_GEE, SUM_GY, SUM_GEY, SUM_GYY = 0, 1, 2, 3, 4, 5  # g, g e, g e^2, g dy, g e dy, g dy^2
-SUM_RED, SUM_GREEN, SUM_BLUE = 6, 7, 8  # w v
-SLOT_COLUMNS = 9
 
 
 @exact_kernel
@@ -75,16 +70,16 @@ def blend_backward(
             for entry in range(begin, end):
                 # As in the forward pass; here a third of the time, as the slots are jumped about in as well.
                 ahead = min(entry + BATCH, len(entries) - 1)
-                prefetch(footprints, entries[ahead, SPLAT] * footprint.COLUMNS)
+                prefetch(footprints, entries[ahead, SPLAT] * layout.FOOTPRINT_COLUMNS)
                 prefetch(drawn_chunks, entries[ahead, SLOT])
-                prefetch(slot_gradients, entries[ahead, SLOT] * SLOT_COLUMNS)
+                prefetch(slot_gradients, entries[ahead, SLOT] * layout.SLOT_COLUMNS)
                 at = (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, entries[entry, SPLAT], centre_x, centre_y, terms, at)
             for entry in range(begin, end):
                 i, slot = entries[entry, SPLAT], entries[entry, SLOT]
                 if drawn_chunks[slot] != 0:
                     at = (entry - begin) * ROW_TERMS
-                    slot_gradients[slot, SUM_BLUE] = gather_moments(drawn_chunks[slot], footprints, i, terms, at, state, moments)
+                    slot_gradients[slot, layout.SUM_BLUE] = gather_moments(drawn_chunks[slot], footprints, i, terms, at, state, moments)
                     move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot)
 
 
@@ -112,10 +107,10 @@ def gather_moments(chunks, footprints, i, terms, at, state, moments):
 
     moments becomes g, g x, g x^2, g y, g x y, g y^2, w v_red, w v_green; the last, w v_blue, is returned.
     """
-    sharpness = broadcast(footprints[i, footprint.SHARPNESS])
-    red = broadcast(footprints[i, footprint.RED])
-    green = broadcast(footprints[i, footprint.GREEN])
-    blue = broadcast(footprints[i, footprint.BLUE])
+    sharpness = broadcast(footprints[i, layout.SHARPNESS])
+    red = broadcast(footprints[i, layout.RED])
+    green = broadcast(footprints[i, layout.GREEN])
+    blue = broadcast(footprints[i, layout.BLUE])
     zero, one = broadcast(ZERO), broadcast(ONE)
     sum_g, sum_x, sum_xx, sum_y, sum_xy, sum_yy = zero, zero, zero, zero, zero, zero
     sum_red, sum_green, sum_blue = zero, zero, zero
@@ -156,19 +151,19 @@ def move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slo
 
     In float64: far from the splat's centre the terms are larger than their sum.
     """
-    slope = np.float64(footprints[i, footprint.SLOPE])
-    to_y = np.float64(centre_y) - footprints[i, footprint.Y]
-    to_e = np.float64(centre_x) - footprints[i, footprint.X] - slope * to_y
+    slope = np.float64(footprints[i, layout.SLOPE])
+    to_y = np.float64(centre_y) - footprints[i, layout.Y]
+    to_e = np.float64(centre_x) - footprints[i, layout.X] - slope * to_y
     g, g_x, g_xx = np.float64(moments[0]), np.float64(moments[1]), np.float64(moments[2])
     g_y, g_xy, g_yy = np.float64(moments[3]), np.float64(moments[4]), np.float64(moments[5])
     # First shear x to x - slope y, then shift by (to_e, to_y).
     sheared, sheared_y = g_x - slope * g_y, g_xy - slope * g_yy
     sheared_2 = g_xx - 2 * slope * g_xy + slope * slope * g_yy
-    slot_gradients[slot, SUM_G] = g
-    slot_gradients[slot, SUM_GE] = sheared + to_e * g
-    slot_gradients[slot, SUM_GEE] = sheared_2 + to_e * (2 * sheared + to_e * g)
-    slot_gradients[slot, SUM_GY] = g_y + to_y * g
-    slot_gradients[slot, SUM_GEY] = sheared_y + to_e * g_y + to_y * (sheared + to_e * g)
-    slot_gradients[slot, SUM_GYY] = g_yy + to_y * (2 * g_y + to_y * g)
-    slot_gradients[slot, SUM_RED] = moments[6]
-    slot_gradients[slot, SUM_GREEN] = moments[7]
+    slot_gradients[slot, layout.SUM_G] = g
+    slot_gradients[slot, layout.SUM_GE] = sheared + to_e * g
+    slot_gradients[slot, layout.SUM_GEE] = sheared_2 + to_e * (2 * sheared + to_e * g)
+    slot_gradients[slot, layout.SUM_GY] = g_y + to_y * g
+    slot_gradients[slot, layout.SUM_GEY] = sheared_y + to_e * g_y + to_y * (sheared + to_e * g)
+    slot_gradients[slot, layout.SUM_GYY] = g_yy + to_y * (2 * g_y + to_y * g)
+    slot_gradients[slot, layout.SUM_RED] = moments[6]
+    slot_gradients[slot, layout.SUM_GREEN] = moments[7]

@@ -16,7 +16,7 @@ from core.kernels.simd import (
     prefetch,
     store,
 )
-from core.rasterizer.cpu import footprint
+from core.rasterizer import layout
 from core.rasterizer.cpu.bin import SLOT, SPLAT
 from core.rasterizer.cpu.blend import (
     BATCH,
@@ -29,7 +29,7 @@ from core.rasterizer.cpu.blend import (
     touched_chunks,
     write_row_terms,
 )
-from core.rasterizer.cpu.footprint import TILE
+from core.rasterizer.layout import TILE
 
 # What a chunk keeps, side by side: its eight transmittances, then red, green and blue. A transmittance is negative once
 # its pixel is finished (or lies outside the picture), so that it then fails the test against STOP for good.
@@ -67,11 +67,11 @@ def blend_forward(
             for entry in range(begin, end):
                 # What the next batch will need: the lists jump about in memory, and waiting for it took a fifth of the time.
                 ahead = min(entry + BATCH, len(entries) - 1)
-                prefetch(footprints, entries[ahead, SPLAT] * footprint.COLUMNS)
+                prefetch(footprints, entries[ahead, SPLAT] * layout.FOOTPRINT_COLUMNS)
                 prefetch(drawn_chunks, entries[ahead, SLOT])
                 i, at = entries[entry, SPLAT], (entry - begin) * ROW_TERMS
                 write_row_terms(footprints, i, centre_x, centre_y, terms, at)
-                chunks = touched_chunks(footprints[i, footprint.SHARPNESS], terms, at) & unfinished
+                chunks = touched_chunks(footprints[i, layout.SHARPNESS], terms, at) & unfinished
                 drawn_chunks[entries[entry, SLOT]] = chunks
             for entry in range(begin, end):
                 slot, at = entries[entry, SLOT], (entry - begin) * ROW_TERMS
@@ -103,10 +103,10 @@ def unfinished_chunks(state):
 @exact_part
 def blend_splat(chunks, footprints, i, terms, at, state):
     """Blend splat `i` into the given chunks; lane by lane the largest weight that it got."""
-    sharpness = broadcast(footprints[i, footprint.SHARPNESS])
-    red = broadcast(footprints[i, footprint.RED])
-    green = broadcast(footprints[i, footprint.GREEN])
-    blue = broadcast(footprints[i, footprint.BLUE])
+    sharpness = broadcast(footprints[i, layout.SHARPNESS])
+    red = broadcast(footprints[i, layout.RED])
+    green = broadcast(footprints[i, layout.GREEN])
+    blue = broadcast(footprints[i, layout.BLUE])
     largest = broadcast(ZERO)
     while chunks != 0:
         chunk = lowest_set_bit(chunks)

@@ -1,34 +1,11 @@
-"""A Gaussian in the picture, as the blending reads it, and which tiles it touches.
-
-The quadratic form is kept factored, as the distribution of x given y times that of y. With the 2D covariance [[a, b],
-[b, c]] and det = a c - b^2
-
-    d' S^-1 d = (c / det) (dx - (b / c) dy)^2 + dy^2 / c
-
-Written out, a conic loses all its digits for a needle that crosses the picture: terms of 1e5 cancel to 1. Here nothing
-cancels, and the cost is the same: two fused multiply-adds a pixel, as the row's share is known in advance.
-"""
+"""Which tiles a footprint (core.rasterizer.layout) touches."""
 
 import math
 
 import numpy as np
 
 from core.kernels.compiled import exact_part
-
-TILE = 16  # pixels a side; two chunks of eight across
-
-# A row of the footprints. With d = pixel - centre,
-# log2(alpha) = STRENGTH - (SHARPNESS (dx - SLOPE dy))^2 - FALL dy^2
-X, Y = 0, 1  # centre, px
-SLOPE = 2  # b / c: how far the ellipse leans, px a px
-SHARPNESS = 3  # sqrt(log2(e) / 2 * c / det), 1 / px
-FALL = 4  # log2(e) / 2 / c, 1 / px^2
-STRENGTH = 5  # log2(opacity)
-RED, GREEN, BLUE = 6, 7, 8
-# The ellipse alpha >= ALPHA_MIN: half its height; half its width on the row through its centre; how far below its
-# centre it reaches furthest to the right, which is how far above it reaches furthest to the left. All px.
-HALF_HEIGHT, HALF_WIDTH, LEAN = 9, 10, 11
-COLUMNS = 12
+from core.rasterizer.layout import HALF_HEIGHT, HALF_WIDTH, LEAN, SLOPE, TILE, X, Y
 
 # Rounding of centres far outside the picture. Generous bounds cost a test, narrow ones a pixel.
 SLACK_PX = 0.01

@@ -9,13 +9,13 @@ import numpy as np
 
 from core.kernels.compiled import kernel, part
 from core.kernels.simd import fetch_add
+from core.rasterizer import layout
 from core.rasterizer.contract import (
     ALPHA_MIN,
     BLUR_PX2,
     LOG_SCALE_RANGE,
     NEAR,
 )
-from core.rasterizer.cpu import footprint
 from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
 from core.rasterizer.cpu.vectors import cross, dot, row, scaled, subtract
@@ -192,14 +192,14 @@ def project(
     counter, means, quaternions, log_scales, logit_opacities, sh, probe, rotation, centre, lens, limits, size,
     footprints, depths, tile_counts, tile_loads,
 ):  # fmt: skip
-    """Write the footprints (N, footprint.COLUMNS) of the Gaussians and their depths (N,) float32.
+    """Write the footprints (N, layout.FOOTPRINT_COLUMNS) of the Gaussians and their depths (N,) float32.
 
     tile_counts: (N,) int32, the number of tiles that each touches. Of the culled only this is written, a zero.
     tile_loads: (tiles,) int32, this thread's own, to which it adds how many of its Gaussians touch each tile.
     probe: (N, 2) float32, added to the centres (px), or empty.
     """
     count = len(means)
-    columns = (size[0] + footprint.TILE - 1) // footprint.TILE
+    columns = (size[0] + layout.TILE - 1) // layout.TILE
     basis = np.empty(16)
     while True:
         begin = fetch_add(counter, 0, BLOCK)
@@ -226,17 +226,17 @@ def project(
 
             inverse_c = 1.0 / c
             variance_in_row = determinant * inverse_c
-            footprints[i, footprint.X] = x
-            footprints[i, footprint.Y] = y
-            footprints[i, footprint.SLOPE] = b * inverse_c
-            footprints[i, footprint.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
-            footprints[i, footprint.FALL] = HALF_LOG2_E * inverse_c
-            footprints[i, footprint.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
-            footprints[i, footprint.HALF_HEIGHT] = reach_y
-            footprints[i, footprint.HALF_WIDTH] = math.sqrt(level * variance_in_row)
-            footprints[i, footprint.LEAN] = b * level / reach_x
-            footprints[i, footprint.RED] = max(red, 0.0)
-            footprints[i, footprint.GREEN] = max(green, 0.0)
-            footprints[i, footprint.BLUE] = max(blue, 0.0)
+            footprints[i, layout.X] = x
+            footprints[i, layout.Y] = y
+            footprints[i, layout.SLOPE] = b * inverse_c
+            footprints[i, layout.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
+            footprints[i, layout.FALL] = HALF_LOG2_E * inverse_c
+            footprints[i, layout.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
+            footprints[i, layout.HALF_HEIGHT] = reach_y
+            footprints[i, layout.HALF_WIDTH] = math.sqrt(level * variance_in_row)
+            footprints[i, layout.LEAN] = b * level / reach_x
+            footprints[i, layout.RED] = max(red, 0.0)
+            footprints[i, layout.GREEN] = max(green, 0.0)
+            footprints[i, layout.BLUE] = max(blue, 0.0)
             depths[i] = depth
             tile_counts[i] = add_to_loads(footprints, i, size, columns, tile_loads)

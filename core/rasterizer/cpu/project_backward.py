@@ -6,19 +6,7 @@ import numpy as np
 
 from core.kernels.compiled import kernel, part
 from core.kernels.simd import fetch_add
-from core.rasterizer.cpu import footprint
-from core.rasterizer.cpu.blend_backward import (
-    SLOT_COLUMNS,
-    SUM_BLUE,
-    SUM_G,
-    SUM_GE,
-    SUM_GEE,
-    SUM_GEY,
-    SUM_GREEN,
-    SUM_GY,
-    SUM_GYY,
-    SUM_RED,
-)
+from core.rasterizer import layout
 from core.rasterizer.cpu.harmonics import direction_gradient, fill_basis
 from core.rasterizer.cpu.project import (
     BLOCK,
@@ -47,7 +35,7 @@ def project_backward(
     """
     count = len(means)
     basis = np.empty(16)
-    sums = np.empty(SLOT_COLUMNS)
+    sums = np.empty(layout.SLOT_COLUMNS)
     while True:
         begin = fetch_add(counter, 0, BLOCK)
         if begin >= count:
@@ -65,7 +53,7 @@ def project_backward(
             to_offset = add(to_offset, through_colour)
             to_means[i, 0], to_means[i, 1], to_means[i, 2] = to_offset
             # alpha = opacity * ...: the derivative of log(opacity) by its logit is 1 - opacity.
-            to_logit_opacities[i] = sums[SUM_G] * (1.0 - opacity_of(logit_opacities[i]))
+            to_logit_opacities[i] = sums[layout.SUM_G] * (1.0 - opacity_of(logit_opacities[i]))
 
 
 @part
@@ -76,7 +64,7 @@ def add_up(begin, end, drawn_chunks, slot_gradients, sums):
     for slot in range(begin, end):
         if drawn_chunks[slot] != 0:
             drawn = True
-            for k in range(SLOT_COLUMNS):
+            for k in range(layout.SLOT_COLUMNS):
                 sums[k] += slot_gradients[slot, k]
     return drawn
 
@@ -105,11 +93,11 @@ def ellipse_backward(i, offset, quaternions, log_scales, rotation, lens, limits,
     # log(alpha) = ... - A e^2 / 2 - dy^2 / (2 c), with e = dx - m dy, A = c / det and m = b / c.
     inverse_c = 1.0 / c
     precision, lean = c / determinant, b * inverse_c
-    to_x = precision * sums[SUM_GE]
-    to_y = inverse_c * sums[SUM_GY] - lean * to_x
-    to_precision = -0.5 * sums[SUM_GEE]
-    to_lean = precision * sums[SUM_GEY]
-    to_inverse_c = -0.5 * sums[SUM_GYY]
+    to_x = precision * sums[layout.SUM_GE]
+    to_y = inverse_c * sums[layout.SUM_GY] - lean * to_x
+    to_precision = -0.5 * sums[layout.SUM_GEE]
+    to_lean = precision * sums[layout.SUM_GEY]
+    to_inverse_c = -0.5 * sums[layout.SUM_GYY]
     # dA = -A^2 (da - 2 m db + m^2 dc): in this form the determinant appears in A alone.
     spread = precision * precision * to_precision
     to_a = -spread
@@ -173,9 +161,9 @@ def colour_backward(i, offset, sh, basis, footprints, sums, to_sh):
     direction = scaled(1.0 / distance, offset)
     fill_basis(basis, direction, sh.shape[1])
     # A colour that the forward pass clamped at zero has no gradient.
-    red = sums[SUM_RED] if footprints[i, footprint.RED] > 0 else 0.0
-    green = sums[SUM_GREEN] if footprints[i, footprint.GREEN] > 0 else 0.0
-    blue = sums[SUM_BLUE] if footprints[i, footprint.BLUE] > 0 else 0.0
+    red = sums[layout.SUM_RED] if footprints[i, layout.RED] > 0 else 0.0
+    green = sums[layout.SUM_GREEN] if footprints[i, layout.GREEN] > 0 else 0.0
+    blue = sums[layout.SUM_BLUE] if footprints[i, layout.BLUE] > 0 else 0.0
     for k in range(sh.shape[1]):
         to_sh[i, k, 0] = basis[k] * red
         to_sh[i, k, 1] = basis[k] * green

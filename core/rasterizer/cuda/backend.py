@@ -9,21 +9,18 @@ from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput, BadSetting
 from core.kernels.triton_launch import UNFUSED, blocks, interpreted
-from core.rasterizer import inputs
+from core.rasterizer import inputs, layout
 from core.rasterizer.contract import BLACK, Colour, Rendering, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
-from core.rasterizer.cuda.footprint import COLUMNS, TILE
 from core.rasterizer.cuda.view import view_of
 from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
-SLOT_COLUMNS = blend_backward.SLOT_COLUMNS.value
-COLOURS = slice(blend_backward.SUM_RED.value, blend_backward.SUM_BLUE.value + 1)
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
 # and in the backward pass the slot.
-BYTES_A_PAIR = 42 + 4 * SLOT_COLUMNS
+BYTES_A_PAIR = 42 + 4 * layout.SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
 MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, as kernels find their place with 32 bits
@@ -83,7 +80,7 @@ class CudaRasterizer:
         tiles[lists.entry_slots] = torch.repeat_interleave(lists.tile_starts.diff())
 
         def colour_gradients(image_gradient: Tensor) -> Tensor:
-            return gradients_of_slots(prepared, tile_ends, image, image_gradient)[:, COLOURS]
+            return gradients_of_slots(prepared, tile_ends, image, image_gradient)[:, layout.SUM_COLOUR]
 
         return shares_of_slots(camera, weight, len(splats), lists.owners, tiles, colour_gradients)
 
@@ -93,7 +90,7 @@ class CudaRasterizer:
 
     def _check(self, splats: Splats, probe: Tensor | None = None) -> None:
         inputs.check(splats, probe, self.name, self.device)
-        if max(splats.sh.numel(), len(splats) * COLUMNS.value) >= MOST_NUMBERS:
+        if max(splats.sh.numel(), len(splats) * layout.FOOTPRINT_COLUMNS) >= MOST_NUMBERS:
             raise BadInput(
                 f"{len(splats)} Gaussians of SH degree {splats.degree} are more than the {self.name} rasterizer can count.",
                 "Lower --max-gaussians.",
@@ -119,7 +116,7 @@ class _Render(torch.autograd.Function):
         prepared, lists = ctx.prepared, ctx.prepared.lists
         count, device = len(parameters[0]), image.device
         slot_gradients = gradients_of_slots(prepared, ctx.tile_ends, image.detach(), image_gradient.contiguous())
-        sums = torch.empty(count, SLOT_COLUMNS, device=device)
+        sums = torch.empty(count, layout.SLOT_COLUMNS, device=device)
         if count:  # a grid cannot be empty
             blend_backward.add_up[(count,)](lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **UNFUSED)
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
@@ -139,7 +136,7 @@ class _Render(torch.autograd.Function):
 class Prepared:
     """What lies between projection and blending, kept for the backward pass.
 
-    footprints: (N, footprint.COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32. columns: tiles across.
+    footprints: (N, layout.FOOTPRINT_COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32. columns: tiles across.
     """
 
     camera: Camera
@@ -156,9 +153,9 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pair
     pairs: see `contract.Visible`; without them the host has to wait for their number.
     """
     count, device = len(parameters[0]), parameters[0].device
-    columns, rows = (-(-size // TILE.value) for size in (camera.width, camera.height))
+    columns, rows = (-(-size // layout.TILE) for size in (camera.width, camera.height))
     view = view_of(camera, device)
-    footprints = torch.empty(count, COLUMNS.value, device=device)
+    footprints = torch.empty(count, layout.FOOTPRINT_COLUMNS, device=device)
     depths = torch.empty(count, device=device)
     tile_counts = torch.empty(count, dtype=torch.int32, device=device)
     project.project[blocks(count, project.BLOCK)](
@@ -195,7 +192,7 @@ def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None
 def gradients_of_slots(prepared: Prepared, tile_ends: Tensor, image: Tensor, image_gradient: Tensor) -> Tensor:
     """(slots, SLOT_COLUMNS), zero behind the last Gaussian blended: see `blend_backward`. tile_ends, image: as `draw` made them."""
     lists, (height, width, _) = prepared.lists, image.shape
-    slot_gradients = torch.zeros(len(lists.owners), SLOT_COLUMNS, device=image.device)
+    slot_gradients = torch.zeros(len(lists.owners), layout.SLOT_COLUMNS, device=image.device)
     blend_backward.blend_backward[(len(tile_ends),)](
         lists.tile_starts, tile_ends, lists.entry_splats, lists.entry_slots, prepared.footprints,
         image, image_gradient, slot_gradients, prepared.columns, width, height, num_warps=blend_backward.WARPS, **UNFUSED,

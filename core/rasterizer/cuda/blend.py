@@ -9,10 +9,10 @@ import math
 import triton
 import triton.language as tl
 
-from core.rasterizer import contract
+from core.rasterizer import contract, layout
 from core.rasterizer.cuda import footprint
 
-PIXELS = tl.constexpr(footprint.TILE.value**2)
+PIXELS = tl.constexpr(layout.TILE**2)
 BATCH = tl.constexpr(16)
 LOG2_ALPHA_MIN = tl.constexpr(math.log2(contract.ALPHA_MIN))
 ALPHA_MAX = tl.constexpr(contract.ALPHA_MAX)

@@ -11,16 +11,17 @@ so that any number of channels costs one dot product, and nothing has to be stor
 import triton
 import triton.language as tl
 
+from core.rasterizer import layout
 from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.blend import ALPHA_MAX, blended, coverage, pixels_of
 
 WARPS = 1  # nine sums over a tile a splat: within one warp they need no barrier
 
-# A row of the slots' gradients. With g = alpha dL/d alpha and e = dx - slope dy, sums over the pixels of a tile of:
-SUM_G, SUM_GE, SUM_GEE = tl.constexpr(0), tl.constexpr(1), tl.constexpr(2)  # g, g e, g e^2
-SUM_GY, SUM_GEY, SUM_GYY = tl.constexpr(3), tl.constexpr(4), tl.constexpr(5)  # g dy, g e dy, g dy^2
-SUM_RED, SUM_GREEN, SUM_BLUE = tl.constexpr(6), tl.constexpr(7), tl.constexpr(8)  # w v
-SLOT_COLUMNS = tl.constexpr(9)
+# Of a row of the slots' gradients.
+SUM_G, SUM_GE, SUM_GEE = tl.constexpr(layout.SUM_G), tl.constexpr(layout.SUM_GE), tl.constexpr(layout.SUM_GEE)
+SUM_GY, SUM_GEY, SUM_GYY = tl.constexpr(layout.SUM_GY), tl.constexpr(layout.SUM_GEY), tl.constexpr(layout.SUM_GYY)
+SUM_RED, SUM_GREEN, SUM_BLUE = tl.constexpr(layout.SUM_RED), tl.constexpr(layout.SUM_GREEN), tl.constexpr(layout.SUM_BLUE)
+SLOT_COLUMNS = tl.constexpr(layout.SLOT_COLUMNS)
 
 SLOTS_AT_ONCE = tl.constexpr(8)  # of one Gaussian, in `add_up`; few touch more tiles
 PADDED_COLUMNS = tl.constexpr(16)  # Triton's tensors have powers of two

@@ -1,22 +1,15 @@
-"""A Gaussian in the picture, as the blending reads it, and which tiles it touches: core.rasterizer.cpu.footprint for a GPU."""
+"""A Gaussian in the picture (core.rasterizer.layout), and which tiles it touches: core.rasterizer.cpu.footprint for a GPU."""
 
 import triton
 import triton.language as tl
 
-TILE = tl.constexpr(16)  # pixels a side
+from core.rasterizer import layout
 
-# A row of the footprints. With d = pixel - centre,
-# log2(alpha) = STRENGTH - (SHARPNESS (dx - SLOPE dy))^2 - FALL dy^2
-X, Y = tl.constexpr(0), tl.constexpr(1)  # centre, px
-SLOPE = tl.constexpr(2)  # how far the ellipse leans, px a px
-SHARPNESS = tl.constexpr(3)  # 1 / px
-FALL = tl.constexpr(4)  # 1 / px^2
-STRENGTH = tl.constexpr(5)  # log2(opacity)
-RED, GREEN, BLUE = tl.constexpr(6), tl.constexpr(7), tl.constexpr(8)
-# The ellipse alpha >= ALPHA_MIN, a trifle enlarged: half its height; half its width on the row through its centre; how far
-# below its centre it reaches furthest to the right. All px.
-HALF_HEIGHT, HALF_WIDTH, LEAN = tl.constexpr(9), tl.constexpr(10), tl.constexpr(11)
-COLUMNS = tl.constexpr(12)
+TILE, COLUMNS = tl.constexpr(layout.TILE), tl.constexpr(layout.FOOTPRINT_COLUMNS)
+X, Y, SLOPE = tl.constexpr(layout.X), tl.constexpr(layout.Y), tl.constexpr(layout.SLOPE)
+SHARPNESS, FALL, STRENGTH = tl.constexpr(layout.SHARPNESS), tl.constexpr(layout.FALL), tl.constexpr(layout.STRENGTH)
+RED, GREEN, BLUE = tl.constexpr(layout.RED), tl.constexpr(layout.GREEN), tl.constexpr(layout.BLUE)
+HALF_HEIGHT, HALF_WIDTH, LEAN = tl.constexpr(layout.HALF_HEIGHT), tl.constexpr(layout.HALF_WIDTH), tl.constexpr(layout.LEAN)
 
 # Where the ellipse ends depends on roots of differences, which float32 rounds by more than a pixel for ellipses of a thousand
 # pixels. So it is made larger, by far more than alpha is rounded: a generous bound costs a test, a narrow one a pixel.

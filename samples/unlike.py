@@ -33,7 +33,6 @@ from core.evaluation.metrics import psnr, quantised
 from core.looks.held_out_views import held_out_view
 from core.looks.outside import read_from_outside
 from core.looks.trained import Look, TrainedRun, bake, drawn, load_run
-from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 from core.words import counted
 from wegs_cli.main import OneLineErrors
@@ -79,8 +78,7 @@ def without(collection: Collection, by: str) -> Collection:
 
 def train(collection: Collection, settings: Settings, folder: Path, terminal: Terminal) -> TrainedRun:
     """A finished run in `folder`."""
-    trainer = Trainer(collection, settings, folder)
-    run_folders.create(folder, collection, trainer.settings, trainer.decisions)
+    trainer = Trainer.of_new_run(collection, settings, folder)
     for report in trainer.train():
         terminal.progress("Training", report.step, trainer.settings.steps)
     return load_run(folder)

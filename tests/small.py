@@ -12,7 +12,6 @@ from core.data.collection import Collection, Photo
 from core.looks.trained import TrainedRun, load_run
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
-from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
 WIDTH, HEIGHT = 48, 36
@@ -53,9 +52,7 @@ def small_collection(folder: Path, photos: int = 6) -> Collection:
 
 def finished(collection: Collection, settings: Settings, folder: Path) -> TrainedRun:
     """A run trained to its last step in `folder`."""
-    trainer = Trainer(collection, settings, folder)
-    run_folders.create(folder, collection, trainer.settings)
-    for _ in trainer.train():
+    for _ in Trainer.of_new_run(collection, settings, folder).train():
         pass
     return load_run(folder)
 

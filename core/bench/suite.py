@@ -249,7 +249,5 @@ def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
 
 
 def _train(collection: Collection, settings: Settings, folder: Path, report: Report) -> None:
-    trainer = Trainer(collection, settings, folder)
-    run_folders.create(folder, collection, trainer.settings, trainer.decisions)
-    for step in trainer.train():
+    for step in Trainer.of_new_run(collection, settings, folder).train():
         report.progress(f"Training {folder.name}", step.step, settings.steps, f"loss {step.loss:.3f}")

@@ -55,9 +55,7 @@ def train(
         if masks is not None:
             collection = with_masks_in(collection, masks)
         tell_collection(collection, report)
-        trainer = Trainer(collection, settings, folder)
-        run_folders.create(folder, collection, trainer.settings, trainer.decisions)
-        return _train(trainer, report)
+        return _train(Trainer.of_new_run(collection, settings, folder), report)
 
 
 def resume(folder: Path | None, report: Report = QUIET) -> Path:

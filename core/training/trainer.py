@@ -25,7 +25,7 @@ from core.training.gaussians.initialisation import initial_gaussians
 from core.training.guards import StepFacts
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
-from core.training.on_disk import checkpoint, history
+from core.training.on_disk import checkpoint, history, run_folders
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import Step
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
@@ -102,6 +102,13 @@ class Trainer:
         self.skipped_in_a_row = 0
         self.collapse_told = False
         self.foreseen: Visible | None = None  # by the next step
+
+    @classmethod
+    def of_new_run(cls, collection: Collection, settings: Settings, folder: Path) -> "Trainer":
+        """A trainer whose run folder is made, too, with the settings as they were decided."""
+        trainer = cls(collection, settings, folder)
+        run_folders.create(folder, collection, trainer.settings, trainer.decisions)
+        return trainer
 
     # --- the loop
 

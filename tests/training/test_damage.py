@@ -7,9 +7,8 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from core.training.on_disk import checkpoint, run_folders
-from core.training.trainer import Trainer
-from tests.small import small_collection, small_settings
+from core.training.on_disk import checkpoint
+from tests.small import finished, small_collection, small_settings
 from wegs_cli.main import wegs
 
 
@@ -17,10 +16,7 @@ from wegs_cli.main import wegs
 def trained(tmp_path_factory):
     root = tmp_path_factory.mktemp("trained")
     collection, settings = small_collection(root), small_settings(steps=3)
-    run_folders.create(root / "run", collection, settings)
-    for _ in Trainer(collection, settings, root / "run").train():
-        pass
-    return root / "run"
+    return finished(collection, settings, root / "run").folder
 
 
 def change_config(*path, value):

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from core.data.made import digest, read_mark
-from core.data.photos.names import names_without_suffixes, without_suffix
+from core.data.photos.names import rows_that_mean
 from core.data.split_table import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
 from core.system.atomic import write_bytes, write_json
 from core.words import Note, list_names, name_them
@@ -73,7 +73,7 @@ def _lists_in(folder: Path) -> list[Path]:
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
     table = read_split_table(path)
     listed = set(table.splits) | set(table.without_id) | set(table.unknown_split)
-    rows, odd = _rows_of(path, in_model.union(names), listed)
+    rows, odd = _rows_in(path, in_model.union(names), listed)
     splits = {name: table.splits[rows[name]] for name in names if rows.get(name) in table.splits}
     odd_rows = {
         "without an id, not used": table.without_id,
@@ -88,11 +88,11 @@ def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[st
 
 
 def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
-    held_out, notes = _rows_of(path, in_model.union(names), _lines_of(path))
+    held_out, notes = _rows_in(path, in_model.union(names), _lines_of(path))
     training = path.with_name(TRAINING_LIST)
     if path.name != TEST_LISTS[1] or not training.is_file():
         return {name: "test" if name in held_out else "train" for name in names}, notes
-    trained, more = _rows_of(training, in_model.union(names), _lines_of(training))
+    trained, more = _rows_in(training, in_model.union(names), _lines_of(training))
     listed = held_out.keys() | trained.keys()
     notes += more + name_them(f"neither in {path.name} nor in {training.name}, not used", [name for name in names if name not in listed])
     return {name: "test" if name in held_out else "train" for name in names if name in listed}, notes
@@ -103,41 +103,9 @@ def _lines_of(path: Path) -> set[str]:
     return {line for line in lines if line and not line.startswith(COMMENT)}
 
 
-def _rows_of(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], list[str]]:
-    """As rows_of, for the list in the file `path`; and notes on the rows that are of no use."""
-    rows, unclear = rows_of(names, listed)
+def _rows_in(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], list[str]]:
+    """As `rows_that_mean`, for the list in the file `path`; and notes on the rows that are of no use."""
+    rows, unclear = rows_that_mean(names, listed)
     several = [f"{row} ({list_names(fitting)})" for row, fitting in sorted(unclear.items())]
     notes = name_them(f"of {path.name} not in the model", sorted(listed - set(rows.values()) - unclear.keys()))
     return rows, notes + name_them(f"of {path.name} whose name fits several of the model, not used", several)
-
-
-def rows_of(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """The row of a list that means each photo, for the photos it names; and the rows that fit several photos, with these.
-
-    A row means a photo if it is the photo's name or an end of it, with or without the suffix, or the only longer path that ends in the name.
-    """
-    longer: dict[str, list[str]] = {}
-    for row in listed:
-        for end in _ends(row.replace("\\", "/")):  # some were written on Windows
-            if end != row:
-                longer.setdefault(end, []).append(row)
-    fitting: dict[str, list[str]] = {}
-    for name in sorted(names):
-        shorter = [end for whole in names_without_suffixes(name) for end in _ends(whole) if end in listed]
-        meant = shorter[:1] or longer.get(name, [])
-        if len(meant) == 1:
-            fitting.setdefault(meant[0], []).append(name)
-    rows, unclear = {}, {}
-    for row, those in fitting.items():
-        exactly = [name for name in those if name == row] or [name for name in those if without_suffix(name) == row] or those
-        if len(exactly) == 1:
-            rows[exactly[0]] = row
-        else:
-            unclear[row] = those
-    return rows, unclear
-
-
-def _ends(name: str) -> list[str]:
-    """The name, then the name without its outermost folder, without the next one, and so on."""
-    parts = name.split("/")
-    return ["/".join(parts[number:]) for number in range(len(parts))]

@@ -7,8 +7,8 @@ import numpy as np
 
 from core.data.formats.colmap import names_in, nerfstudio_models, posed_photo, read_points
 from core.data.formats.model_file import read_model
+from core.data.photos.names import rows_that_mean
 from core.data.posed import LARGEST_COORDINATE, Points, PosedPhoto
-from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note
 
@@ -39,7 +39,7 @@ def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, 
         raise BadInput("it has no usable points.")
     names, _ = names_in(reconstruction)
     posed = {name: posed_photo(image, model) for number, name in names.items() if (image := reconstruction.images[number]).has_pose}
-    listed, _ = rows_of((photo.path.as_posix() for photo in photos), set(posed))
+    listed, _ = rows_that_mean((photo.path.as_posix() for photo in photos), set(posed))
     named = {photo.name: names.get(image_ids.get(photo.path)) or listed.get(photo.path.as_posix()) for photo in photos}
     pairs = [(posed[named[photo.name]], photo) for photo in photos if named[photo.name] in posed]
     positions = _moved(points.positions, pairs) if 2 * len(pairs) > len(photos) else None

@@ -19,9 +19,8 @@ from core.data.formats.nerfstudio_model import points_of_model
 from core.data.formats.point_file import read_points_file
 from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photos.folder import SUFFIXES
-from core.data.photos.names import is_file
+from core.data.photos.names import is_file, rows_that_mean
 from core.data.posed import Fault, Points, Posed, PosedPhoto, from_camera_to_world, usable_points
-from core.data.split import rows_of
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
 
@@ -130,7 +129,7 @@ class _Reading:
         if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()):
             raise BadInput(f"{source} has a ..._filenames that is not a list of file names.", "Correct or remove it.")
         paths = {photo.path for photo in photos}
-        meant = {row: Path(name) for name, row in rows_of((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
+        meant = {row: Path(name) for name, row in rows_that_mean((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
         listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
         held_out = listed.get("test") or listed.get("val", set())
         given = listed.get("train", paths - held_out)

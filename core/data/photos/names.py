@@ -1,4 +1,4 @@
-"""Names of photos: what else one may be called, whether there is such a file, and where one of that name goes."""
+"""Names of photos: what else one may be called, which row of a list means it, whether there is such a file, and where one of that name goes."""
 
 import os
 from collections import Counter
@@ -17,6 +17,38 @@ def names_without_suffixes(name: str) -> list[str]:
 def without_suffix(name: str) -> str:
     """The name of a photo, which may be a path, without its suffix."""
     return name[: len(name) - len(Path(name).suffix)]
+
+
+def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """The row of a list that means each photo, for the photos it names; and the rows that fit several photos, with these.
+
+    A row means a photo if it is the photo's name or an end of it, with or without the suffix, or the only longer path that ends in the name.
+    """
+    longer: dict[str, list[str]] = {}
+    for row in listed:
+        for end in _ends(row.replace("\\", "/")):  # some were written on Windows
+            if end != row:
+                longer.setdefault(end, []).append(row)
+    fitting: dict[str, list[str]] = {}
+    for name in sorted(names):
+        shorter = [end for whole in names_without_suffixes(name) for end in _ends(whole) if end in listed]
+        meant = shorter[:1] or longer.get(name, [])
+        if len(meant) == 1:
+            fitting.setdefault(meant[0], []).append(name)
+    rows, unclear = {}, {}
+    for row, those in fitting.items():
+        exactly = [name for name in those if name == row] or [name for name in those if without_suffix(name) == row] or those
+        if len(exactly) == 1:
+            rows[exactly[0]] = row
+        else:
+            unclear[row] = those
+    return rows, unclear
+
+
+def _ends(name: str) -> list[str]:
+    """The name, then the name without its outermost folder, without the next one, and so on."""
+    parts = name.split("/")
+    return ["/".join(parts[number:]) for number in range(len(parts))]
 
 
 def is_file(path: Path | str) -> bool:

@@ -5,8 +5,8 @@ import shutil
 import pytest
 
 from core.data import load_collection
+from tests.data.checks import check_geometry, notes_with
 from tests.data.converted import changed, write_nerfstudio
-from tests.data.formats.test_colmap import check_geometry, notes_with
 from tests.data.small_scene import SmallScene
 
 

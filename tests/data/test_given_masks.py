@@ -21,6 +21,7 @@ from core.data.photos.pixels import load_photo, read_light, read_pixels
 from core.errors import BadInput
 from core.scene.lens import Lens
 from core.training.on_disk import run_config, run_folders
+from tests.data.checks import notes_with
 from tests.data.photos.test_pixels import noise, photo_at, save
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_block
 from tests.small import small_collection, small_settings
@@ -161,16 +162,14 @@ def test_damaged_masks_of_training_photos_are_named_and_the_others_used(collecti
     wanted = save_mask(folder / "photo_1.png")
     found = with_masks_in(collection, folder)
     assert [photo.mask for photo in found.photos] == [None, wanted, None, None, None, None]
-    assert [note for note in found.notes if "damaged mask" in note] == [
-        "1 photo with a damaged mask, used whole: photo_0.png (is not a photo that can be read)"
-    ]
+    assert notes_with(found, "damaged mask") == ["1 photo with a damaged mask, used whole: photo_0.png (is not a photo that can be read)"]
 
 
 def test_a_mask_that_is_missing_is_called_so(collection, tmp_path):
     """One whose name is too long for the disk as well."""
     given = {"photo_0.png": tmp_path / ("m" * 300), "photo_1.png": tmp_path / "gone.png"}
     found = with_masks_by_name(collection, given, tmp_path)
-    assert found.photos[0].mask is None and not any("with a mask" in note for note in found.notes)
+    assert found.photos[0].mask is None and not notes_with(found, "with a mask")
     assert (
         found.notes[-2] == f"2 photos whose mask is missing, used whole: photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
     )

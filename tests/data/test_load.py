@@ -13,6 +13,7 @@ from core.data.photos.names import png_paths, relative_path
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from core.pipeline import cameras
+from tests.data.checks import notes_with
 from tests.data.converted import write_nerfstudio
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
@@ -247,7 +248,7 @@ def test_held_out_copies_of_training_photos_are_told(tmp_path):
     scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
     collection = load_collection(scene)
     test, train = collection.split("test")[0], collection.split("train")[0]
-    assert not any("copies" in note for note in collection.notes)
+    assert not notes_with(collection, "copies")
     test.path.write_bytes(train.path.read_bytes())
     expected = f"1 photo held out though a copy of a training photo, so figures are too good: {test.name} ({train.name})"
     assert expected in load_collection(scene).notes
@@ -257,4 +258,4 @@ def test_copies_among_held_out_photos_are_none_of_training_photos(tmp_path):
     scene = SmallScene().write(tmp_path / "scene")
     (scene / "test.txt").write_text("photo_0.png\nphoto_1.png\n")
     (scene / "images" / "photo_1.png").write_bytes((scene / "images" / "photo_0.png").read_bytes())
-    assert not [note for note in load_collection(scene).notes if "a copy of" in note]
+    assert not notes_with(load_collection(scene), "a copy of")

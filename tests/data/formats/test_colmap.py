@@ -12,21 +12,8 @@ from core.data import load_collection
 from core.data.formats.colmap import read_points
 from core.errors import BadInput
 from core.words import is_harmless
+from tests.data.checks import check_geometry, notes_with
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_block
-
-
-def notes_with(collection, text):
-    return [note for note in collection.notes if text in note]
-
-
-def check_geometry(collection, scene, scale=1.0):
-    """Every photo's camera projects the points where the model saw them (pinhole models); float64: 1e-6 px."""
-    assert [photo.name for photo in collection.photos] == sorted(scene.names)
-    for photo in collection.photos:
-        pixels, depth = photo.camera.project(collection.points)
-        assert np.abs(pixels - scene.seen(scene.names.index(photo.name)) * scale).max() < 1e-6
-        assert (depth > 0).all()
-        assert (photo.points == np.arange(len(scene.points))).all()
 
 
 @pytest.mark.parametrize(

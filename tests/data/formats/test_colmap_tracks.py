@@ -5,7 +5,7 @@ import pytest
 from core.data import load_collection
 from core.doctor import examine
 from core.errors import BadInput
-from tests.data.formats.test_colmap import check_geometry, notes_with
+from tests.data.checks import check_geometry, notes_with
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 

@@ -7,7 +7,7 @@ import pytest
 
 from core.data import load_collection
 from core.errors import BadInput
-from tests.data.formats.test_colmap import check_geometry
+from tests.data.checks import check_geometry, notes_with
 from tests.data.small_scene import SmallScene
 
 
@@ -46,7 +46,7 @@ def test_of_several_models_the_one_with_most_photos_is_read(tmp_path, binary):
         (model.write_binary if binary else model.write_text)(str(folder))
     collection = load_collection(root)
     assert len(collection.photos) == len(larger.reg_image_ids())
-    assert any("holds other models as well (0); 1 is used: it has most photos" in note for note in collection.notes)
+    assert notes_with(collection, "holds other models as well (0); 1 is used: it has most photos")
 
 
 @pytest.mark.parametrize("content", [None, b"no frames"])

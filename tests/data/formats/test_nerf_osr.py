@@ -10,8 +10,8 @@ import pytest
 from core.data import load_collection
 from core.data.formats.nerf_osr import read_nerf_osr
 from core.errors import BadInput
+from tests.data.checks import notes_with
 from tests.data.converted import write_nerf_osr
-from tests.data.formats.test_colmap import notes_with
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 
 SPLITS = {"photo_0.png": "test", "photo_1.png": "train", "photo_2.png": "train", "photo_3.png": "validation"}

@@ -8,8 +8,8 @@ import pytest
 
 from core.data import load_collection
 from core.words import is_harmless
+from tests.data.checks import notes_with
 from tests.data.converted import ELSEWHERE, changed, write_processed
-from tests.data.formats.test_colmap import notes_with
 from tests.data.formats.test_colmap_tracks import cut_features, cut_tracks
 from tests.data.small_scene import SmallScene
 

@@ -13,8 +13,8 @@ from core.data import load_collection
 from core.data.photos.distortion import colmap_camera
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
+from tests.data.checks import notes_with
 from tests.data.converted import LENS_TERMS, changed, images_of, write_json, write_nerf_osr, write_nerfstudio
-from tests.data.formats.test_colmap import notes_with
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 
 PLAZA = Path(__file__).parents[3] / "samples" / "plaza"

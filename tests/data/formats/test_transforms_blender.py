@@ -11,8 +11,8 @@ import pytest
 from core.data import load_collection
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
+from tests.data.checks import notes_with
 from tests.data.converted import write_blender, write_json
-from tests.data.formats.test_colmap import notes_with
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 
 

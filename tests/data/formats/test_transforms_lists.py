@@ -4,8 +4,8 @@ import pytest
 
 from core.data import load_collection
 from core.errors import BadInput
+from tests.data.checks import notes_with
 from tests.data.converted import changed, write_nerfstudio
-from tests.data.formats.test_colmap import notes_with
 from tests.data.small_scene import SmallScene
 
 

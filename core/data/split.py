@@ -70,19 +70,21 @@ def _lists_in(folder: Path) -> list[Path]:
     return [path for path in (*tables, *(folder / name for name in (*TEST_LISTS, TRAINING_LIST))) if path.is_file()]
 
 
+def in_both(train: str, test: str, names: Iterable[str]) -> list[Note]:
+    """A note on photos that are listed to train on and to test, which are held out. train, test: what the lists are called."""
+    return [Note(line, of_split=True) for line in name_them(f"in both {train} and {test}, held out", sorted(names))]
+
+
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
     table = read_split_table(path)
     listed = set(table.splits) | set(table.without_id) | set(table.unknown_split)
     rows, odd = _rows_in(path, in_model.union(names), listed)
     splits = {name: table.splits[rows[name]] for name in names if rows.get(name) in table.splits}
-    odd_rows = {
-        "without an id, not used": table.without_id,
-        "in neither train nor test, not used": table.unknown_split,
-        "in both train and test, held out": table.contradicted,
-    }
+    odd_rows = {"without an id, not used": table.without_id, "in neither train nor test, not used": table.unknown_split}
     notes = []
     for what, those in odd_rows.items():
         notes += name_them(f"of {path.name} {what}", [name for name in names if rows.get(name) in those])
+    notes += in_both("train", f"test of {path.name}", [name for name in names if rows.get(name) in table.contradicted])
     notes += odd + name_them(f"not in {path.name}, not used", [name for name in names if name not in rows])
     return splits, notes
 
@@ -94,7 +96,8 @@ def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str
         return {name: "test" if name in held_out else "train" for name in names}, notes
     trained, more = _rows_in(training, in_model.union(names), _lines_of(training))
     listed = held_out.keys() | trained.keys()
-    notes += more + name_them(f"neither in {path.name} nor in {training.name}, not used", [name for name in names if name not in listed])
+    notes += more + in_both(training.name, path.name, held_out.keys() & trained.keys())
+    notes += name_them(f"neither in {path.name} nor in {training.name}, not used", [name for name in names if name not in listed])
     return {name: "test" if name in held_out else "train" for name in names if name in listed}, notes
 
 

@@ -194,7 +194,7 @@ def test_a_photo_with_several_rows_is_held_out_if_one_says_so_and_used_if_one_ca
     (tmp_path / "x.tsv").write_text(table(*((*row, "x") for row in rows)))
     splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
     assert splits == {"a.jpg": "test", "b.jpg": "train", "c.jpg": "test"}
-    assert notes == ["1 photo of x.tsv in both train and test, held out: a.jpg"]
+    assert notes == ["1 photo in both train and test of x.tsv, held out: a.jpg"]
 
 
 def test_the_table_that_nerfbaselines_keeps(tmp_path):
@@ -210,6 +210,10 @@ def test_the_lists_that_nerfbaselines_keeps(tmp_path):
     splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
     assert splits == {"a.jpg": "train", "b.jpg": "test"}
     assert notes == ["1 photo of train_list.txt not in the model: d.jpg", "1 photo neither in test_list.txt nor in train_list.txt, not used: c.jpg"]
+    (tmp_path / "train_list.txt").write_text("a.jpg\nimages/b.jpg\nc.jpg\n")
+    splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
+    assert splits == {"a.jpg": "train", "b.jpg": "test", "c.jpg": "train"}
+    assert notes == ["1 photo in both train_list.txt and test_list.txt, held out: b.jpg"]
     (tmp_path / "test.txt").write_text("a.jpg\n")
     assert split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])[0] == {"a.jpg": "test", "b.jpg": "train", "c.jpg": "train"}
 

@@ -21,6 +21,7 @@ from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photos.folder import SUFFIXES
 from core.data.photos.names import is_file, rows_that_mean
 from core.data.posed import Fault, Points, Posed, PosedPhoto, from_camera_to_world, usable_points
+from core.data.split import in_both
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
 
@@ -65,8 +66,7 @@ def read_blender(root: Path) -> Posed:
         else:
             held_out, holding_out = reading.photos(path, _read_json(path, may_be_empty=True)), path
     both = {photo.path for photo in training} & {photo.path for photo in held_out}
-    if both:
-        reading.notes += name_them("listed for training and as held out, held out", sorted(path.name for path in both))
+    reading.notes += in_both(source.name, holding_out.name, [path.name for path in both])
     if held_out:
         training = [replace(photo, split="train") for photo in training if photo.path not in both]
     photos = training + [replace(photo, split="test") for photo in held_out]
@@ -131,11 +131,12 @@ class _Reading:
         paths = {photo.path for photo in photos}
         meant = {row: Path(name) for name, row in rows_that_mean((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
         listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
-        held_out = listed.get("test") or listed.get("val", set())
+        testing = "test" if listed.get("test") else "val"
+        held_out = listed.get(testing, set())
         given = listed.get("train", paths - held_out)
         split = {path: "train" for path in given} | {path: "test" for path in held_out}
+        self.notes += in_both("train_filenames", f"{testing}_filenames", [path.name for path in given & held_out])
         for words, odd in (
-            ("listed for training and as held out, held out", given & held_out),
             (f"listed in {source.name} without a usable frame", split.keys() - paths),
             ("listed neither for training nor for testing, not used", paths - split.keys()),
         ):

@@ -63,10 +63,12 @@ def test_photos_in_both_files_are_held_out_and_said_so(blender):
     held_out = json.loads((blender / "transforms_test.json").read_text())
     write_json(blender / "transforms_test.json", held_out | {"frames": held_out["frames"] + training["frames"][:1]})
     found = load_collection(blender)
-    assert any(note.startswith("1 photo listed for training and as held out, held out: ") for note in found.notes)
+    assert any(note.startswith("1 photo in both transforms_train.json and transforms_test.json, held out: ") for note in found.notes)
     assert splits_of(found).count("train") == 2
     write_json(blender / "transforms_test.json", training)
-    with pytest.raises(BadInput, match="leaves no photo to train on: 3 photos listed for training and as held out, held out.* --all-photos"):
+    with pytest.raises(
+        BadInput, match="leaves no photo to train on: 3 photos in both transforms_train.json and transforms_test.json, held out.* --all-photos"
+    ):
         load_collection(blender)
 
 

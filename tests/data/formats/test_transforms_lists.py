@@ -28,7 +28,8 @@ def splits(collection):
         ({"train": named(0, 1), "test": named(2, 3)}, {0: "train", 1: "train", 2: "test", 3: "test"}, None),
         ({"train": named(0, 1), "val": named(2)}, {0: "train", 1: "train", 2: "test"}, "not used: photo_3.png"),
         ({"train": named(0), "val": named(1), "test": named(2, 3)}, {0: "train", 2: "test", 3: "test"}, "for testing, not used: photo_1.png"),
-        ({"train": named(0, 1), "test": named(1, 2)}, {0: "train", 1: "test", 2: "test"}, "held out: photo_1.png"),
+        ({"train": named(0, 1), "test": named(1, 2)}, {0: "train", 1: "test", 2: "test"}, "in both train_filenames and test_filenames, held out: photo_1.png"),
+        ({"train": named(0, 1), "val": named(1, 2)}, {0: "train", 1: "test", 2: "test"}, "in both train_filenames and val_filenames, held out: photo_1.png"),
         ({"train": named(0, 1, 2)}, {0: "train", 1: "train", 2: "train"}, "holds out no photo"),
         ({"train": ["photo_0.png", "photo_1"], "test": ["./images/photo_2.png", "photo_3.png"]}, {0: "train", 1: "train", 2: "test", 3: "test"}, None),
         ({"test": named(0)}, {0: "test", 1: "train", 2: "train", 3: "train"}, None),
@@ -40,6 +41,7 @@ def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
     collection = load_collection(changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()})))
     assert splits(collection) == expected
     assert note is None or notes_with(collection, note)
+    assert not notes_with(load_collection(scene, all_photos=True), "in both")
 
 
 @pytest.mark.parametrize(

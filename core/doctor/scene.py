@@ -12,13 +12,13 @@ from core.data.collection import Collection, Photo, astray
 from core.data.load import FOUND_BY_SFM
 from core.data.photos.file import named_with_fault
 from core.data.photos.folder import fuller_below, list_photos, list_unreadable
-from core.data.photos.lookalikes import Pictures
-from core.data.photos.pixels import load_photo, read_pixels
+from core.data.photos.pixels import load_photo
 from core.data.placing import USUAL_FOCAL_LENGTHS, focal_length_of, is_usual
 from core.data.sfm.features import LEAST_PHOTOS
 from core.data.sfm.kept_cameras import scene_around
 from core.data.sfm.likely_pairs import PAIR_S, most_pairs
 from core.data.sfm.originals import placed_of, shortfall
+from core.data.sfm.usable import StoredTwice, usable_photos
 from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
@@ -167,28 +167,24 @@ def _photo_findings(unusable: dict[str, str], flat: list[str], total: int) -> li
     """unusable: photos with their faults, and what to do about each."""
     fix = next(iter(unusable.values()), "")
     return [
-        _named("unusable photos", list(unusable), total, "cannot be used; training leaves them out", fix),
-        _named("photos of one colour", flat, total, "black, white or covered: nothing to learn from", "Remove them."),
+        _named("unusable photos", sorted(unusable), total, "cannot be used; training leaves them out", fix),
+        _named("photos of one colour", sorted(flat), total, "black, white or covered: nothing to learn from", "Remove them."),
     ]
 
 
 def _plain_photos(root: Path, report: Report) -> list[Finding]:
     """Findings about photos without cameras: whether they can be read, and what comes next."""
     folder = find_photos(root)
-    paths, unusable, flat, again, sizes, pictures = list_photos(folder), {}, [], [], [], Pictures()
-    for number, path in enumerate(paths):
-        report.progress("Photos", number + 1, len(paths), path.name)
-        try:
-            pixels = read_pixels(path)
-        except BadInput as problem:
-            unusable[named_with_fault(path.name, path, problem)] = problem.fix
-            continue
-        if before := pictures.meet(path.name, pixels):
-            again.append(f"{path.name}: {before}")
-            continue
-        sizes.append(pixels.shape[0] * pixels.shape[1] / 1e6)
-        if pixels.std() < FLAT:
-            flat.append(f"{path.name}: {pixels.mean():.0f} of 255")
+    paths, unusable, flat, again, sizes = list_photos(folder), {}, [], [], []
+    for path, photo in usable_photos(paths, report):
+        if isinstance(photo, StoredTwice):
+            again.append(named_with_fault(path.name, path, photo))
+        elif isinstance(photo, BadInput):
+            unusable[named_with_fault(path.name, path, photo)] = photo.fix
+        else:
+            sizes.append(photo.header.width * photo.header.height / 1e6)
+            if photo.pixels.std() < FLAT:
+                flat.append(f"{path.name}: {photo.pixels.mean():.0f} of 255")
     figure = f"{counted(len(paths), 'photo')}" + (f" of {min(sizes):.2g} to {max(sizes):.2g} MP" if sizes else "")
     pairs = most_pairs(len(sizes))
     time = counted(math.ceil(pairs * PAIR_S / 60), "minute")
@@ -204,7 +200,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         Finding("scene", figure, meaning, fix),
         *_photos_elsewhere(root, folder),
         *_photo_findings(unusable, flat, len(paths)),
-        _named("pictures stored twice", again, len(paths), "the largest file of each is used", ""),
+        _named("pictures stored twice", sorted(again), len(paths), "left out; the fullest file of each picture is used", ""),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]  # fmt: skip
 

@@ -170,7 +170,18 @@ def test_pictures_stored_twice_are_told_and_not_matched_with_themselves(tmp_path
     save_photos(tmp_path, 3)
     assert cv2.imwrite(str(tmp_path / "again.jpg"), cv2.imread(str(tmp_path / "0.png")), [cv2.IMWRITE_JPEG_QUALITY, 90])
     findings, _ = examined(tmp_path)
-    assert findings["pictures stored twice"].figure == "1 of 4 (again.jpg: 0.png)" and "(3 pairs to match" in findings["scene"].meaning
+    twice = findings["pictures stored twice"]
+    assert twice.figure == "1 of 4 (again.jpg (is the picture 0.png once more, with fewer bytes))" and not twice.advice
+    assert "(3 pairs to match" in findings["scene"].meaning
+
+
+def test_photos_too_small_to_find_cameras_by_are_told(tmp_path):
+    save_photos(tmp_path, 3)
+    assert cv2.imwrite(str(tmp_path / "1.png"), np.zeros((12, 16, 3), np.uint8))
+    findings, _ = examined(tmp_path)
+    unusable = findings["unusable photos"]
+    assert unusable.figure == "1 of 3 (1.png (is 16 x 12 px, too small to find features in))" and unusable.advice == "Use a larger photo."
+    assert "(1 pair to match" in findings["scene"].meaning
 
 
 def test_one_photo_is_too_few_to_find_cameras(tmp_path):

@@ -43,7 +43,7 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
     if not models:
         raise BadInput(
             f"No cameras could be found: the {len(names)} photos do not overlap enough.",
-            "Add photos of the same place from nearby viewpoints.",
+            "Add photos of the same place from nearby viewpoints, or larger ones.",
         )
     if len(models) > 1:
         sizes = ", ".join(str(part.num_reg_images()) for part in models)

@@ -5,21 +5,19 @@ from dataclasses import asdict
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pycolmap
 
 import core
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import lens_of
-from core.data.photos.file import JPEG_EXIF, Header, bad_photo, probe, without_orientation
-from core.data.photos.folder import copies_among, list_photos, list_unreadable, no_photos
-from core.data.photos.lookalikes import Pictures
-from core.data.photos.pixels import read_pixels
+from core.data.photos.file import JPEG_EXIF, without_orientation
+from core.data.photos.folder import list_photos, list_unreadable, no_photos
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, extract, match
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
+from core.data.sfm.usable import UsablePhoto, usable_photos
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import NAME_PART, files_in, replacing_folder, write_json
@@ -84,60 +82,31 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
     numbers, because COLMAP splits its list of pairs at spaces.
     """
     folder.mkdir()
-    by_length = sorted(paths, key=lambda path: (len(path.name), path.name))  # of a.jpg and "a (1).jpg" the copy is the latter
-    copies, turned, twins, pictures = {}, 0, copies_among(by_length), Pictures()
-    headers = {path: _header(path) for path in paths}
-    fullest_first = sorted(enumerate(paths, 1), key=lambda item: _fullness(item[1], headers[item[1]]), reverse=True)  # of one picture this is used
-    for done, (number, path) in enumerate(fullest_first, 1):
+    copies, turned, numbers = {}, 0, {path: number for number, path in enumerate(paths, 1)}
+    for path, photo in usable_photos(paths, report):
+        if isinstance(photo, BadInput):
+            report.warn(f"Left out: {photo.what}")
+            continue
+        number, header = numbers[path], photo.header
         copy = f"{number:06d}.jpg"
-        try:
-            if path in twins:
-                raise BadInput(f"{path.name} is a copy of {twins[path].name}.")
-            if isinstance(header := headers[path], BadInput):
-                raise header
-            pixels = read_pixels(path)  # always decoded: some damage shows only then
-            upright_jpeg = header.kind == "jpeg" and header.orientation == 1
-            content = path.read_bytes() if upright_jpeg else _encode(path, pixels, header)
-            if twin := pictures.meet(path.name, pixels):
-                raise BadInput(f"{path.name} is the picture {twin} once more, and no larger.")
-            (folder / copy).write_bytes(content)
-            turned += header.orientation != 1
-            name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
-            name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
-            unfit = name in copies.values() or len(name.encode()) > LONGEST_NAME
-            copies[copy] = f"{number}-{name[-NAME_PART:]}" if unfit else name
-        except BadInput as problem:
-            report.warn(f"Left out: {problem.what}")
-        report.progress("Photos", done, len(paths))
+        upright_jpeg = header.kind == "jpeg" and header.orientation == 1
+        (folder / copy).write_bytes(path.read_bytes() if upright_jpeg else _encode(photo))
+        turned += header.orientation != 1
+        name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
+        name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
+        unfit = name in copies.values() or len(name.encode()) > LONGEST_NAME
+        copies[copy] = f"{number}-{name[-NAME_PART:]}" if unfit else name
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
     return dict(sorted(copies.items()))
 
 
-def _header(path: Path) -> Header | BadInput:
-    """What `probe` returns, or raises."""
-    try:
-        return probe(path)
-    except BadInput as problem:
-        return problem
-
-
-def _fullness(path: Path, header: Header | BadInput) -> tuple[int, bool, int]:
-    """What decides between files of one picture: pixels, EXIF (which tells the focal length), bytes."""
-    if isinstance(header, BadInput):
-        return 0, False, 0
-    return header.width * header.height, bool(header.exif), path.stat().st_size
-
-
-def _encode(path: Path, pixels: np.ndarray, header: Header) -> bytes:
-    """A JPEG of the RGB pixels of `path` as displayed, with its EXIF block, whose focal length COLMAP starts from."""
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    done, data = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), quality)
-    if not done:  # of more than 65,500 px a side
-        raise bad_photo(path, "is too large for a JPEG")
-    jpeg = data.tobytes()
-    block = JPEG_EXIF + without_orientation(header.exif)
-    if not header.exif or len(block) + 2 > 0xFFFF:
+def _encode(photo: UsablePhoto) -> bytes:
+    """A JPEG of the photo as displayed, with its EXIF block, whose focal length COLMAP starts from."""
+    jpeg = cv2.imencode(".jpg", cv2.cvtColor(photo.pixels, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+    exif = photo.header.exif
+    block = JPEG_EXIF + without_orientation(exif)
+    if not exif or len(block) + 2 > 0xFFFF:
         return jpeg
     return jpeg[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + jpeg[2:]
 

@@ -1,0 +1,78 @@
+"""Which photos of a folder structure from motion uses: those that can be read and are large enough, and of one picture the fullest file."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from core.data.photos.file import Header, probe
+from core.data.photos.folder import copies_among
+from core.data.photos.lookalikes import Pictures
+from core.data.photos.pixels import read_pixels
+from core.errors import BadInput
+from core.report import Report
+
+# What decides between files of one picture, in this order; EXIF tells the focal length, and programs that copy do not shorten names.
+LESS = ("with fewer pixels", "without EXIF", "with fewer bytes", "under a longer name", "under a later name")
+LONGEST_SIDE_PX = 65_500  # of a JPEG, which COLMAP is given
+# COLMAP places a photo by 30 features. Those of plaza, Liberty, Sacré-Cœur and Kermit, shrunk to 40 x 30 px, have 3 to 31; to 80 x 60 px, 22 to 108.
+LEAST_PIXELS = 40 * 30
+
+
+@dataclass(frozen=True)
+class UsablePhoto:
+    """pixels: (H, W, 3) uint8 RGB, as displayed."""
+
+    header: Header
+    pixels: np.ndarray
+
+
+class StoredTwice(BadInput):
+    """A file of a picture of which there is a fuller one."""
+
+
+def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path, UsablePhoto | BadInput]]:
+    """Each photo, or why it is not used, the fullest first, with progress. Photos are always decoded: some damage shows only then."""
+    headers = {path: _header(path) for path in paths}
+    ranks = {path.name: _rank(path, headers[path]) for path in paths}
+    fullest_first = sorted(paths, key=lambda path: ranks[path.name])
+    copies, pictures = copies_among(fullest_first), Pictures()
+    for done, path in enumerate(fullest_first, 1):
+        try:
+            if path in copies:
+                raise StoredTwice(f"{path.name} is a copy of {copies[path].name}.")
+            found = _read(path, headers[path])
+            if twin := pictures.meet(path.name, found.pixels):
+                less = next(words for words, own, its in zip(LESS, ranks[path.name], ranks[twin], strict=True) if own != its)
+                raise StoredTwice(f"{path.name} is the picture {twin} once more, {less}.")
+        except BadInput as problem:
+            found = problem
+        yield path, found
+        report.progress("Photos", done, len(paths), path.name)
+
+
+def _header(path: Path) -> Header | BadInput:
+    """What `probe` returns, or raises."""
+    try:
+        return probe(path)
+    except BadInput as problem:
+        return problem
+
+
+def _rank(path: Path, header: Header | BadInput) -> tuple[int, bool, int, int, str]:
+    """The least is the fullest."""
+    if isinstance(header, BadInput):
+        return 0, True, 0, len(path.name), path.name
+    return -header.width * header.height, not header.exif, -path.stat().st_size, len(path.name), path.name
+
+
+def _read(path: Path, header: Header | BadInput) -> UsablePhoto:
+    if isinstance(header, BadInput):
+        raise header
+    width, height = header.displayed
+    if max(width, height) > LONGEST_SIDE_PX:
+        raise BadInput(f"{path} is {width} x {height} px, too large for a JPEG.", "Use a smaller copy.")
+    if width * height < LEAST_PIXELS:
+        raise BadInput(f"{path} is {width} x {height} px, too small to find features in.", "Use a larger photo.")
+    return UsablePhoto(header, read_pixels(path))

@@ -37,6 +37,7 @@ def bake_to_file(
     prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. sky: write the dome, too.
     refine: refine the look of a photo whose camera is known or found.
     """
+    start = time.perf_counter()
     core.export.check_format(output)
     check_file(output)
     if output.exists() and not force:
@@ -50,7 +51,6 @@ def bake_to_file(
         report.say(note)
     if not trained.has_looks:
         report.warn(ONE_LOOK)
-    start = time.perf_counter()
     written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, sky)
     if save_as is not None:
         kept = saved_look.save(trained.folder, replace(look, name=save_as), trained.identity, trained.step)

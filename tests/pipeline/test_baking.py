@@ -1,6 +1,7 @@
 """A trained run in one look as a file: which look, and what is refused."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -13,6 +14,8 @@ from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.looks.find_look import find_look
 from core.looks.trained import load_run
+from core.pipeline import baking
+from tests.heard import Heard
 from tests.small import small_settings
 
 
@@ -89,6 +92,18 @@ def test_an_output_that_exists_or_has_no_format_is_refused(trained, tmp_path):
     assert path.read_text() == "old"
     pipeline.bake_to_file(trained[0], "neutral", path, force=True)
     assert len(read_ply(path)) > 0
+
+
+def test_the_seconds_that_are_told_include_finding_the_look(trained, tmp_path, monkeypatch):
+    def slowly(*arguments):
+        clock[0] += 7
+        return find_look(*arguments)
+
+    clock, heard = [0.0], Heard()
+    monkeypatch.setattr(baking, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(baking, "find_look", slowly)
+    path = pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.ply", heard)
+    assert [line.endswith(" MB, 7.0 s") for line in heard.lines if line.startswith(f"{path}: ")] == [True]
 
 
 def test_a_table_of_embeddings_knows_no_other_photos(small_scene, tmp_path):

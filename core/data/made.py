@@ -8,6 +8,7 @@ from pathlib import Path
 
 from core.report import Report
 from core.system.atomic import MadeMeanwhile
+from core.words import list_names
 
 CONFIG = "config.json"  # of a run
 # What a run gets from layers that the one that replaces runs (core.training.on_disk.run_folders) cannot import. EVALUATED: by protocol.
@@ -24,16 +25,21 @@ def scene_beside(output: Path, scene: Path) -> Path:
     return output.absolute().parent / f"{scene.resolve().name or 'scene'}-scene"
 
 
-def made_once(wanted: Path, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report) -> Path:
+def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report) -> Path:
     """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds, or that does not exist yet; that one is made by `make`.
 
-    what: words for the content, such as "Points as triangulated", to say that it is used again. Raises what `make` raises.
+    mark: the file by which a folder that was made so is known; those that are passed over are named. what: words for the content, such as
+    "Points as triangulated", to say that it is used again. Raises what `make` raises.
     """
-    folder, number = wanted, 1
+    folder, number, others = wanted, 1, []
     while folder.exists() and not is_it(folder):
+        others += [str(folder)] * (folder / mark).is_file()
         number += 1
         folder = wanted.with_name(f"{wanted.name}-{number}")
     if not folder.exists():
+        if others:
+            stay = "stay; remove those that no run needs" if len(others) > 1 else "stays; remove it if no run needs it"
+            report.say(f"Made anew in {folder}. Of other photos, or of these before a change: {list_names(others)}, which {stay}.")
         try:
             make(folder)
             return folder

@@ -48,7 +48,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
             write_json(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
         report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
 
-    return made_once(wanted, are_there, make, "Points as triangulated", report)
+    return made_once(wanted, MARK, are_there, make, "Points as triangulated", report)
 
 
 def scene_of(folder: Path) -> tuple[Path, str] | None:

@@ -40,13 +40,18 @@ def test_cameras_of_plain_photos_are_found_once(photos, calls, tmp_path):
     assert scene_of_photos(photos, wanted, Heard()) == wanted
     assert calls == ["photos-scene"]
     (photos / "photo_0.png").unlink()  # other photos: the scene that is there is not theirs
-    assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
-    assert scene_of_photos(photos, wanted, Heard()).name == "photos-scene-2"
+    heard = Heard()
+    assert scene_of_photos(photos, wanted, heard).name == "photos-scene-2"
+    stays = f"Of other photos, or of these before a change: {wanted}, which stays; remove it if no run needs it."
+    assert heard.lines == [f"Made anew in {wanted}-2. {stays}"]
+    assert scene_of_photos(photos, wanted, heard).name == "photos-scene-2"
+    assert len(heard.lines) == 2 and heard.lines[1].startswith("Cameras as found before in ")
     assert calls == ["photos-scene", "photos-scene-2"]
     moved = photos.rename(tmp_path / "moved")
     assert scene_of_photos(moved, wanted, Heard()).name == "photos-scene-2"
     (moved / "photo_1.png").touch()
-    assert scene_of_photos(moved, wanted, Heard()).name == "photos-scene-3"
+    assert scene_of_photos(moved, wanted, heard).name == "photos-scene-3"
+    assert heard.lines[2].endswith(f"before a change: {wanted}, {wanted}-2, which stay; remove those that no run needs.")
 
 
 def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_path):

@@ -20,8 +20,9 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     Raises BadInput if it cannot be read at all.
     """
     path = run_folders.find_run(None) if path is None else path
-    if not path.exists():
-        raise BadInput(f"There is no {path}.", "Give a .ply, a run, a scene or a folder of photos.")
+    if not (path.is_file() or path.is_dir()):  # a pipe would be waited for without end
+        what = f"{path} is neither a file nor a folder." if path.exists() else f"There is no file or folder {path}."
+        raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
     if run_folders.is_run(path):
         findings = examine_run(path, report)
     elif newest := max(path.glob(run_folders.CLOUDS), key=_progress, default=None):

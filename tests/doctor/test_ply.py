@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import plyfile
@@ -291,5 +292,11 @@ def test_points_and_other_files_are_refused_in_one_line(tmp_path):
     points = np.zeros(3, dtype=[(name, "<f4") for name in "xyz"])
     with pytest.raises(BadInput, match="lacks the column f_dc_0. It is not a 3DGS .ply"):
         examine(write(tmp_path / "points.ply", points), Heard())
-    with pytest.raises(BadInput, match="There is no .*Give a .ply, a run, a scene"):
-        examine(tmp_path / "nothing.ply", Heard())
+    os.mkfifo(tmp_path / "pipe")
+    for path, words in (
+        (tmp_path / "nowhere", f"There is no file or folder {tmp_path}/nowhere."),
+        (tmp_path / "pipe", f"{tmp_path}/pipe is neither a file nor a folder."),
+        (Path("/dev/null"), "/dev/null is neither a file nor a folder."),
+    ):
+        with pytest.raises(BadInput, match=f"^{words} Give a .ply, a run, a scene"):
+            examine(path, Heard())

@@ -12,7 +12,7 @@ from core.errors import BadSetting
 
 AUTO = "auto"  # decided from the photos before training (core.training.decisions)
 UNDECIDED = -1  # the same, for a setting that is a number
-AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r -1: what a step can afford there
+AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r auto: what a step can afford there
 LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
 # 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left) and Liberty (65 left),
 # 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB
@@ -70,10 +70,11 @@ class Settings:
     device: str = setting("auto", "Where to compute. auto: an NVIDIA GPU if torch finds one.", choices=("auto", "cpu", "cuda"))
     backend: str = setting("auto", "Rasterizer. auto: that of the device. reference: slow, for tests.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(
-        -1,
-        "Size of the photos in training: 1, 2, 4 or 8 divides it; a larger number is the width in px; -1 shrinks photos to a mean of "
+        UNDECIDED,
+        "Size of the photos in training: 1, 2, 4 or 8 divides it; a larger number is the width in px. auto: shrunk to a mean of "
         f"{AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
-        low=-1,
+        low=1,
+        auto=True,
     )
     all_photos: bool = setting(False, "Train on the held-out photos, too: a better scene, but nothing is left to measure it on.")
     max_gaussians: int = setting(
@@ -261,6 +262,18 @@ def no_setting(name: str) -> BadSetting:
 KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}
 
 
+def wrong_kind(item, text: str) -> BadSetting:
+    """The error for a value of another type than the Settings field `item` has, written as `text`."""
+    rules = item.metadata
+    if choices := ("true", "false") if item.type is bool else rules["choices"]:
+        fix = f"Choose one of: {', '.join(choices)}."
+    else:
+        low, high = (None if rules[end] is None else f"{rules[end]:g}" if item.type is float else str(rules[end]) for end in ("low", "high"))
+        span = f" from {low} to {high}" if low and high else f" of at least {low}" if low else ""
+        fix = f"Give one{span}{f', or {AUTO}' if rules['auto'] else ''}."
+    return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", fix)
+
+
 def check(item, value: Any) -> None:
     """Raise BadSetting unless `value` has the type and lies in the range of the Settings field `item`."""
     rules = item.metadata
@@ -268,8 +281,7 @@ def check(item, value: Any) -> None:
     if item.type is float:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if not good:
-        choices = f"Choose one of: {', '.join(rules['choices'])}." if rules["choices"] else rules["help"]
-        raise BadSetting(f"{item.name}={value!r} is not {KINDS[item.type]}.", choices)
+        raise wrong_kind(item, repr(value))
     if rules["auto"] and value == UNDECIDED:
         return
     if rules["choices"] and value not in rules["choices"]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from core.config import AUTO, KINDS, PRESETS, UNDECIDED, Settings, no_setting, preset
+from core.config import AUTO, PRESETS, UNDECIDED, Settings, no_setting, preset, wrong_kind
 from core.errors import BadInput, BadSetting
 
 FIELDS = {item.name: item for item in fields(Settings)}
@@ -21,7 +21,7 @@ SHORT = {"resolution": ("-r",)}
 
 
 class AutoOrWhole(click.IntRange):
-    """The word `auto`, or a whole number in a range."""
+    """The word `auto`, or as files of settings have it UNDECIDED, or a whole number in a range."""
 
     name = f"whole number or {AUTO}"
 
@@ -29,7 +29,7 @@ class AutoOrWhole(click.IntRange):
         return f"[{AUTO}|INTEGER]"
 
     def convert(self, value, param, ctx):
-        return AUTO if value == AUTO else super().convert(value, param, ctx)
+        return AUTO if value in (AUTO, str(UNDECIDED)) else super().convert(value, param, ctx)
 
 
 def setting_option(name: str) -> Callable:
@@ -79,7 +79,8 @@ def settings_options(command: Callable) -> Callable:
 def settings_from(preset_name: str | None, config: Path | None, assignments: tuple[str, ...], typed: dict[str, Any]) -> Settings:
     """Settings: command line beats file beats preset beats default. typed: options, None where not typed. The file may name a preset."""
     written = {} if config is None else _read_toml(config)
-    _no_options_among((*(written.keys() - {"preset"}), *(assignment.partition("=")[0].strip() for assignment in assignments)))
+    _no_options_among(written.keys() - {"preset"}, f"{config}: ")
+    _no_options_among(assignment.partition("=")[0].strip() for assignment in assignments)
     values = {name: value for name, value in {"preset": preset_name, **typed}.items() if value is not None}
     for assignment in assignments:
         name, value = _parse(assignment)
@@ -95,14 +96,16 @@ def settings_from(preset_name: str | None, config: Path | None, assignments: tup
         raise
 
 
-def _no_options_among(names: Iterable[str]) -> None:
-    """Raise BadSetting for names of the current command's options that are no settings."""
+def _no_options_among(names: Iterable[str], where: str = "") -> None:
+    """Raise BadSetting for names of the current command's options that are no settings. where: the file that has them, before a message."""
     context = click.get_current_context(silent=True)
     given = [param for param in context.command.params if isinstance(param, click.Option)] if context else []
     options = {option.opts[-1].removeprefix("--"): option for option in given if option.name not in FIELDS}
     for name in names:
         if name in options:
-            raise BadSetting(f"{name} is no setting but an option of the command line.", f"Type: --{name}{' ...' * (not options[name].is_flag)}")
+            raise BadSetting(
+                f"{where}{name} is no setting but an option of the command line.", f"Type: --{name}{' ...' * (not options[name].is_flag)}"
+            )
 
 
 def settings_table() -> str:
@@ -146,4 +149,4 @@ def _parse(assignment: str) -> tuple[str, Any]:
     try:
         return name, item.type(text.strip())
     except ValueError:
-        raise BadSetting(f"{name}={text} is not {KINDS[item.type]}.", item.metadata["help"]) from None
+        raise wrong_kind(item, text) from None

@@ -185,7 +185,8 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
             sizes.append(photo.header.width * photo.header.height / 1e6)
             if photo.pixels.std() < FLAT:
                 flat.append(f"{path.name}: {photo.pixels.mean():.0f} of 255")
-    figure = f"{counted(len(paths), 'photo')}" + (f" of {min(sizes):.2g} to {max(sizes):.2g} MP" if sizes else "")
+    ends = [f"{end(sizes):.2g}" for end in (min, max) if sizes]
+    figure = counted(len(paths), "photo") + (f" of {' to '.join(dict.fromkeys(ends))} MP" if ends else "")
     pairs = most_pairs(len(sizes))
     time = counted(math.ceil(pairs * PAIR_S / 60), "minute")
     finds = f"`{command('wegs', 'train', root)}` finds them ({counted(pairs, 'pair')} to match, up to {time}) and trains"

@@ -8,7 +8,7 @@ from statistics import fmean
 
 from core.data.collection import Photo
 from core.data.made import EVALUATED, PICTURES
-from core.data.photos.names import png_paths
+from core.data.photos.names import is_file, png_paths
 from core.errors import BadInput
 from core.evaluation import LOOKS, lpips
 from core.evaluation.protocols import ViewPictures, ViewResult, measure
@@ -34,7 +34,9 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
     over = ", over white" if trained.transparent_is_empty else ""
-    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {counted(len(photos), 'held-out photo')}, protocol {protocol}{over}")
+    there = sum(is_file(photo.path) for photo in photos)
+    count = f"{there} of " * (there < len(photos)) + counted(len(photos), "held-out photo")
+    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {count}, protocol {protocol}{over}")
     distance = _lpips(trained, report)
     start = time.perf_counter()
     kept = trained.folder / PICTURES / protocol

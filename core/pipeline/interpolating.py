@@ -43,7 +43,8 @@ def interpolate(
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
     check_fillable(output, FADE, force)
-    ends = [find_look(trained, word, refine=refine, report=report) for word in (first, last)]
+    looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
+    ends = looks[first], looks[last]
     camera = trained.camera(photo)
     report.say(f"{trained.folder}{trained.where}: {steps} steps, seen from {photo.name}")
     for which, end in zip(("from", "to"), ends, strict=True):

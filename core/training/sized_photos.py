@@ -14,7 +14,7 @@ from torch import Tensor
 from core.appearance.encoder import shrink
 from core.config import AUTO_PIXELS, Settings
 from core.data.collection import Photo
-from core.data.photos.file import named_with_fault
+from core.data.photos.file import fault_of
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
@@ -41,7 +41,7 @@ def check_resolution(resolution: int) -> None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What sizes the photos of a run are used at. resolution, encoder_side_px: the settings. factor: divides where resolution is -1."""
+    """What sizes the photos of a run are used at. resolution, encoder_side_px: the settings. factor: divides where resolution is auto."""
 
     resolution: int
     factor: float
@@ -49,7 +49,7 @@ class Sizes:
 
     @staticmethod
     def of(settings: Settings, photos: Sequence[Photo]) -> "Sizes":
-        """Of all photos of a collection: at -r -1 the mean one gets the AUTO_PIXELS of the device, and none is enlarged."""
+        """Of all photos of a collection: at -r auto the mean one gets the AUTO_PIXELS of the device, and none is enlarged."""
         mean = sum(photo.camera.width * photo.camera.height for photo in photos) / max(len(photos), 1)
         most = AUTO_PIXELS["cuda" if settings.device == "cuda" else "cpu"]
         return Sizes(settings.resolution, max(1.0, math.sqrt(mean / most)), settings.encoder_side_px)
@@ -107,7 +107,7 @@ def shown_on(device: torch.device, pixels: np.ndarray, valid: np.ndarray | None)
 class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
-    notes: a line that names the photos left out because their damage shows only now that they are decoded. device: of the
+    notes: a line for each kind of damage that shows only now that photos are decoded, with the photos left out for it. device: of the
     encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it.
     """
 
@@ -119,7 +119,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
             try:
                 self.photos.append(load_sized_photo(photo, sizes, device, transparent_is_empty))
             except BadInput as problem:
-                damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
+                damaged.add(f"of the {photo.split} split that cannot be used ({fault_of(photo.name, photo.path, problem)})", photo.name)
         self.notes = damaged.notes() + _doubtful_masks(self.photos)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0

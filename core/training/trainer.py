@@ -79,7 +79,7 @@ class Trainer:
         sizes = Sizes.of(settings, collection.photos)
         self.photos = SizedPhotos(collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings))
         if not len(self.photos):
-            what = f"{collection.root}: no photo is left to train on. {self.photos.notes[0]}."
+            what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
         self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)

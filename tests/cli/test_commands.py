@@ -61,6 +61,7 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
             "train",
             HERE | {"settings": Settings(appearance="exposure", transients="off")},
         ),
+        *((f"train {size}", "train", HERE) for size in ("-r auto", "-r -1", "--set resolution=auto", "--set resolution=-1")),
         ("train --resume", "resume", {"folder": None}),
         ("train --resume -o runs/a", "resume", {"folder": Path("runs/a")}),
         ("bake --appearance a.jpg -o a.ply", "bake_to_file", LOOK),

@@ -165,6 +165,7 @@ def test_a_program_without_a_terminal_works_all_the_same():
         (["train", "photos", "--memory", "4"], "No such option '--memory'. It goes before the command: wegs --memory GIB train"),
         (["train", "photos", "--set", "masks=people"], "masks is no setting but an option of the command line. Type: --masks ..."),
         (["train", "photos", "--set", "resume=1"], "resume is no setting but an option of the command line. Type: --resume"),
+        (["train", "photos", "--config", "x.toml"], "x.toml: masks is no setting but an option of the command line. Type: --masks ..."),
         (["train", "a.mp4"], "a.mp4 is a file, not a folder. Take pictures out of it: mkdir photos; ffmpeg -i a.mp4 -vf fps=2 photos/%04d.png"),
         (["train", "transforms.json"], "transforms.json is a file, not a folder. Give the folder it is in: ."),
         (["doctor", "transforms.json"], "transforms.json is a file, not a folder. Give the folder it is in: ."),
@@ -174,5 +175,6 @@ def test_what_is_nearly_right_is_told_how_to_be_typed(typed, advice, tmp_path, m
     monkeypatch.chdir(tmp_path)
     for name in ("a.mp4", "transforms.json"):
         Path(name).touch()
+    Path("x.toml").write_text('masks = "people"\n')
     result = CliRunner().invoke(main.wegs, typed, prog_name="wegs")
     assert result.exit_code in (1, 2) and advice in result.stderr

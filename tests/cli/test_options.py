@@ -67,8 +67,11 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
     [
         ("steps", "no '='"),
         ("stepz=3", "no setting 'stepz'"),
-        ("steps=many", "not a whole number"),
+        ("steps=many", "^steps=many is not a whole number. Give one of at least 1, or auto.$"),
         ("steps=1.5", "not a whole number"),
+        ("sh_degree=high", "^sh_degree=high is not a whole number. Give one from 0 to 3, or auto.$"),
+        ("ssim_weight=half", "^ssim_weight=half is not a finite number. Give one from 0 to 1.$"),
+        ("resolution=0", "too small"),
         ("steps=0", "too small"),
         ("gauge=nan", "gauge=nan"),
         ("sh_degree=4", "too large"),
@@ -95,7 +98,10 @@ def test_the_same_setting_twice_is_refused():
     [
         ("steps = \n", BadInput, "not TOML"),
         ("stepz = 3\n", BadSetting, "no setting 'stepz'. Did you mean steps?"),
-        ("steps = '3'\n", BadSetting, "is not a whole number"),
+        ("steps = '3'\n", BadSetting, "steps='3' is not a whole number. Give one of at least 1, or auto.$"),
+        ("largest_scale = true\n", BadSetting, "largest_scale=True is not a finite number. Give one of at least 0.001.$"),
+        ("residual = 1\n", BadSetting, "residual=1 is not true or false. Choose one of: true, false.$"),
+        ("sky = 1\n", BadSetting, "sky=1 is not a word. Choose one of: auto, none, dome.$"),
         ("[train]\nsteps = 3\n", BadSetting, "no setting 'train'"),
     ],
 )

@@ -286,7 +286,7 @@ def test_a_mask_that_leaves_less_than_a_hundredth_is_a_mistake(tmp_path, rows, i
     path, mask = save(tmp_path / "a.png", noise(200, 20)), save_mask(tmp_path / "m.png", 200, 20, np.s_[rows:])
     photo = replace(photo_at(path, 20, 200), mask=mask)
     if is_mistake:
-        with pytest.raises(BadInput, match=r"a.png is left with 0.5% of its pixels by its mask .*m.png"):
+        with pytest.raises(BadInput, match=r"a.png is left with 0.5% of its pixels by its mask\. White"):
             load_photo(photo, 20, 200)
     else:
         assert load_photo(photo, 20, 200).valid.sum() == rows * 20

@@ -43,7 +43,7 @@ def test_a_mistake_in_a_mask_is_none_of_the_photo_and_none_at_all_if_held_out(tm
         cv2.imwrite(str(scene / f"{number}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
         changed(scene, lambda facts, number=number: facts["frames"][number].update(mask_path=f"{number}.png"))
     found = examined(scene)[0]["unusable photos"]
-    assert found.figure.startswith("1 of 4 (photo_1.png (is left with 0.0% of its pixels by its mask ")
+    assert found.figure.startswith("1 of 4 (photo_1.png (is left with 0.0% of its pixels by its mask)")
     assert found.meaning == "cannot be used; training leaves them out"
     assert found.advice == "White (255) marks what is to be used, black what is not."
 
@@ -162,6 +162,7 @@ def save_photos(folder, count):
 def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, words):
     save_photos(tmp_path, count)
     findings, heard = examined(tmp_path)
+    assert findings["scene"].figure == f"{count} photos of 0.019 MP"
     assert findings["scene"].meaning == f"photos without cameras; next, `wegs train {tmp_path}` finds them ({words}) and trains"
     assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 5 checks, nothing to do."
 
@@ -173,6 +174,12 @@ def test_pictures_stored_twice_are_told_and_not_matched_with_themselves(tmp_path
     twice = findings["pictures stored twice"]
     assert twice.figure == "1 of 4 (again.jpg (is the picture 0.png once more, with fewer bytes))" and not twice.advice
     assert "(3 pairs to match" in findings["scene"].meaning
+
+
+def test_the_sizes_of_photos_are_told_from_the_least_to_the_largest(tmp_path):
+    save_photos(tmp_path, 2)
+    assert cv2.imwrite(str(tmp_path / "1.png"), cv2.resize(cv2.imread(str(tmp_path / "1.png")), (320, 240)))
+    assert examined(tmp_path)[0]["scene"].figure == "2 photos of 0.019 to 0.077 MP"
 
 
 def test_photos_too_small_to_find_cameras_by_are_told(tmp_path):

@@ -1,6 +1,7 @@
 """Photos that are damaged, or gone once the run is trained."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -24,10 +25,8 @@ def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, mo
     heard = Heard()
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "a run", heard)
     said = "\n".join(heard.lines)
-    assert (
-        "! 1 photo of the train split that cannot be used: photo_0.png" in said
-        and "! 1 photo of the test split that cannot be used: photo_2.png" in said
-    )
+    for split, name in (("train", "photo_0.png"), ("test", "photo_2.png")):
+        assert re.search(rf"^! 1 photo of the {split} split that cannot be used \(ends before .*\): {name}$", said, re.MULTILINE)
     assert f"Next: wegs bake --run '{folder}'" in said  # not the newest of ./runs, and with a space
     with pytest.raises(BadInput, match="photo_0.jpg ends before"):
         pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "a.ply")
@@ -35,6 +34,10 @@ def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, mo
     results = pipeline.evaluate(folder, report=heard, refine=False)
     assert [view.name for view in results.views] == ["photo_5.png"] and results.test_photos == 2
     assert any(line.startswith("! 1 photo not measured: photo_2.png (") for line in heard.lines)
+    assert ": 2 held-out photos, protocol" in heard.lines[0]
+    photos[2].path.unlink()
+    pipeline.evaluate(folder, report=heard, refine=False)
+    assert any(": 1 of 2 held-out photos, protocol" in line for line in heard.lines)
 
 
 def test_a_run_outlives_its_photos(trained, tmp_path):

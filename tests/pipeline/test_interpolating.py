@@ -39,6 +39,13 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
     assert not torch.equal(ends_sh[1], ends_sh[0]) and not torch.equal(ends_sh[1], ends_sh[2])
 
 
+def test_a_look_that_is_both_ends_is_found_once(trained, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(interpolating, "find_look", lambda live, word, **choices: asked.append(word) or find_look(live, word, **choices))
+    output = pipeline.interpolate(trained[0], "photo_4.png", "photo_4.png", 2, tmp_path / "fade")
+    assert asked == ["photo_4.png"] and len({(output / f"frame_00{step}.png").read_bytes() for step in range(2)}) == 1
+
+
 def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatch):
     def full(path, _):
         raise WegsError(f"The disk is full: {path} was not written.", "Free some space.")

@@ -48,9 +48,14 @@ def bad_photo(path: Path, why: str) -> BadInput:
     return BadInput(f"{path} {why}.", "Copy it again, or convert it to JPEG or PNG.")
 
 
+def fault_of(name: str, path: Path, problem: BadInput) -> str:
+    """What `problem` says about the photo called `name` in the file `path`, in words that follow either."""
+    return problem.what.removeprefix(str(path)).removeprefix(name).strip(" .")
+
+
 def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
-    """A photo in a list of unusable ones: its name, and in brackets what `problem` says about `path`."""
-    return f"{name} ({problem.what.removeprefix(str(path)).removeprefix(name).strip(' .')})"
+    """A photo in a list of unusable ones: its name, and its fault in brackets."""
+    return f"{name} ({fault_of(name, path, problem)})"
 
 
 def probe(path: Path) -> Header:

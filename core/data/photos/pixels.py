@@ -59,7 +59,7 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) == 255
     if mask is not None:
         use &= read_mask(mask, pixels.shape[:2])
-    return pixels if use.all() else _filled(pixels, use, path, mask)
+    return pixels if use.all() else _filled(pixels, use, path, masked=mask is not None)
 
 
 def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool = False) -> LoadedPhoto:
@@ -87,7 +87,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     empty = pixels[..., 3] if pixels.shape[2] == 4 else None
     pixels = np.ascontiguousarray(pixels[..., :3])
     if photo.mask is not None and valid is not None:
-        pixels = _filled(pixels, valid, photo.path, photo.mask)
+        pixels = _filled(pixels, valid, photo.path, masked=True)
     elif valid is not None and not valid.any():
         raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
     elif valid is not None and alpha is not None and not transparent_is_empty:
@@ -153,12 +153,11 @@ def _called_a_mask() -> Iterator[None]:
         raise BadInput(f"The mask {problem.what}", problem.fix) from None
 
 
-def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, mask: Path | None) -> np.ndarray:
+def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, masked: bool) -> np.ndarray:
     if use.mean() < LEAST_USE:
-        if mask is None:
+        if not masked:
             raise bad_photo(path, f"shows something in {use.mean():.1%} of its pixels: the others are transparent")
-        why = f"is left with {use.mean():.1%} of its pixels by its mask {mask}"
-        raise BadInput(f"{path} {why}.", MEANING)
+        raise BadInput(f"{path} is left with {use.mean():.1%} of its pixels by its mask.", MEANING)
     return fill(pixels, use)
 
 

@@ -1,5 +1,7 @@
 """The pictures of looks are made from any run, and say how near a look comes to a truth that is known."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -79,6 +81,15 @@ def test_a_sheet_without_photos(folder, tmp_path):
 def test_what_cannot_be_drawn_is_refused(folder, options, words):
     result = CliRunner().invoke(lights.main, [str(folder), *options])
     assert result.exit_code == 1 and words in result.output
+
+
+def test_the_truth_lies_in_the_scene_also_where_points_were_made_beside_it(folder, tmp_path):
+    live = load_run(folder)
+    known = live.collection.root / "truth" / "styles" / "dawn" / "photo_2.png"
+    known.parent.mkdir(parents=True)
+    known.write_bytes((live.collection.root / "photo_2.png").read_bytes())
+    live = replace(live, collection=replace(live.collection, points_from=tmp_path))
+    assert live.collection.read_from == tmp_path and lights.truths(live, "elsewhere/dawn.jpg") == {"photo_2.png": known}
 
 
 def test_nearness_to_a_truth(folder):

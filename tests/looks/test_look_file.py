@@ -51,6 +51,15 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
 
 
+def test_gaussians_that_cannot_be_drawn_are_left_out_and_counted(trained, tmp_path):
+    broken, heard = trained.splats.map(torch.clone), Heard()
+    broken.means[:2] = torch.nan
+    trained = replace(trained, splats=broken)
+    written = write_look(trained, find_look(trained, "neutral"), tmp_path / "a.ply", heard, None)
+    assert written == len(read_ply(tmp_path / "a.ply")) == len(broken) - 2
+    assert heard.lines == ["! a.ply: 2 Gaussians that cannot be drawn (NaN, Inf or a zero quaternion) left out."]
+
+
 def test_a_look_can_be_written_without_the_sky(trained, tmp_path):
     paths, neutral = [tmp_path / "all.ply", tmp_path / "place.ply"], find_look(trained, "neutral")
     counts = [write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)]

@@ -1,5 +1,6 @@
 """A trained run in one look as a file: which look, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from core.export.ply import read_ply
 from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.pipeline import baking
+from core.scene.frame import SceneFrame
 from tests.heard import Heard
 from tests.small import small_settings
 
@@ -104,6 +106,17 @@ def test_the_seconds_that_are_told_include_finding_the_look(trained, tmp_path, m
     monkeypatch.setattr(baking, "find_look", slowly)
     path = pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.ply", heard)
     assert [line.endswith(" MB, 7.0 s") for line in heard.lines if line.startswith(f"{path}: ")] == [True]
+
+
+def test_a_scene_far_from_the_origin_is_written_around_itself_and_that_is_said(trained, tmp_path, monkeypatch):
+    live, heard, near = load_run(trained[0]), Heard(), Heard()
+    pipeline.bake_to_file(trained[0], "neutral", tmp_path / "near.ply", near)
+    far = replace(live, collection=replace(live.collection, frame=SceneFrame(np.array([5e6, 0, -7.5]), 1.0)))
+    monkeypatch.setattr(baking, "open_run", lambda *_: far)
+    pipeline.bake_to_file(trained[0], "neutral", tmp_path / "far.ply", heard)
+    assert [line for line in heard.lines if "written around" in line] == [str(note) for note in far.collection.frame.offset_notes()]
+    assert heard.lines[1].endswith(": files are written around (5000000, 0, -7.5).") and not any("written around" in line for line in near.lines)
+    assert torch.equal(*(read_ply(tmp_path / f"{name}.ply").means for name in ("near", "far")))
 
 
 def test_a_table_of_embeddings_knows_no_other_photos(small_scene, tmp_path):

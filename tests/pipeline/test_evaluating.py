@@ -43,6 +43,17 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
     assert {path.name for path in (trained[0] / "pictures/full/gt-color").iterdir()} == {"photo_2.png", "photo_5.png"}
 
 
+def test_pictures_of_an_earlier_call_are_said_to_be(trained, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(trained[0], folder, ignore=shutil.ignore_patterns("pictures"))
+    told = []
+    for protocol, keep in (("half", True), ("full", False), ("half", False), ("half", True)):
+        heard = Heard()
+        pipeline.evaluate(folder, protocol, heard, refine=False, keep_pictures=keep)
+        told.append([line for line in heard.lines if "earlier call" in line])
+    assert told == [[], [], [f"! {folder / 'pictures' / 'half'} is of an earlier call: --pictures replaces it"], []]
+
+
 def test_what_is_known_of_a_synthetic_scene_is_measured_too(trained, small_scene, monkeypatch):
     """The photos themselves as the clean truth, nobody in them; and of photos too small for LPIPS that is said."""
     monkeypatch.setattr(lpips, "load", lambda: Lpips("alex", made_weights("alex")))

@@ -1,4 +1,4 @@
-"""What a process is told before torch is loaded: with glibc, memory that was freed is at hand again; what the user set stays."""
+"""What a process is told before torch is loaded: with glibc, memory that was freed is at hand again; what the user set stays; who waits for the interpreter."""
 
 import os
 import platform
@@ -45,3 +45,33 @@ def test_threads_wait_without_spinning_unless_the_user_wants_it(given):
 def test_torch_is_not_loaded():
     program = "import sys; from core.system.process import prepare; prepare(); print('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip() == "False"
+
+
+WAITS = """
+import threading, time
+
+def wait_for_the_interpreter(times=30):
+    start = time.perf_counter()
+    for _ in range(times):
+        time.sleep(0)  # gives it up and wants it back
+    return (time.perf_counter() - start) / times
+
+def compute():
+    while not done:
+        sum(range(1000))
+
+done = False
+threading.Thread(target=compute).start()
+before = wait_for_the_interpreter()
+from core.system.process import prepare
+prepare()
+now = wait_for_the_interpreter()
+done = True
+print(before, now)
+"""
+
+
+def test_a_thread_beside_python_code_does_not_wait_long_for_the_interpreter():
+    before, now = map(float, subprocess.run([sys.executable, "-c", WAITS], capture_output=True, text=True, check=True).stdout.split())
+    assert before > 4e-3
+    assert now < before / 2

@@ -11,7 +11,7 @@ from core.bench.figure import Figure
 from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
 from core.bench.training import Course, checks, training_figure
-from core.config import LEAST, PRESETS, Settings, preset
+from core.config import LEAST, PRESETS, UNDECIDED, Settings, preset
 from core.data.collection import Collection, spread_over
 from core.data.made import CURVES, scene_beside
 from core.data.prepare import prepared
@@ -34,7 +34,7 @@ CHECKS = 12  # times a run that is trained for a figure is measured on the way
 class Size:
     """How much is measured. budget: see `stopwatch.timed`.
 
-    Of training: share of each preset's steps, most Gaussians, resolution of photos (a width in px; -1 leaves it to the preset), seeds.
+    Of training: share of each preset's steps, most Gaussians, resolution of photos (a width in px, or UNDECIDED), seeds.
     views: that baking is judged by. photos: that are refined. cameras: of a run that are rendered.
     """
 
@@ -49,7 +49,7 @@ class Size:
 
 
 SMALL = Size(share=0.2, gaussians=4000, budget=0.5, resolution=160, seeds=1, views=8, photos=4, cameras=1)
-FULL = Size(share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, resolution=-1, seeds=3, views=32, photos=100, cameras=3)
+FULL = Size(share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, resolution=UNDECIDED, seeds=3, views=32, photos=100, cameras=3)
 
 
 def bench(

@@ -80,7 +80,7 @@ def test_a_run_of_a_gpu_is_used_on_one_where_there_is_one(machine):
 
 
 def test_a_run_of_a_gpu_keeps_its_picture_sizes_on_a_cpu(machine, tmp_path):
-    """At -r -1 a photo of 1600 x 1200 is trained whole on a GPU, and at a ninth of its pixels on a CPU."""
+    """At -r auto a photo of 1600 x 1200 is trained whole on a GPU, and at a ninth of its pixels on a CPU."""
     machine(gpu=False)
     trainer = Trainer(small_collection(tmp_path), small_settings(steps=1), tmp_path)
     list(trainer.train())

@@ -12,6 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the work is split over pro
 import argparse
 import json
 import shutil
+import sys
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -25,6 +26,10 @@ from plaza_maker.model import ORIGIN, ROTATION, SCALE, Taken, write_model
 from plaza_maker.rays import World
 from plaza_maker.shots import Shot
 from plaza_maker.square import static_groups
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from wegs_cli.terminal import Terminal
 
 TABLE = "plaza.tsv"  # of the photos and their splits
 STYLE_VIEWS = 3  # test views rendered in each style's light
@@ -94,14 +99,13 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
     extra = [partial(_take, s, output, f"styles/{s.name}.jpg", None, grid) for s in styles]
     extra += [partial(_clean, s, s.look, output, f"truth/clean/{s.name}.png", grid) for s in tested]
     extra += [partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central]
-    with get_context("spawn").Pool(processes) as pool:
-        results = []
-        for number, result in enumerate(pool.imap(_run, takes + extra), start=1):
+    results = []
+    with get_context("spawn").Pool(processes) as pool, Terminal() as terminal:
+        for result in pool.imap(_run, takes + extra):
             results.append(result)
-            print(f"\r{number} of {len(takes) + len(extra)} pictures", end="", flush=True)
+            terminal.progress("Pictures", len(results), len(takes) + len(extra))
         pool.close()
         pool.join()
-    print()
     taken = results[: len(takes)]
     figures = write_model([photo for photo, _ in taken], output / "dense" / "sparse", shots.SEED)
     rows = [f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza" for number, shot in enumerate(collection, 1)]

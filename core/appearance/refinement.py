@@ -1,8 +1,8 @@
 """Refinement: a look is fitted to the photo that it was read from, seen by that photo's own camera.
 
-First the embedding and the tone, and the weights that embeddings give, which may take values that no embedding gives. Then the hidden
-layers of the SH transfer too: places are an input of these, so they can learn where in this one photo a shadow falls. What the photo does
-not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
+First the tone and the weights that the embedding gives, which may take values that no embedding gives; where embeddings give no weights, the
+embedding itself. Then the hidden layers of the SH transfer too: places are an input of these, so they can learn where in this one photo a
+shadow falls. What the photo does not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -124,15 +124,18 @@ def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colo
 
 
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
-    """Embedding, tone and the weights that embeddings give.
+    """The tone, and the weights that the embedding gives, or the embedding.
 
-    Embeddings stay within `bound`: beyond, the SH transfer makes up colours for what the photo does not show.
+    An embedding stays within `bound`: beyond, the SH transfer makes up colours for what the photo does not show. One that gives weights stays
+    as it is: refined beside them it fits the photo no better, and changes more of what other cameras see (core/TRIED.md, "Refinement").
     """
     embedding, tone, changes = start.detached()
     gains = (EVEN.to(embedding.device) if tone is None else tone).log()
     changes = {name: torch.zeros_like(spread) for name, spread in seen.given_spread.items()} | changes
-    learning = [_Learning(embedding, RATE, seen.bound), _Learning(gains, TONE_RATE)]
+    learning = [_Learning(gains, TONE_RATE)]
     learning += [_Learning(changes[name], GIVEN_RATE * spread) for name, spread in seen.given_spread.items()]
+    if not seen.given_spread:
+        learning.append(_Learning(embedding, RATE, seen.bound))
     return _descent(learning, STEPS, lambda: Colouring(embedding, gains.exp(), changes), misfit)
 
 

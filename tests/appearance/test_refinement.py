@@ -89,8 +89,9 @@ def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
 def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
     """In units of how widely they differ between looks: one that hardly does stays."""
     apart = {"last.bias": torch.tensor([0.5, 0.5, 1e-6])}
-    found, colour = refined(PICTURE, torch.full((3,), 0.8), given_spread=apart, bound=lambda embedding: embedding.clamp(min=0.7))
-    assert (colour - 0.4).abs().max() < 0.01
+    begin = torch.full((3,), 0.8)
+    found, colour = refined(PICTURE, begin, given_spread=apart)
+    assert (colour - 0.4).abs().max() < 0.01 and torch.equal(found.embedding, begin)
     assert (found.changes["last.bias"][:2] < -0.05).all() and found.changes["last.bias"][2].abs() < 1e-5
 
 

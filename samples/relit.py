@@ -1,0 +1,112 @@
+"""What a look shows from where its photo was not taken: the scene in the light of one photo, seen by the cameras of others.
+
+    python samples/relit.py RUN
+
+RUN (default: the newest) is of samples/plaza, or of another collection that `make_plaza.py` made. The look of each held-out photo is read from
+the whole photo, and refined. It is scored against the empty square, ray-cast in the same light: as the photo's own camera sees it, the three
+cameras that see most alike, and three spread over all others. Prints the PSNR of each photo and a table of the means.
+"""
+
+import json
+import sys
+from collections import deque
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
+
+from core.system.process import prepare
+
+prepare()  # before torch is imported
+
+import click
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float
+from plaza_maker.cameras import View
+from plaza_maker.light import render
+from plaza_maker.looks import Look, develop
+from plaza_maker.rays import World
+from plaza_maker.square import static_groups
+
+from core.appearance.colouring import Colouring
+from core.data.collection import spread_over
+from core.errors import BadInput
+from core.evaluation.metrics import psnr, quantised
+from core.evaluation.protocols import fit_of, refining
+from core.evaluation.truth import FOLDER
+from core.looks.held_out_views import held_out_view
+from core.looks.trained import TrainedRun, load_run
+from core.training.on_disk import run_folders
+from wegs_cli.main import OneLineErrors
+from wegs_cli.terminal import Terminal
+
+CAMERAS = 3  # of each kind but the photo's own
+TURN_M = 20.0  # metres that tell views apart as much as a turn of 90 degrees
+KINDS = ("its own", "three that see most alike", "three of the others")
+
+
+@click.command(cls=OneLineErrors)
+@click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
+@click.option("--grid", default=2, help="Sub-samples of a pixel of the truth along each side.")
+def main(run_folder: Path | None, grid: int) -> None:
+    """Score the looks of RUN's held-out photos as other cameras see them."""
+    trained = load_run(run_folders.find_run(run_folder))
+    record = trained.collection.root / FOLDER / "looks.json"
+    if not record.is_file():
+        raise BadInput(f"{trained.folder} is of a scene whose lights are not known: there is no {record}.", "Take a run of samples/plaza.")
+    photos, world = json.loads(record.read_text())["photos"], World(static_groups())
+    scored = []
+    with Terminal() as terminal:
+        held_out = trained.collection.split("test")
+        for done, photo in enumerate(held_out, 1):
+            look = Look(**photos[Path(photo.name).stem]["look"])
+            looks = looks_of(trained, photo.name)
+            kinds = cameras_beside(photo.name, trained, photos)
+            scored.append([np.mean([scores(trained, looks, name, look, photos, world, grid) for name in names], axis=0) for names in kinds])
+            figures = "; ".join(f"{kind} {zero_shot:.2f}, {refined:.2f}" for kind, (zero_shot, refined) in zip(KINDS, scored[-1], strict=True))
+            terminal.say(f"{photo.name} ({look.kind}), zero-shot and refined, dB: {figures}")
+            terminal.progress("Photos", done, len(held_out))
+    click.echo("| camera | zero-shot | refined |\n|---|---|---|")
+    for kind, figures in zip(KINDS, np.mean(scored, axis=0), strict=True):
+        click.echo(f"| {kind} | {figures[0]:.2f} | {figures[1]:.2f} |")
+
+
+def looks_of(trained: TrainedRun, name: str) -> list[Colouring]:
+    """The look of a held-out photo, as it is read and as it is refined."""
+    fit = fit_of(trained, held_out_view(trained, trained.collection.view(name)), "full")
+    return [Colouring(fit.start), deque(refining(trained, fit), maxlen=1)[0]]
+
+
+def cameras_beside(name: str, trained: TrainedRun, photos: dict) -> list[list[str]]:
+    """The names of the photos whose cameras are each of KINDS."""
+
+    def apart(other: str) -> float:
+        first, second = (photos[Path(each).stem]["camera"] for each in (name, other))
+        return float(np.linalg.norm(np.subtract(first["centre"], second["centre"]))) / TURN_M - np.dot(
+            first["world_to_camera"][2], second["world_to_camera"][2]
+        )
+
+    others = sorted((photo.name for photo in trained.collection.photos if photo.name != name), key=apart)
+    return [[name], others[:CAMERAS], list(spread_over(others[CAMERAS:], CAMERAS))]
+
+
+def scores(trained: TrainedRun, looks: list[Colouring], name: str, light: Look, photos: dict, world: World, grid: int) -> list[float]:
+    """PSNR (dB) of the looks against the empty square in that light, as the camera of the photo called `name` sees them."""
+    photo = trained.collection.view(name)
+    taken, camera = photo.camera, trained.camera(photo)
+    truth = lit(photos[Path(name).stem]["camera"], taken.width, taken.height, light, world, grid)
+    truth = quantised(torch.from_numpy(cv2.resize(truth, (camera.width, camera.height), interpolation=cv2.INTER_AREA)))
+    seen = trained.seen_by(camera)
+    with torch.no_grad():
+        return [psnr(quantised(seen.render(look)), truth) for look in looks]
+
+
+def lit(camera: dict, width: int, height: int, light: Look, world: World, grid: int) -> Float[np.ndarray, "h w 3"]:
+    """The empty square in a light, as `camera`, of looks.json, took it."""
+    view = View(np.array(camera["world_to_camera"]), np.array(camera["centre"]), camera["focal_px"], width, height)
+    return develop(light, render(world, light, view, grid).radiance)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""Looks seen by cameras other than their photos': the truth is that of the sample, and cameras beside a photo are those that see alike."""
+
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+from core.config import preset
+from core.pipeline import evaluate, train
+from samples import relit
+from samples.measurements.finished import with_split
+from tests.test_plaza_sample import PLAZA
+
+
+def test_a_photos_own_camera_is_scored_as_by_eval_and_others_beside_it(tmp_path, monkeypatch):
+    header, *rows = (PLAZA / "plaza.tsv").read_text().splitlines()
+    splits = [[row for row in rows if f"\t{split}\t" in row] for split in ("train", "test")]
+    (tmp_path / "few.tsv").write_text("\n".join([header, *splits[0][:12], *splits[1][:2]]) + "\n")
+    scene = with_split(PLAZA, tmp_path / "few.tsv", tmp_path)
+    small = {"steps": 30, "max_gaussians": 6000, "sky_gaussians": 100, "encoder_side_px": 30, "resolution": 8, "held_out_checks": 0}
+    train(scene, preset("quick").changed(**small), tmp_path / "run")
+    scores = evaluate(tmp_path / "run", "full").to_json()["means"]["clean"]
+    monkeypatch.setattr(relit, "CAMERAS", 1)
+    told = CliRunner().invoke(relit.main, [str(tmp_path / "run"), "--grid", "1"], catch_exceptions=False).output.splitlines()
+    own, alike, others = ([float(figure) for figure in line.split("|")[2:4]] for line in told[-3:])
+    assert own == pytest.approx([scores[look]["psnr"] for look in ("zero_shot", "refined")], abs=0.3)
+    assert own != alike != others and all(8 < figure < own[1] for figure in (*alike, *others))
+
+
+def test_cameras_that_see_most_alike_are_told_from_the_others():
+    trained = SimpleNamespace(collection=SimpleNamespace(photos=[SimpleNamespace(name=f"{name}.png") for name in "abcdefgh"]))
+    turned = {"world_to_camera": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
+    ahead = {"world_to_camera": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}
+    photos = {name: {"camera": {"centre": [float(place), 0, 0], **ahead}} for place, name in enumerate("abcdefgh")}
+    photos["b"]["camera"] |= turned
+    own, alike, others = relit.cameras_beside("a.png", trained, photos)
+    assert own == ["a.png"] and alike == ["c.png", "d.png", "e.png"] and others == ["f.png", "g.png", "b.png"]

@@ -7,7 +7,6 @@ left half, refined there with the camera that was found, and scored on the right
 """
 
 import sys
-from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from core.data import load_collection
 from core.data.collection import Collection, Photo
 from core.data.sfm.locate import locate
 from core.evaluation.metrics import psnr, quantised
-from core.evaluation.protocols import fit_of, refining
+from core.evaluation.protocols import fit_of, refined
 from core.looks.held_out_views import held_out_view
 from core.looks.refined_look import landmarks_of_run
 from core.looks.trained import TrainedRun, load_run
@@ -77,7 +76,7 @@ def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
     """PSNR (dB) of the right half in the look of the left one: as encoded, refined with the camera found, and with the known one."""
     view = held_out_view(trained, trained.collection.view(photo.name))
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
-    looks = [Colouring(fits[0].start), *(deque(refining(trained, fit), maxlen=1)[0] for fit in fits)]
+    looks = [Colouring(fits[0].start), *(refined(trained, fit) for fit in fits)]
     scored = fits[0].scored
     valid = None if view.valid is None else view.valid[:, scored]
     seen = trained.seen_by(view.camera)

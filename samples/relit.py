@@ -9,7 +9,6 @@ cameras that see most alike, and three spread over all others. Prints the PSNR o
 
 import json
 import sys
-from collections import deque
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
@@ -33,7 +32,7 @@ from core.appearance.colouring import Colouring
 from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation.metrics import psnr, quantised
-from core.evaluation.protocols import fit_of, refining
+from core.evaluation.protocols import fit_of, refined
 from core.evaluation.truth import FOLDER
 from core.looks.held_out_views import held_out_view
 from core.looks.trained import TrainedRun, load_run
@@ -55,15 +54,18 @@ def main(run_folder: Path | None, grid: int) -> None:
     record = trained.collection.root / FOLDER / "looks.json"
     if not record.is_file():
         raise BadInput(f"{trained.folder} is of a scene whose lights are not known: there is no {record}.", "Take a run of samples/plaza.")
-    photos, world = json.loads(record.read_text())["photos"], World(static_groups())
-    scored = []
+    known = json.loads(record.read_text())["photos"]
+    taken = {photo.name: known[Path(photo.name).stem] for photo in trained.collection.photos}
+    world, scored = World(static_groups()), []
     with Terminal() as terminal:
         held_out = trained.collection.split("test")
         for done, photo in enumerate(held_out, 1):
-            look = Look(**photos[Path(photo.name).stem]["look"])
+            look = Look(**taken[photo.name]["look"])
             looks = looks_of(trained, photo.name)
-            kinds = cameras_beside(photo.name, trained, photos)
-            scored.append([np.mean([scores(trained, looks, name, look, photos, world, grid) for name in names], axis=0) for names in kinds])
+            kinds = cameras_beside(photo.name, taken)
+            scored.append(
+                [np.mean([scores(trained, looks, name, taken[name]["camera"], look, world, grid) for name in names], axis=0) for names in kinds]
+            )
             figures = "; ".join(f"{kind} {zero_shot:.2f}, {refined:.2f}" for kind, (zero_shot, refined) in zip(KINDS, scored[-1], strict=True))
             terminal.say(f"{photo.name} ({look.kind}), zero-shot and refined, dB: {figures}")
             terminal.progress("Photos", done, len(held_out))
@@ -75,27 +77,26 @@ def main(run_folder: Path | None, grid: int) -> None:
 def looks_of(trained: TrainedRun, name: str) -> list[Colouring]:
     """The look of a held-out photo, as it is read and as it is refined."""
     fit = fit_of(trained, held_out_view(trained, trained.collection.view(name)), "full")
-    return [Colouring(fit.start), deque(refining(trained, fit), maxlen=1)[0]]
+    return [Colouring(fit.start), refined(trained, fit)]
 
 
-def cameras_beside(name: str, trained: TrainedRun, photos: dict) -> list[list[str]]:
-    """The names of the photos whose cameras are each of KINDS."""
+def cameras_beside(name: str, taken: dict) -> list[list[str]]:
+    """The names of the photos whose cameras are each of KINDS. taken: what looks.json says of each photo, by its name."""
 
     def apart(other: str) -> float:
-        first, second = (photos[Path(each).stem]["camera"] for each in (name, other))
-        return float(np.linalg.norm(np.subtract(first["centre"], second["centre"]))) / TURN_M - np.dot(
-            first["world_to_camera"][2], second["world_to_camera"][2]
-        )
+        first, second = (taken[each]["camera"] for each in (name, other))
+        away = float(np.linalg.norm(np.subtract(first["centre"], second["centre"])))
+        return away / TURN_M - np.dot(first["world_to_camera"][2], second["world_to_camera"][2])
 
-    others = sorted((photo.name for photo in trained.collection.photos if photo.name != name), key=apart)
+    others = sorted((other for other in taken if other != name), key=apart)
     return [[name], others[:CAMERAS], list(spread_over(others[CAMERAS:], CAMERAS))]
 
 
-def scores(trained: TrainedRun, looks: list[Colouring], name: str, light: Look, photos: dict, world: World, grid: int) -> list[float]:
-    """PSNR (dB) of the looks against the empty square in that light, as the camera of the photo called `name` sees them."""
+def scores(trained: TrainedRun, looks: list[Colouring], name: str, known: dict, light: Look, world: World, grid: int) -> list[float]:
+    """PSNR (dB) of the looks against the empty square in that light, as the camera of the photo called `name` sees them. known: its true camera."""
     photo = trained.collection.view(name)
-    taken, camera = photo.camera, trained.camera(photo)
-    truth = lit(photos[Path(name).stem]["camera"], taken.width, taken.height, light, world, grid)
+    camera = trained.camera(photo)
+    truth = lit(known, photo.camera.width, photo.camera.height, light, world, grid)
     truth = quantised(torch.from_numpy(cv2.resize(truth, (camera.width, camera.height), interpolation=cv2.INTER_AREA)))
     seen = trained.seen_by(camera)
     with torch.no_grad():

@@ -1,7 +1,5 @@
 """Looks seen by cameras other than their photos': the truth is that of the sample, and cameras beside a photo are those that see alike."""
 
-from types import SimpleNamespace
-
 import pytest
 from click.testing import CliRunner
 
@@ -28,10 +26,9 @@ def test_a_photos_own_camera_is_scored_as_by_eval_and_others_beside_it(tmp_path,
 
 
 def test_cameras_that_see_most_alike_are_told_from_the_others():
-    trained = SimpleNamespace(collection=SimpleNamespace(photos=[SimpleNamespace(name=f"{name}.png") for name in "abcdefgh"]))
     turned = {"world_to_camera": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
     ahead = {"world_to_camera": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}
-    photos = {name: {"camera": {"centre": [float(place), 0, 0], **ahead}} for place, name in enumerate("abcdefgh")}
-    photos["b"]["camera"] |= turned
-    own, alike, others = relit.cameras_beside("a.png", trained, photos)
+    taken = {f"{name}.png": {"camera": {"centre": [float(place), 0, 0], **ahead}} for place, name in enumerate("abcdefgh")}
+    taken["b.png"]["camera"] |= turned
+    own, alike, others = relit.cameras_beside("a.png", taken)
     assert own == ["a.png"] and alike == ["c.png", "d.png", "e.png"] and others == ["f.png", "g.png", "b.png"]

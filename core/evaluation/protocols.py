@@ -70,6 +70,12 @@ def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     return refinement(subject.seen_by(shown.camera), Colouring(fit.start), shown)
 
 
+def refined(subject: Subject, fit: Fit) -> Colouring | None:
+    """The look of the region, refined; None if the subject has no looks."""
+    course = deque(refining(subject, fit), maxlen=1)
+    return course.pop() if course else None
+
+
 @dataclass(frozen=True)
 class Scores:
     """psnr: dB. ssim, lpips: None where they cannot be computed (too small a picture; no weights)."""
@@ -118,8 +124,8 @@ def measure(
     photo, scored = fit.photo, fit.scored
     height, width = photo.shape[:2]
     looks = {"zero_shot": Colouring(fit.start)}
-    if refine and (course := deque(refining(subject, fit), maxlen=1)):
-        looks["refined"] = course.pop()
+    if refine and (better := refined(subject, fit)) is not None:
+        looks["refined"] = better
     shown = "refined" if "refined" in looks else "zero_shot"
 
     everything = slice(0, width)

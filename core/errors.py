@@ -29,6 +29,9 @@ class TrainingStopped(WegsError):
     """Training could not go on; a checkpoint was written. `fix` says what to change before training again."""
 
 
+LESS_MEMORY = "Train on smaller photos (-r 320: 320 px wide) or with a lower --max-gaussians"  # what to do where memory runs out
+
+
 def not_made(folder: Path, problem: OSError) -> BadInput:
     """The error for a folder of results that the system refuses to make."""
     return BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.")

@@ -67,7 +67,7 @@ class Group(OneLineErrors, click.Group):
 
 def explain(problem: BaseException) -> tuple[str, int] | None:
     """The line and the exit code for an exception that the user can mend; None for a defect of wegs."""
-    from core.errors import FULL, WegsError, disk_full  # late: not before `run` has checked that this core is wegs'
+    from core.errors import FULL, LESS_MEMORY, WegsError, disk_full  # late: not before `run` has checked that this core is wegs'
 
     if isinstance(problem, WegsError):
         return str(problem), 1
@@ -89,7 +89,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         words = ascii(problem.object[max(0, problem.start - 60) : problem.end])
         return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
     if isinstance(problem, RuntimeError) and "CUDA out of memory" in str(problem):
-        return "The memory of the GPU ran out. Lower -r/--resolution or --max-gaussians, or type --device cpu.", 1
+        return f"The memory of the GPU ran out. {LESS_MEMORY}, or with --device cpu.", 1
     # Numba's words if neither its package's folder nor the home folder is writable, as in containers run by another user.
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
@@ -97,7 +97,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     no_room = isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
     no_room |= type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
     if isinstance(problem, MemoryError) or no_room:
-        return "There is not enough memory. Lower -r/--resolution or --max-gaussians, or raise --memory if it is set.", 1
+        return f"There is not enough memory. {LESS_MEMORY}, or raise --memory if it is set.", 1
     return None
 
 

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from core.errors import BadInput
+from core.errors import LESS_MEMORY, BadInput
 from core.scene.camera import Camera
 from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
@@ -37,5 +37,5 @@ def check_lists(count: int, pairs: int, bytes_a_pair: int, budget: float, camera
         raise BadInput(
             f"{count} Gaussians cover {pairs} tiles of the {camera.width}x{camera.height} picture in all: "
             f"{pairs * bytes_a_pair / 2**30:.1f} GiB of lists.",
-            "Lower the resolution (-r) or --max-gaussians.",
+            f"{LESS_MEMORY}.",
         )

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import torch
 
-from core.errors import TrainingStopped, command
+from core.errors import LESS_MEMORY, TrainingStopped, command
 from core.training.trainer import Trainer
 
 
@@ -19,5 +19,5 @@ def saved_if_memory_runs_out(trainer: Trainer) -> Iterator[None]:
         bake = command("wegs", "bake", "--run", trainer.folder, "--appearance", "PHOTO", "-o", "look.ply")
         raise TrainingStopped(
             f"The memory of the GPU ran out at step {trainer.done}, with {len(trainer.gaussians)} Gaussians. Saved {path}.",
-            f"Train anew with a lower -r or --max-gaussians; what is saved can be baked: {bake}",
+            f"{LESS_MEMORY}; what is saved can be baked: {bake}",
         ) from None

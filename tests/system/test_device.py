@@ -112,7 +112,7 @@ def test_when_the_memory_of_the_gpu_runs_out_a_checkpoint_is_kept(tmp_path, monk
         raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB.")
 
     monkeypatch.setattr(trainer.rasterizer, "render", too_large, raising=False)
-    said = r"memory of the GPU ran out at step \d.*lower -r or --max-gaussians"
+    said = r"memory of the GPU ran out at step \d.*smaller photos .* --max-gaussians"
     with pytest.raises(TrainingStopped, match=said), saved_if_memory_runs_out(trainer):
         list(steps)
     assert checkpoint.newest(tmp_path) is not None

@@ -140,8 +140,8 @@ def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | N
         pixels = cv2.resize(read_pixels(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         truth = torch.from_numpy(pixels).to(trained.device).float() / 255
         looks = {"own": own, "neutral": find_look(trained, "neutral")} | seen
-        fitted = refined(trained, own, camera, truth, None)
-        looks |= {} if fitted is None else {"fitted": fitted}
+        if trained.has_looks:
+            looks["fitted"] = refined(trained, own, camera, truth, None)
         for which, look in looks.items():
             picture = metrics.quantised(drawn(trained, bake(trained, look), camera))
             found.setdefault(which, []).append(metrics.psnr(picture, truth))

@@ -8,8 +8,8 @@ from core.scene.cells import cell_sums
 class FlatView:
     """A Refinable of `size` (height, width)."""
 
-    def __init__(self, size, bound=lambda embedding: embedding, has_looks=True, given_spread=None, hidden=None):
-        self.size, self.bound, self.has_looks = size, bound, has_looks
+    def __init__(self, size, bound=lambda embedding: embedding, given_spread=None, hidden=None):
+        self.size, self.bound = size, bound
         self.given_spread, self.hidden = given_spread or {}, hidden or {}
 
     def render(self, look):

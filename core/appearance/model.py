@@ -150,11 +150,6 @@ class AppearanceModel(nn.Module):
             return self.sh_transfer.given_spread(self.known_embeddings) if isinstance(self.sh_transfer, SHTransfer) else {}
 
     @property
-    def given(self) -> Weights:
-        """See SHTransfer.given; none in the light exposure mode."""
-        return self.sh_transfer.given if isinstance(self.sh_transfer, SHTransfer) else {}
-
-    @property
     def hidden(self) -> Weights:
         """See SHTransfer.hidden; none in the light exposure mode."""
         return self.sh_transfer.hidden if isinstance(self.sh_transfer, SHTransfer) else {}

@@ -38,11 +38,10 @@ Course = Generator[Colouring, None, Colouring]  # the best look so far after eac
 class Refinable(Protocol):
     """What a camera sees of a scene whose look follows a Colouring.
 
-    has_looks: whether the view follows its Colouring at all. given_spread: how widely the weights that embeddings give differ between looks.
-    hidden: those of the SH transfer's hidden layers. Of either, there may be none.
+    given_spread: how widely the weights that embeddings give differ between looks. hidden: those of the SH transfer's hidden layers. Of either, there
+    may be none.
     """
 
-    has_looks: bool
     given_spread: Weights
     hidden: Weights
 
@@ -101,15 +100,13 @@ def steps_of(seen: Refinable) -> int:
 
 
 def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colouring]:
-    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`; none if the view has no looks. photo: of the camera that sees the view.
+    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`. photo: of the camera that sees the view.
 
     It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are lit. L1,
     because passers-by would pull harder on a squared error. All sky together counts no more than the place, whose look a photo that is
     mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. The result is
     the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
-    if not seen.has_looks:
-        return
     cells, weight = seen.in_cells(photo.weight), photo.weight[..., None]
     pixels, wanted = cell_sums(weight)[:, 0], cell_sums(photo.picture * weight)
     weights = torch.ones_like(pixels) if cells.sky is None else _weights(cells.sky, pixels)

@@ -99,14 +99,11 @@ class SHTransfer(nn.Module):
 
     @torch.no_grad()
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
-        """How widely the output layers that these embeddings give differ (standard deviations); empty where an embedding is an input."""
-        return {name: self.last(embeddings).std(dim=0) for name in self.given} if len(embeddings) > 1 else {}
+        """How widely the output layers that these embeddings give differ (standard deviations); empty where an embedding is an input.
 
-    @property
-    def given(self) -> Weights:
-        """The bias of the map from an embedding to the output layer: a change of it moves the output layers of all embeddings alike. Empty where an
-        embedding is an input."""
-        return {"last.bias": self.last.bias.detach()} if self.mixes else {}
+        By the name of the bias of the map that gives them: a change of it moves the output layers of all embeddings alike.
+        """
+        return {"last.bias": self.last(embeddings).std(dim=0)} if self.mixes and len(embeddings) > 1 else {}
 
     @property
     def hidden(self) -> Weights:

@@ -60,7 +60,7 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
 
 
 def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str, float]]:
-    """The quantities after each number of steps in MEASURED; empty where the look does not follow an embedding."""
+    """The quantities after each number of steps in MEASURED."""
     fit, seen = fit_of(subject, view, protocol), subject.seen_by(view.camera)
     deque(islice(refining(subject, fit), 2), maxlen=0)  # unmeasured: the first step of all loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()

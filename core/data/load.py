@@ -57,7 +57,7 @@ def find_kind(path: Path) -> str:
     A folder of triangulated points is of the kind of the scene whose points they are. A model beats a transforms.json.
     Raises BadInput for anything else.
     """
-    check_folder(path)
+    check_is_folder(path)
     scene, kind = scene_of(path) or (None, None)
     if kind in POSED:
         if not scene.is_dir():
@@ -70,7 +70,7 @@ def find_kind(path: Path) -> str:
     return "photos"
 
 
-def check_folder(path: Path) -> None:
+def check_is_folder(path: Path) -> None:
     """Raise BadInput unless there is such a folder; for a film or a scene's file it says what to do."""
     fix = "Give the folder that holds your photos."
     if path.is_dir():
@@ -106,7 +106,7 @@ def posed_kind(path: Path) -> str | None:
 
 def check_cameras_unknown(path: Path) -> None:
     """Raise BadInput for what is no folder, and for one with cameras but no plain photos: there is nothing for structure from motion to do."""
-    check_folder(path)
+    check_is_folder(path)
     if (kind := kind_with_cameras(path)) and not list_photos(path):
         fix = f"Type: {command('wegs', 'train', path)} (or name the folder of its photos, to have them found anew)."
         raise BadInput(f"{path} is a {kind} scene, which has cameras.", fix)

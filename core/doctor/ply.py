@@ -11,7 +11,7 @@ from core.doctor import views
 from core.doctor.finding import Finding
 from core.doctor.gaussians import look_at_gaussians
 from core.errors import BadInput
-from core.export.ply import read_every_row, sky_of
+from core.export.ply import read_ply, sky_of
 from core.ply_file import bytes_beyond
 from core.report import Report
 from core.scene.frame import SceneFrame
@@ -23,7 +23,7 @@ AGAIN = "Copy or export it again."
 
 def examine_ply(path: Path, report: Report) -> list[Finding]:
     """Findings about the file; also about its cameras if it lies in a run folder. BadInput if unreadable."""
-    said, splats = sky_of(path), read_every_row(path)
+    said, splats = sky_of(path), read_ply(path)
     sky = said if said and said <= len(splats) else 0
     findings = [*_file(path, splats, said or 0), *_findings(path, splats, sky, report)]
     if said is not None:

@@ -70,10 +70,9 @@ def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     return refinement(subject.seen_by(shown.camera), Colouring(fit.start), shown)
 
 
-def refined(subject: Subject, fit: Fit) -> Colouring | None:
-    """The look of the region, refined; None if the subject has no looks."""
-    course = deque(refining(subject, fit), maxlen=1)
-    return course.pop() if course else None
+def refined(subject: Subject, fit: Fit) -> Colouring:
+    """The look of the region, refined."""
+    return deque(refining(subject, fit), maxlen=1).pop()
 
 
 @dataclass(frozen=True)
@@ -124,8 +123,8 @@ def measure(
     photo, scored = fit.photo, fit.scored
     height, width = photo.shape[:2]
     looks = {"zero_shot": Colouring(fit.start)}
-    if refine and (better := refined(subject, fit)) is not None:
-        looks["refined"] = better
+    if refine and subject.has_looks:
+        looks["refined"] = refined(subject, fit)
     shown = "refined" if "refined" in looks else "zero_shot"
 
     everything = slice(0, width)

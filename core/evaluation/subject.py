@@ -11,7 +11,9 @@ from core.scene.camera import Camera
 
 @runtime_checkable
 class Subject(Protocol):
-    """A scene whose look follows a Colouring."""
+    """A scene whose look follows a Colouring, if it `has_looks`, more than one."""
+
+    has_looks: bool
 
     def embed(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
         """The embedding of a picture ([0, 1]) that was not trained on."""

@@ -40,9 +40,9 @@ ENDLESS = 30.0
 BYTES_A_GAUSSIAN = 4 * len(PROPERTIES)
 
 
-def _undrawable(table: Float32[np.ndarray, "n p"], names: list[str]) -> Bool[np.ndarray, " n"]:
-    """(n,): which rows no viewer can draw: with anything NaN or infinite, or a quaternion of length zero."""
-    quaternions = table[:, names.index("rot_0") : names.index("rot_3") + 1]
+def _undrawable(table: Float32[np.ndarray, "n p"]) -> Bool[np.ndarray, " n"]:
+    """Which rows, of all PROPERTIES, no viewer can draw: with anything NaN or infinite, or a quaternion of length zero."""
+    quaternions = table[:, 58:62]
     norm2 = np.einsum("nk,nk->n", quaternions, quaternions, dtype=np.float64)
     # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
     with np.errstate(invalid="ignore"):  # Inf - Inf
@@ -70,7 +70,7 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
         table[:, 54] = parts["logit_opacities"]
         table[:, 55:58] = parts["log_scales"]
         table[:, 58:62] = parts["quaternions"]
-    dropped = _undrawable(table, PROPERTIES)
+    dropped = _undrawable(table)
     if dropped.any():
         table = table[~dropped]
     if not len(table):
@@ -83,49 +83,13 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
 
 
 def read_ply(path: Path) -> Splats:
-    """The Gaussians (world units, float32) of a 3DGS .ply, binary or ASCII, of SH degree 0 to 3.
+    """The Gaussians (world units, float32) of a 3DGS .ply, binary or ASCII, of SH degree 0 to 3: every row, also those that cannot be drawn.
 
     Opacities of 0 and 1 and scales of 0, which other programs write as logits and logarithms of +-Inf, are read as +-ENDLESS.
 
     Raises BadInput naming what is wrong: no such file, not a .ply, cut short, a column missing, a number of f_rest
-    columns that fits no degree, a row that cannot be drawn.
+    columns that fits no degree.
     """
-    table, degree = _table(path)
-    bad = np.flatnonzero(_undrawable(table, _read_columns(degree)))
-    if bad.size:
-        raise BadInput(
-            f"{path}: row {bad[0]} (of {bad.size} bad ones) holds NaN, Inf or a zero quaternion.",
-            "Export the file again without such Gaussians.",
-        )
-    return _splats(torch.from_numpy(table), coefficient_count(degree))
-
-
-def read_every_row(path: Path) -> Splats:
-    """As `read_ply`, but with the rows that cannot be drawn, to find out what is wrong with a file."""
-    table, degree = _table(path)
-    return _splats(torch.from_numpy(table), coefficient_count(degree))
-
-
-def maker_of(run: str, sky: int, look: str) -> str:
-    """The comment in a file that wegs writes. sky: how many of its last Gaussians are the dome."""
-    return f"wegs {core.__version__}, run {run}, sky {sky}, look {look}"
-
-
-def sky_of(path: Path) -> int | None:
-    """How many of the file's last Gaussians are the dome, as `maker_of` says; None for files of other programs."""
-    with path.open("rb") as file:
-        header = file.read(HEADER_BYTES).partition(b"end_header")[0]
-    found = re.search(rb"^comment wegs [^,]*, run [^,]*,(?: sky (\d+),)? look ", header, re.MULTILINE)
-    return int(found[1] or 0) if found else None
-
-
-def _read_columns(degree: int) -> list[str]:
-    """The names of the columns that are read, in the order of `_splats`."""
-    return [name for name in _properties(_REST_OF_DEGREE[degree]) if name not in ("nx", "ny", "nz")]
-
-
-def _table(path: Path) -> tuple[Float32[np.ndarray, "n p"], int]:
-    """The rows of a .ply in the columns of `_read_columns`, and the SH degree."""
     vertices = read_rows(path, "3DGS .ply")
     if not len(vertices):
         raise BadInput(f"{path} holds no Gaussians.", "Export it again.")
@@ -138,7 +102,7 @@ def _table(path: Path) -> tuple[Float32[np.ndarray, "n p"], int]:
         raise BadInput(f"{path} is a compressed .ply, as SuperSplat writes it.", "Export it uncompressed.")
     if "scale_1" in names and "scale_2" not in names:
         raise BadInput(f"{path} holds flat Gaussians (2DGS).", "Give one with three scales a Gaussian.")
-    wanted = _read_columns(degree)
+    wanted = [name for name in _properties(rest) if name not in ("nx", "ny", "nz")]
     for name in wanted:
         if name not in names or vertices.dtype[name].kind not in "fiu":
             fault = f"lacks the column {name}" if name not in names else f"holds lists in the column {name}"
@@ -151,7 +115,20 @@ def _table(path: Path) -> tuple[Float32[np.ndarray, "n p"], int]:
                 np.nan_to_num(table[:, column], copy=False, nan=np.nan, posinf=ENDLESS, neginf=-ENDLESS)
             elif name.startswith("scale_"):
                 np.nan_to_num(table[:, column], copy=False, nan=np.nan, posinf=np.inf, neginf=-ENDLESS)
-    return table, degree
+    return _splats(torch.from_numpy(table), coefficient_count(degree))
+
+
+def maker_of(run: str, sky: int, look: str) -> str:
+    """The comment in a file that wegs writes. sky: how many of its last Gaussians are the dome."""
+    return f"wegs {core.__version__}, run {run}, sky {sky}, look {look}"
+
+
+def sky_of(path: Path) -> int | None:
+    """How many of the file's last Gaussians are the dome, as `maker_of` says; None for files of other programs."""
+    with path.open("rb") as file:
+        header = file.read(HEADER_BYTES).partition(b"end_header")[0]
+    found = re.search(rb"^comment wegs [^,]*, run [^,]*, sky (\d+), look ", header, re.MULTILINE)
+    return int(found[1]) if found else None
 
 
 def _splats(table: Float[Tensor, "n p"], coefficients: int) -> Splats:

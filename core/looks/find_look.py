@@ -45,8 +45,7 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     if word == NEUTRAL:
         return neutral_look(trained)
     if saved:
-        model = trained.model
-        like = Colouring(model.mean_embedding, EVEN, model.given | model.hidden)
+        like = Colouring(trained.model.mean_embedding, EVEN, trained.given_spread | trained.model.hidden)
         look = saved_look.load(saved, trained.identity, trained.step, like)
         return replace(look, colouring=look.colouring.to(trained.device))
     photo = _of_collection(trained, word)

@@ -26,7 +26,7 @@ def refined_of_collection(trained: TrainedRun, look: Look, sized: SizedPhoto, re
     """The look of a photo of the collection, refined."""
     pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
     better = refined(trained, look, sized.camera, pixels, valid, report)
-    return look if better is None else replace(better, source=f"{look.source}, refined")
+    return replace(better, source=f"{look.source}, refined")
 
 
 def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report: Report) -> Look:
@@ -53,7 +53,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     pixels, valid = shown_on(trained.device, loaded.pixels, loaded.valid)
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
-    return look if better is None else replace(better, source=f"{look.source}, {how}")
+    return replace(better, source=f"{look.source}, {how}")
 
 
 def not_refined(look: Look, why: str) -> Look:
@@ -97,10 +97,10 @@ def refined(
     pixels: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w"] | None,
     report: Report = QUIET,
-) -> Look | None:
-    """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]. None if the run's looks follow no embedding."""
+) -> Look:
+    """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]."""
     photo = Shown.of(camera, pixels, valid)
-    seen, best = trained.seen_by(photo.camera), None
+    seen = trained.seen_by(photo.camera)
     for step, best in enumerate(refinement(seen, look.colouring, photo)):
         report.progress("Refinement", step, steps_of(seen))
-    return None if best is None else replace(look, colouring=best)
+    return replace(look, colouring=best)

@@ -24,7 +24,7 @@ class RunView:
     """The view in any look, as `bake` gives it: a core.appearance.refinement.Refinable."""
 
     def __init__(self, trained: "TrainedRun", camera: Camera):
-        self.trained, self.camera, self.has_looks = trained, camera, trained.has_looks
+        self.trained, self.camera = trained, camera
         self.given_spread, self.hidden = trained.given_spread, trained.model.hidden
         self.visible = trained.rasterizer.visible(trained.splats, camera)
         solid = len(trained.splats) - trained.sky

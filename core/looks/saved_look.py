@@ -75,7 +75,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
-        source, owner, numbers = (facts[key] for key in ("source", "run", "embedding"))
+        source, owner, saved_at, numbers = (facts[key] for key in ("source", "run", "step", "embedding"))
         found = _tensor(numbers)
         tone = _tensor(facts["tone"]) if "tone" in facts else None
         changes = {name: _tensor(change) for name, change in facts.get("changes", {}).items()}
@@ -83,7 +83,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
         raise BadInput(f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME.") from None
     if owner != identity:
         raise BadInput(f"{path} was saved by run {owner}, not by {identity}.", "Name its run with --run, or save it again.")
-    if (saved_at := facts.get("step", step)) != step:
+    if saved_at != step:
         raise BadInput(f"{path} was saved at step {saved_at}; the run is at step {step} now.", "Save the look again.")
     if not _fits(found, like.embedding):
         raise BadInput(f"{path} does not hold {counted(len(like.embedding), 'number')} of an embedding.", "Save the look again.")

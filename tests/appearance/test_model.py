@@ -171,7 +171,8 @@ def test_changed_weights_bake_as_they_render_and_learn(changes):
     """The gradient of a change is that of the weight; the model keeps its own."""
     model, splats, embedding = model_of(**changes).requires_grad_(False), splats_of(100), torch.randn(6)
     kept = model.transfer(splats.sh, splats.means, embedding)[0]
-    names = model.hidden | model.given
+    model.met_embeddings, model.remembered = torch.randn(3, 6), torch.tensor(3)
+    names = model.hidden | model.given_spread
     assert ("last.bias" in names) == (changes != {"embedding_enters": "input"})
     moved = {name: 0.05 * torch.randn_like(weight) for name, weight in names.items()}
     for change in moved.values():

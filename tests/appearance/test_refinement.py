@@ -149,10 +149,6 @@ def test_an_embedding_stays_where_it_may_go():
     assert found.embedding.min() >= 0.7 and (colour - 0.4).abs().max() < 0.01  # the tone does the rest
 
 
-def test_a_look_that_follows_no_embedding_is_left_alone():
-    assert not list(refinement(FlatView((4, 6), has_looks=False), Colouring(torch.zeros(3)), shown(PICTURE)))
-
-
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3)])
 def test_pictures_of_any_shape(size):
     _, colour = refined(torch.full((*size, 3), 0.4), torch.full((3,), 0.5))

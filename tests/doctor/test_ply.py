@@ -111,9 +111,7 @@ def test_opacities_that_are_no_logits_are_told(tmp_path):
     assert asked_for(findings) == {"opacities"} and "between 0.5 and 0.73" in findings["opacities"].meaning
 
 
-@pytest.mark.parametrize(
-    "comment, own", [("wegs 1.0, run 0a, look dusk", True), ("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)]
-)
+@pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)])
 def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, own):
     rows = sound_rows()
     rows["x"][0], rows["rot_0"][1], rows["f_rest_20"][90], rows["f_dc_1"][70:90] = np.nan, 0, 12.0, 9.0

@@ -38,7 +38,7 @@ class Flat:
 
     def seen_by(self, camera):
         self.cameras.append(camera)
-        return FlatView((camera.height, camera.width), has_looks=self.has_looks)
+        return FlatView((camera.height, camera.width))
 
 
 def halves(left, right):

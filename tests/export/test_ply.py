@@ -104,7 +104,8 @@ def test_no_file_holds_what_cannot_be_drawn(spoilt):
         except BadInput:
             assert len({row for _, row, _ in spoilt}) == 6 and not path.exists()
             return
-        back = read_ply(path)  # refuses anything that cannot be drawn
+        back = read_ply(path)
+    assert back.finite_rows().all() and (back.quaternions.double().norm(dim=1) > 0).all()
     assert len(back) == 6 - dropped
     untouched = [row for row in range(6) if row not in {row for _, row, _ in spoilt}]
     kept = {tuple(mean) for mean in back.means.tolist()}
@@ -151,17 +152,11 @@ def test_opaque_invisible_and_flat_gaussians_of_converters_are_read(tmp_path):
     assert torch.sigmoid(converted("opacity", -np.inf).logit_opacities)[0] < 1e-12
     assert converted("scale_1", -np.inf).log_scales[0, 1].exp() < 1e-12
     for name, value in (("opacity", np.nan), ("scale_1", np.nan), ("scale_1", np.inf), ("x", -np.inf)):
-        with pytest.raises(BadInput, match="row 0"):
-            converted(name, value)
+        assert converted(name, value).finite_rows().tolist() == [False, True]
 
 
 def _without(name: str):
     return lambda data: data.replace(f"property float {name}\n".encode(), b"property float other\n")
-
-
-def _with_nan_in_row_2(data: bytes) -> bytes:
-    start = len(header_of(data)) + 2 * 248
-    return data[:start] + np.float32("nan").tobytes() + data[start + 4 :]
 
 
 @pytest.mark.parametrize(
@@ -178,7 +173,6 @@ def _with_nan_in_row_2(data: bytes) -> bytes:
         (_without("scale_2"), "holds flat Gaussians"),
         (lambda data: data.replace(b"property float x", b"property float packed_position"), "a compressed .ply"),
         (_without("f_rest_44"), "44 f_rest"),
-        (_with_nan_in_row_2, "row 2"),
     ],
 )
 def test_what_cannot_be_read_is_refused_by_name(tmp_path, spoil, words):

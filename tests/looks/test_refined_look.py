@@ -59,7 +59,7 @@ def test_the_photo_of_a_look_is_met_more_closely(trained):
     assert heard.steps[-1] == (STEPS + LATER_STEPS,) * 2
     assert trained.reach.distance(encoded.colouring.embedding) <= 1 + 1e-5
     assert torch.equal(refined.colouring.embedding, encoded.colouring.embedding)  # the weights that it gives are refined in its place
-    assert set(refined.colouring.changes) == set(trained.model.given | trained.model.hidden) and encoded.colouring.changes == {}
+    assert set(refined.colouring.changes) == set(trained.given_spread | trained.model.hidden) and encoded.colouring.changes == {}
 
 
 def test_a_training_photo_is_refined_for_as_long_as_it_is_there(trained):
@@ -205,7 +205,7 @@ def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_pat
     pixels = cv2.resize(cv2.imread(str(trained.collection.view("0.png").path)), (4 * WIDTH, 4 * HEIGHT), interpolation=cv2.INTER_CUBIC)
     cv2.imwrite(str(tmp_path / "large.png"), pixels)
     drawn = []
-    monkeypatch.setattr(refined_look, "refined", lambda trained, look, camera, *rest: drawn.append(camera))
+    monkeypatch.setattr(refined_look, "refined", lambda trained, look, camera, *rest: drawn.append(camera) or look)
     find_look(trained, str(tmp_path / "large.png"), refine=True)
     assert (drawn[0].width, drawn[0].height) == (WIDTH, HEIGHT)
 

@@ -38,30 +38,33 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
     [
         ("", "not a saved look"),
         ("{}", "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "other", "embedding": [1, 2]}', "saved by run other"),
+        ('{"name": "a", "source": "b", "run": "other", "step": 7, "embedding": [1, 2]}', "saved by run other"),
         (
             '{"name": "a", "source": "b", "run": "abc", "step": 5, "embedding": [1, 2]}',
             "saved at step 5; the run is at step 7 now. Save the look again",
         ),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1]}', "2 numbers of an embedding"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, NaN]}', "2 numbers of an embedding"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 3e38]}', "2 numbers of an embedding"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": ' + 100_000 * "[", "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, "x"]}', "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 1' + 400 * "0" + "]}", "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [1]}', "not two rows of three gains"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, 3e38]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}', "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": [1]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1]}', "2 numbers of an embedding"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, NaN]}', "2 numbers of an embedding"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 3e38]}', "2 numbers of an embedding"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": ' + 100_000 * "[", "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, "x"]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 1' + 400 * "0" + "]}", "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [1]}', "not two rows of three gains"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, 3e38]]}', "not two rows"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}', "not a saved look"),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": [1]}', "not a saved look"),
         (
-            '{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1]}}',
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1]}}',
             "changes that do not fit abc",
         ),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1, NaN]}}', "changes that do not fit"),
-        ('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2], "changes": {"encoder": [1]}}', "changes that do not fit abc"),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1, NaN]}}',
+            "changes that do not fit",
+        ),
+        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": {"encoder": [1]}}', "changes that do not fit abc"),
     ],
 )
 def test_a_look_of_no_use_is_refused(tmp_path, text, words):
@@ -69,12 +72,6 @@ def test_a_look_of_no_use_is_refused(tmp_path, text, words):
     path.write_text(text)
     with pytest.raises(BadInput, match=words):
         loaded(path, 2)
-
-
-def test_a_look_of_a_version_that_kept_no_step_is_read(tmp_path):
-    path = tmp_path / "a.json"
-    path.write_text('{"name": "a", "source": "b", "run": "abc", "embedding": [1, 2]}')
-    assert loaded(path, 2).colouring.embedding.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("name", ["photo_1", "photo_1.png"])

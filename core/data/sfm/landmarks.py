@@ -51,19 +51,9 @@ class Landmarks:
         """The inverse of `save`; None if there is no such file, or it is damaged."""
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-                found = Landmarks(**{field.name: arrays[field.name] for field in fields(Landmarks)})
+                return Landmarks(**{field.name: arrays[field.name] for field in fields(Landmarks)})
         except (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, BadZipFile):
             return None
-        return found if found._fits() else None
-
-    def _fits(self) -> bool:
-        kinds = (self.descriptors.dtype, self.shows.dtype, self.counts.dtype, self.points.dtype)
-        if kinds != (np.uint8, np.int64, np.int64, np.float64) or self.points.ndim != 2 or (self.counts < 0).any():
-            return False
-        n, p = int(self.counts.sum()), len(self.points)
-        shapes = (self.descriptors.shape, self.shows.shape, self.points.shape)
-        exist = (self.shows >= NO_POINT) & (self.shows < p)
-        return shapes == ((n, LENGTH), (n,), (p, 3)) and exist.all() and np.isfinite(self.points).all()
 
 
 def known_photos(collection: Collection) -> Sequence[Photo]:

@@ -96,7 +96,7 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
     camera = values["camera"] | {name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
     nothing = np.zeros(0, dtype=np.int64)
     path = home / values["path"]  # an absolute path stays as it is
-    lens, mask, mask_lens = (values.get(key) for key in ("lens", "mask", "mask_lens"))  # runs made before there were given masks have none
+    lens, mask, mask_lens = (values[key] for key in ("lens", "mask", "mask_lens"))
     return Photo(
         values["name"],
         path,

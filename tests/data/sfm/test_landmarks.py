@@ -35,7 +35,7 @@ def test_the_file_holds_them_bit_for_bit(known, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["kept.npz"]
 
 
-def test_a_file_that_is_missing_damaged_or_does_not_fit_is_none(known, tmp_path):
+def test_a_file_that_is_missing_or_damaged_is_none(known, tmp_path):
     path = tmp_path / "kept.npz"
     assert Landmarks.load(path) is None
     known.save(path)
@@ -44,18 +44,6 @@ def test_a_file_that_is_missing_damaged_or_does_not_fit_is_none(known, tmp_path)
     patched = whole[:flags] + bytes([whole[flags] | 0x20]) + whole[flags + 1 :]
     for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20, patched):
         path.write_bytes(damaged)
-        assert Landmarks.load(path) is None
-    beyond = np.where(known.shows == NO_POINT, NO_POINT, len(known.points))
-    for changes in (
-        {"counts": known.counts[:-1]},
-        {"shows": beyond},
-        {"points": known.points.astype(np.float32)},
-        {"descriptors": known.descriptors[:, 1:]},
-        {"counts": known.counts - known.counts.sum()},
-        {"points": np.where(np.arange(len(known.points))[:, None] == 3, np.nan, known.points)},
-        {"points": np.float64(0)},
-    ):
-        replace(known, **changes).save(path)
         assert Landmarks.load(path) is None
 
 

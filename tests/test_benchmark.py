@@ -103,8 +103,8 @@ def test_tiles_are_parts_of_the_picture():
     """Together they are the picture, so that what plain torch took for some stands for all."""
     scene, camera = drawing.garden_of(SCALE)
     backend = rasterizer.create("cpu")
-    whole = backend.render(scene, camera).image
-    tiles = [backend.render(scene, drawing.tile_of(camera, 3, 2, tile)).image for tile in range(6)]
+    whole = backend.render(scene, camera)
+    tiles = [backend.render(scene, drawing.tile_of(camera, 3, 2, tile)) for tile in range(6)]
     pieced = torch.cat([torch.cat(tiles[:3], dim=1), torch.cat(tiles[3:], dim=1)])
     assert pieced.shape == whole.shape
     # Beside its picture a Gaussian's Jacobian is held at the margin, which is nearer for a tile: a few pixels at the rim differ.

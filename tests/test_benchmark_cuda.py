@@ -45,7 +45,7 @@ def rasterization(means, quats, scales, opacities, colors, viewmats, Ks, width, 
     camera = Camera(axes.numpy(), (-axes.T @ view[:3, 3]).numpy(), focal_x, focal_y, middle_x, middle_y, width, height)
     sh = colors if sh_degree is not None else ((colors - 0.5) / 0.28209479177387814)[:, None]
     splats = Splats(means, quats, torch.log(scales), torch.logit(opacities), sh)
-    return rasterizer.create("cpu").render(splats, camera).image[None], None, {}
+    return rasterizer.create("cpu").render(splats, camera)[None], None, {}
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from core import pipeline
 from core.evaluation import lpips
 from core.evaluation.lpips import Lpips
 from core.looks.trained import load_run
-from core.rasterizer import Rendering, Visible
+from core.rasterizer import Visible
 from core.rasterizer.shares import Shares
 from core.system import device
 from core.training.gaussians import gaussians
@@ -43,8 +43,7 @@ class Distant:
 
     def render(self, splats, camera, background=(0.0, 0.0, 0.0), probe=None, pairs=None):
         probe = None if probe is None else fetched_tensor(probe)
-        rendering = self.rasterizer.render(fetched(splats), camera, background, probe)
-        return Rendering(rendering.image.to(DEVICE), rendering.transmittance.to(DEVICE))
+        return self.rasterizer.render(fetched(splats), camera, background, probe).to(DEVICE)
 
     def contributions(self, splats, camera, pairs=None):
         return self.rasterizer.contributions(fetched(splats), camera).to(DEVICE)

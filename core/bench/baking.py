@@ -54,7 +54,7 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
     cameras = spread_over(cameras, views)
     neutral = neutral_look(trained)
     whole = bake(trained, neutral)
-    truth = [rasterizer.render(whole, camera, trained.background).image.clamp(0, 1) for camera in cameras]
+    truth = [rasterizer.render(whole, camera, trained.background).clamp(0, 1) for camera in cameras]
     points = []
     total = len(SHARES) * (whole.degree + 1) + 1
     with scratch() as folder:
@@ -66,7 +66,7 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
 
         def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
             baked, seconds = timed(lambda: written(make()), budget)
-            pictures, drawing = timed(lambda: [rasterizer.render(baked, camera, trained.background).image for camera in cameras], budget)
+            pictures, drawing = timed(lambda: [rasterizer.render(baked, camera, trained.background) for camera in cameras], budget)
             apart = errors([picture.clamp(0, 1) for picture in pictures], truth)
             values = {
                 "megabytes": Spread.exactly(path.stat().st_size / 1e6),

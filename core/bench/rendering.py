@@ -69,7 +69,7 @@ class Way:
         rasterizer = core.rasterizer.create(self.backend)
         if self.backend != DEFINITION:
             rasterizer.render(shown, cameras[0])  # compiles, for seconds that no repeat may count
-        return timed(lambda: [rasterizer.render(shown, camera).image for camera in cameras], budget)
+        return timed(lambda: [rasterizer.render(shown, camera) for camera in cameras], budget)
 
 
 @dataclass(frozen=True)

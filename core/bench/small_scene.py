@@ -59,7 +59,7 @@ def collection(folder: Path, seed: int = 0) -> Collection:
         camera = camera_at(2 * np.pi * (index * 0.381966), 2.1 + 0.4 * random.random(), 0.5 + 0.5 * random.random())
         light = draw_light(random)
         splats = in_light(surface, light, degree=1, seed=seed)
-        pixels = to_8_bit(rasterizer.render(splats, camera, background=tuple(light.sky.tolist())).image)
+        pixels = to_8_bit(rasterizer.render(splats, camera, background=tuple(light.sky.tolist())))
         split = "test" if index % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 else "train"
         if split == "train" and random.random() < PASSERS_BY_SHARE:
             pixels = with_passer_by(pixels, random)

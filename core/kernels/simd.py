@@ -73,14 +73,6 @@ define_operator(operator.truediv, float8, lambda builder, a, b: builder.fdiv(a, 
 define_operator(operator.ge, mask8, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
 
 
-class MaskAnd(ConcreteTemplate):
-    cases = (signature(mask8, mask8, mask8),)
-
-
-infer_global(operator.and_)(MaskAnd)
-lower_builtin(operator.and_, mask8, mask8)(lambda context, builder, sig, args: builder.and_(*args))
-
-
 # -------------------------------------------------------------------------------------------------------------- memory
 
 

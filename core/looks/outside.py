@@ -63,6 +63,6 @@ def _shares(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
     for photo in spread_over(trained.collection.split("train"), VIEWS):
         camera = trained.camera(photo)
         camera = camera.resized(-(-camera.width // SHRUNK), -(-camera.height // SHRUNK))
-        pictures = [trained.rasterizer.render(part, camera).image.permute(2, 0, 1) for part in alone]
+        pictures = [trained.rasterizer.render(part, camera).permute(2, 0, 1) for part in alone]
         shares.append(torch.stack([band_means(picture.clamp(0, 1)) for picture in pictures]))
     return torch.stack(shares).mean(dim=0)

@@ -74,7 +74,7 @@ class Pruner:
     def _weigh_little(self, splats: Splats, rows: Tensor) -> bool:
         """Whether the weights of these Gaussians add up to at most HALF_STEP in every pixel of every view."""
         shown = splats.marked(rows)
-        return all(self.rasterizer.render(shown, camera).image.max() <= HALF_STEP for camera in self.cameras)
+        return all(self.rasterizer.render(shown, camera).max() <= HALF_STEP for camera in self.cameras)
 
     @torch.no_grad()
     def __call__(self, baked: Splats) -> Pruned:
@@ -104,7 +104,7 @@ class Pruner:
         return Pruned(baked[self.drawn], int((~self.drawn).sum()))
 
     def _shown(self, baked: Splats, camera: Camera) -> Tensor:
-        return self.rasterizer.render(baked, camera, self.background).image.clamp(0, 1)
+        return self.rasterizer.render(baked, camera, self.background).clamp(0, 1)
 
 
 def pruner_of(trained: TrainedRun, report: Report) -> Pruner:

@@ -186,7 +186,7 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
 
 def drawn(trained: TrainedRun, baked: Splats, camera: Camera) -> Float[Tensor, "h w 3"]:
     """The run in a look that is baked, as the camera sees it; not clamped at 1."""
-    return trained.rasterizer.render(baked, camera, trained.background).image
+    return trained.rasterizer.render(baked, camera, trained.background)
 
 
 def neutral_look(trained: TrainedRun) -> Look:

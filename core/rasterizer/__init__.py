@@ -10,7 +10,7 @@ from importlib import import_module
 
 from core.config import AUTO
 from core.errors import BadSetting
-from core.rasterizer.contract import BLACK, Colour, Rasterizer, Rendering, Visible
+from core.rasterizer.contract import BLACK, Colour, Rasterizer, Visible
 
 # Imported only when asked for: Numba and Triton are slow to load.
 BACKENDS = {
@@ -44,4 +44,4 @@ def create(name: str, device: str = "cpu") -> Rasterizer:
     return backend
 
 
-__all__ = ["BACKENDS", "BLACK", "ON_GPU", "Colour", "Rasterizer", "Rendering", "Visible", "create"]
+__all__ = ["BACKENDS", "BLACK", "ON_GPU", "Colour", "Rasterizer", "Visible", "create"]

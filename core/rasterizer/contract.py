@@ -40,18 +40,6 @@ def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
     )
 
 
-@dataclass
-class Rendering:
-    """A picture and what is left of the light behind it.
-
-    image: linear blend of the splats over the background, not clamped at 1. transmittance: share of the background that
-    shows, in [0, 1]; not differentiable.
-    """
-
-    image: Float[Tensor, "h w 3"]
-    transmittance: Float[Tensor, "h w"]
-
-
 @dataclass(frozen=True)
 class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
@@ -87,8 +75,8 @@ class Rasterizer(Protocol):
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
-    ) -> Rendering:
-        """The picture, differentiable in every tensor of `splats`.
+    ) -> Float[Tensor, "h w 3"]:
+        """The picture: a linear blend of the splats over the background, not clamped at 1; differentiable in every tensor of `splats`.
 
         probe: zeros that are added to the projected centres (px); its gradient dL/d(centre) drives density control.
         pairs: what `visible` said of these Gaussians; None if they were not asked for.

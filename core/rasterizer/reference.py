@@ -25,7 +25,6 @@ from core.rasterizer.contract import (
     NEAR,
     STOP_TRANSMITTANCE,
     Colour,
-    Rendering,
     Visible,
     jacobian_limits,
 )
@@ -78,16 +77,16 @@ class ReferenceRasterizer:
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
-    ) -> Rendering:
+    ) -> Float[Tensor, "h w 3"]:
         rows, projection = projected(splats, camera)
         colours = colour(splats.sh[rows], projection.directions)
         centres = projection.centres if probe is None else projection.centres + probe[rows]
 
         behind = colours.new_tensor(background)
-        pictures, transmittances = [], []
+        pictures = []
         for pixels in pixel_chunks(camera, len(rows), centres):
             # A checkpoint keeps only the inputs and blends again in the backward pass: memory for one chunk at a time.
-            picture, transmittance = checkpoint(
+            picture = checkpoint(
                 blend,
                 pixels,
                 centres,
@@ -98,9 +97,7 @@ class ReferenceRasterizer:
                 use_reentrant=False,
             )
             pictures.append(picture)
-            transmittances.append(transmittance.detach())
-        size = camera.height, camera.width
-        return Rendering(torch.cat(pictures).reshape(*size, 3), torch.cat(transmittances).reshape(size))
+        return torch.cat(pictures).reshape(camera.height, camera.width, 3)
 
     @torch.no_grad()
     def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
@@ -251,10 +248,10 @@ def blend(
     opacities: Float[Tensor, " n"],
     colours: Float[Tensor, "n 3"],
     background: Float[Tensor, " 3"],
-) -> tuple[Float[Tensor, "p 3"], Float[Tensor, " p"]]:
-    """The colours of the pixels, and how much of the background shows in each. The splats come front to back."""
+) -> Float[Tensor, "p 3"]:
+    """The colours of the pixels. The splats come front to back."""
     weights, transmittances = blend_weights(pixels, centres, conics, opacities)
-    return weights @ colours + transmittances[:, None] * background, transmittances
+    return weights @ colours + transmittances[:, None] * background
 
 
 def blend_weights(

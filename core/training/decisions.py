@@ -4,7 +4,7 @@ Where the figures are uncertain a part is kept: a part too many costs time, one 
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,9 +34,6 @@ class Decision:
     value: str | int
     figure: float | None
     because: str
-
-    def to_json(self) -> dict:
-        return asdict(self)
 
 
 def decide(settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto]) -> tuple[Settings, tuple[Decision, ...]]:

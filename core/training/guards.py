@@ -36,23 +36,18 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: floa
 class StepFacts(NamedTuple):
     """What is told of a step: scalars of the device that computes it, numbers once they have arrived.
 
-    residual_size: mean absolute residual. shown_share: of the photo, by its mask. sound: whether the losses are in order. taken: whether
-    the Gaussians' gradient is finite, too, so that they are updated. learned: whether the networks' is, too, so that they are.
+    loss: what the step minimised. residual_size: mean absolute residual. shown_share: of the photo, by its mask. sound: whether the losses are
+    in order. taken: whether the Gaussians' gradient is finite, too, so that they are updated. learned: whether the networks' is, too, so that
+    they are.
     """
 
-    loss_without_gauge: Tensor | float
-    gauge_loss: Tensor | float
+    loss: Tensor | float
     picture_loss: Tensor | float
     residual_size: Tensor | float
     shown_share: Tensor | float
     sound: Tensor | float
     taken: Tensor | float
     learned: Tensor | float
-
-    @property
-    def loss(self) -> Tensor | float:
-        """What the step minimised."""
-        return self.loss_without_gauge + self.gauge_loss
 
 
 def fault(facts: StepFacts, usual: float) -> str | None:

@@ -23,11 +23,10 @@ def quality(
     background: what renders are drawn over.
     """
     decibels, similarities = [], []
-    for index in range(len(photos)):
-        sized = photos[index]
+    for sized in photos:
         reading = model.read(sized.encoder_input)
         splats = model.bake(gaussians.splats, reading.embedding, gaussians.latents)
-        image = rasterizer.render(splats, sized.camera, background).image.clamp(0, 1)
+        image = rasterizer.render(splats, sized.camera, background).clamp(0, 1)
         photo, valid = shown_on(image.device, sized.pixels, sized.valid)
         errors = (image - photo) ** 2
         decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))

@@ -68,11 +68,11 @@ def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
     first, second = [], []
     for rows in rows_of_each(sightings.photo):
         pixels = sightings.pixel[rows]
-        distances, nearest = cKDTree(pixels).query(pixels, k=min(16, len(rows)))
-        apart = distances.reshape(len(rows), -1) >= 4 * BLUR
+        distances, nearest = cKDTree(pixels).query(pixels, k=range(1, min(16, len(rows)) + 1))
+        apart = distances >= 4 * BLUR
         there = apart.any(axis=1)
         first.append(rows[there])
-        second.append(rows[nearest.reshape(len(rows), -1)[np.arange(len(rows)), apart.argmax(axis=1)][there]])
+        second.append(rows[nearest[np.arange(len(rows)), apart.argmax(axis=1)][there]])
     nothing = [np.zeros(0, dtype=np.int64)]
     return np.concatenate(first or nothing), np.concatenate(second or nothing)
 

@@ -67,7 +67,7 @@ class Step:
         residual_loss_later = beside(lambda: objective.residual(residual))
         splats = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
-        image = self.rasterizer.render(splats, camera, background, probe, visible.pairs).image
+        image = self.rasterizer.render(splats, camera, background, probe, visible.pairs)
 
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
@@ -75,8 +75,8 @@ class Step:
         rendered_loss = picture_loss + objective.transient(splats, camera, visible.pairs, reading.mask, progress, done)
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
-        loss = rendered_loss.detach() + residual_loss + mask_loss.detach()
-        sound = guards.sound(loss + gauge_loss, picture_loss.detach(), usual)
+        loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss
+        sound = guards.sound(loss, picture_loss.detach(), usual)
 
         # The gradients, then the updates: of the networks beside that of the Gaussians.
         def teach_encoder() -> None:
@@ -96,5 +96,5 @@ class Step:
             learned = learned_later()
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
-        facts = StepFacts(loss, gauge_loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
+        facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
         return reading, OnTheWay(torch.stack([fact.float() for fact in facts]))

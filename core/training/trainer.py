@@ -235,14 +235,12 @@ class Trainer:
 
     def save(self) -> Path:
         """Write a checkpoint that `resume` continues from bit for bit."""
-        tensors = {f"gaussians.{name}": tensor for name, tensor in self.gaussians.tensors().items()}
-        tensors |= {f"model.{name}": tensor for name, tensor in self.model.state_dict().items()}
+        parts = {"gaussians": self.gaussians.tensors(), "model": self.model.state_dict(), "random": {"generator": self.generator.get_state()}}
         if self.optimizer is not None:
-            tensors |= {f"optimizer.{name}": t for name, t in checkpoint.optimizer_tensors(self.optimizer).items()}
-        tensors |= {"random.generator": self.generator.get_state(), "random.torch": torch.get_rng_state()}
+            parts["optimizer"] = checkpoint.optimizer_tensors(self.optimizer)
         if self.done == self.settings.steps and len(self.model.met_embeddings):
-            encoded = self.model.encoded(sized.encoder_input for sized in self.photos)
-            tensors |= {f"encoded.{name}": tensor for name, tensor in zip(("masked", "unmasked"), encoded)}
+            parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(sized.encoder_input for sized in self.photos)))
+        tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
         facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in REMEMBERED}}
         facts["photos"] = [sized.photo.name for sized in self.photos]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
@@ -255,6 +253,5 @@ class Trainer:
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
-        torch.set_rng_state(saved.tensors["random.torch"])
         for name in REMEMBERED:
             setattr(self, name, saved.facts["trainer"][name])

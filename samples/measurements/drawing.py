@@ -31,7 +31,7 @@ def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatc
     rows = visible.rows
     leaves = scene.map(lambda tensor: tensor.index_select(0, rows).requires_grad_())
     lap("visible, gather")
-    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), pairs=visible.pairs).image
+    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), pairs=visible.pairs)
     lap("rasterizer forward")
     image.backward(torch.ones_like(image))
     lap("rasterizer backward")

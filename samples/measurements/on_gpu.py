@@ -72,7 +72,7 @@ def measure_picture(place: Place, scale: float) -> Iterable[Line]:
     medians = in_turns(place, {"ours": lambda: draw(backend, scene, camera), "theirs": theirs}, TIMES)
     yield what, "1.5x faster than gsplat", against(medians["ours"], medians["theirs"])
     with torch.no_grad():
-        difference = (backend.render(scene, camera).image - peer.picture(other, scene, camera)).abs()
+        difference = (backend.render(scene, camera) - peer.picture(other, scene, camera)).abs()
     found = f"largest {float(difference.max()):.1e}, mean {float(difference.mean()):.1e}"
     yield "picture against gsplat's, constants equal", "within 1e-4", found
 

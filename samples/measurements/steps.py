@@ -72,7 +72,7 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer.objective, "gauge", "mask, regularisers")
     watch(trainer.model, "read", "encoder forward")
     watch(trainer.model, "transfer", "SH transfer forward", lambda result: result[0], "rasterizer backward")
-    watch(trainer.rasterizer, "render", "rasterizer forward", lambda result: result.image, "picture loss")
+    watch(trainer.rasterizer, "render", "rasterizer forward", lambda image: image, "picture loss")
     watch(trainer.objective, "picture", "picture loss", lambda loss: loss, "mask, regularisers")
     watch(trainer.objective, "transient", "mask, regularisers")
     watch(trainer.objective, "mask", "mask, regularisers", before="mask, regularisers")

@@ -31,7 +31,7 @@ def error(first, second) -> float:
 def test_the_contracts_levers_draw_the_definition(name, tile):
     scene = SCENES[name]()
     splats = scene.splats.map(torch.Tensor.double)
-    exact = core.rasterizer.create(DEFINITION).render(splats, scene.camera).image
+    exact = core.rasterizer.create(DEFINITION).render(splats, scene.camera)
     assert error(draw(scene.splats, scene.camera, Levers(tile_px=tile)), exact) < REORDERED
 
 
@@ -54,7 +54,7 @@ def test_every_lever_moves_the_picture_and_the_coarser_the_more():
 def test_a_backend_compiled_anew_draws_with_other_thresholds_and_leaves_this_process_alone():
     view = camera()
     splats = cloud(view, 150, seed=3, sizes_px=(2.0, 8.0))
-    before = core.rasterizer.create("cpu").render(splats, view).image
+    before = core.rasterizer.create("cpu").render(splats, view)
     alpha_min, stop = 8 * ALPHA_MIN, 1e-2
     (picture,), seconds = recompiled("cpu", alpha_min, stop, splats, [view], budget=0.0)
     wanted = draw(splats, view, Levers(alpha_min=alpha_min, stop_transmittance=stop))
@@ -62,7 +62,7 @@ def test_a_backend_compiled_anew_draws_with_other_thresholds_and_leaves_this_pro
     differences = np.abs(picture - wanted.numpy()).max(axis=2)
     assert np.quantile(differences, 0.99) < 1e-5 < float((before - wanted).abs().max())
     assert 0 < seconds.low <= seconds.median
-    assert torch.equal(core.rasterizer.create("cpu").render(splats, view).image, before)
+    assert torch.equal(core.rasterizer.create("cpu").render(splats, view), before)
 
 
 def test_the_process_of_its_own_ends_where_wegs_is_killed():

@@ -53,7 +53,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 def rendered(trained: TrainedRun, look) -> torch.Tensor:
     """The look from a held-out camera, in 8-bit steps."""
     camera = trained.camera(trained.collection.view(None))
-    image = core.rasterizer.create("auto").render(bake(trained, look), camera).image
+    image = core.rasterizer.create("auto").render(bake(trained, look), camera)
     return 255 * image.clamp(0, 1)
 
 
@@ -176,7 +176,7 @@ def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
     night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)
     photo = trained.collection.view(None)
     path = tmp_path / "lit.png"
-    write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo)).image))
+    write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo))))
     place, sky = find_look(trained, str(path)).colouring.tone.mean(dim=1)
     assert place > 0.7 and sky < 0.5
 

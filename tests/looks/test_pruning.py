@@ -37,7 +37,7 @@ def ball(count: int, degree: int = 0, colour: float = 0.5) -> Splats:
 
 
 def largest_change(before: Splats, after: Splats) -> float:
-    pictures = [[RASTERIZER.render(splats, camera).image.clamp(0, 1) for splats in (before, after)] for camera in CAMERAS]
+    pictures = [[RASTERIZER.render(splats, camera).clamp(0, 1) for splats in (before, after)] for camera in CAMERAS]
     return max(float((first - second).abs().max()) for first, second in pictures)
 
 
@@ -75,7 +75,7 @@ def test_faint_ones_go_as_long_as_their_sum_stays_below_half_a_step(count):
     assert largest_change(look, pruned.splats) <= HALF_STEP
     assert pruned.largest == pytest.approx(largest_change(look, pruned.splats) * 255)
     weights = look.with_sh(dc_of_colour((~pruner.kept).float()[:, None, None].repeat(1, 1, 3)))
-    assert max(float(RASTERIZER.render(weights, camera).image.max()) for camera in CAMERAS) <= HALF_STEP
+    assert max(float(RASTERIZER.render(weights, camera).max()) for camera in CAMERAS) <= HALF_STEP
 
 
 def test_many_that_each_could_go_do_not_all_go():
@@ -124,7 +124,7 @@ def test_the_bound_holds_over_what_the_look_is_shown_over():
     for background, bands in ((BLACK, 1), (white, 0)):
         pruned = Pruner(look, CAMERAS[:1], RASTERIZER, background=background)(look)
         assert (pruned.gaussians, pruned.bands) == (1, bands)
-        shown = [RASTERIZER.render(splats, CAMERAS[0], background).image.clamp(0, 1) for splats in (look, pruned.splats)]
+        shown = [RASTERIZER.render(splats, CAMERAS[0], background).clamp(0, 1) for splats in (look, pruned.splats)]
         assert pruned.largest == pytest.approx(255 * float((shown[0] - shown[1]).abs().max())) and 0.3 < pruned.largest <= 0.5
 
 
@@ -152,5 +152,5 @@ def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_p
         assert 0 < pruned.gaussians < len(look)
         assert torch.equal(pruned.splats.means, splats.means[pruner.kept])
         for camera in cameras:
-            before, after = (trainer.rasterizer.render(one, camera).image.clamp(0, 1) for one in (look, pruned.splats))
+            before, after = (trainer.rasterizer.render(one, camera).clamp(0, 1) for one in (look, pruned.splats))
             assert (before - after).abs().max() <= HALF_STEP

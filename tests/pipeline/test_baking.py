@@ -31,7 +31,7 @@ def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
         look = find_look(live, word)
         with torch.no_grad():
             expected = live.seen_by(camera).render(look.colouring)
-        baked = rasterizer.render(read_ply(path).in_scene(live.collection.frame), camera).image
+        baked = rasterizer.render(read_ply(path).in_scene(live.collection.frame), camera)
         assert (baked - expected).abs().max() <= 0.5 / 255  # half an 8-bit step: no viewer can show the difference
 
 

@@ -32,7 +32,7 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
         pipeline.bake_to_file(folder, word, tmp_path / "end.ply", force=True)
         assert (tmp_path / "end.ply").read_bytes() == (output / f"step_{step:03d}.ply").read_bytes()
         baked = bake(live, find_look(live, word))
-        image = core.rasterizer.create("auto").render(baked, camera).image
+        image = core.rasterizer.create("auto").render(baked, camera)
         frame = cv2.imread(str(output / f"frame_{step:03d}.png"))[..., ::-1]
         np.testing.assert_array_equal(frame, (image.clamp(0, 1) * 255).round().byte().numpy())
     ends_sh = [read_ply(output / f"step_{step:03d}.ply").sh for step in (0, 1, 2)]

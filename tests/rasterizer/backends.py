@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from core.errors import BadSetting
-from core.rasterizer import BACKENDS, ON_GPU, Rasterizer, Rendering, Visible, create
+from core.rasterizer import BACKENDS, ON_GPU, Rasterizer, Visible, create
 from core.rasterizer.shares import Shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
@@ -25,10 +25,9 @@ class OnGpu:
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         return Visible(self.rasterizer.visible(moved(splats), camera).rows.cpu())
 
-    def render(self, splats: Splats, camera: Camera, background=(0.0, 0.0, 0.0), probe: Tensor | None = None) -> Rendering:
+    def render(self, splats: Splats, camera: Camera, background=(0.0, 0.0, 0.0), probe: Tensor | None = None) -> Tensor:
         probe = None if probe is None else probe.cuda()
-        rendering = self.rasterizer.render(moved(splats), camera, background, probe)
-        return Rendering(rendering.image.cpu(), rendering.transmittance.cpu())
+        return self.rasterizer.render(moved(splats), camera, background, probe).cpu()
 
     def contributions(self, splats: Splats, camera: Camera) -> Tensor:
         return self.rasterizer.contributions(moved(splats), camera).cpu()

@@ -93,7 +93,7 @@ def test_blending():
     rasterizer = backend.CpuRasterizer()
 
     def loss(splats, probe):
-        return (rasterizer.render(splats, view, (0.3, 0.1, 0.6), probe).image.double() * cotangent).sum()
+        return (rasterizer.render(splats, view, (0.3, 0.1, 0.6), probe).double() * cotangent).sum()
 
     inputs = splats.tensors() | {"probe": torch.zeros(2, 2)}
     watched = {name: tensor.clone().requires_grad_() for name, tensor in inputs.items()}

@@ -25,7 +25,7 @@ def test_kernels_use_wide_registers(kernel):
         pytest.skip("this processor has no 256-bit fused multiply-add")
     scene = SCENES["single"]()
     splats = scene.splats.map(lambda tensor: tensor.requires_grad_())
-    create("cpu").render(splats, scene.camera).image.sum().backward()
+    create("cpu").render(splats, scene.camera).sum().backward()
     (assembly,) = afresh(kernel, kernel.signatures[0]).inspect_asm().values()
     assert len(re.findall(r"vfn?madd\d+ps\s.*%ymm", assembly)) >= 8
     assert not re.search(r"vfn?madd\d+ss", assembly), "scalar arithmetic in what should be vectors"
@@ -37,7 +37,7 @@ from core.rasterizer import create
 from tests.rasterizer.scenes import SCENES
 scene = SCENES["random_degree_1"]()
 splats = scene.splats.map(lambda tensor: tensor.requires_grad_())
-image = create("cpu").render(splats, scene.camera, scene.background).image
+image = create("cpu").render(splats, scene.camera, scene.background)
 image.square().sum().backward()
 np.savez(sys.argv[1], image=image.detach(), means=splats.means.grad)
 """

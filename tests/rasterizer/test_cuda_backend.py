@@ -30,11 +30,11 @@ def splats() -> Splats:
 
 
 def results(splats, probe=None, pairs=None):
-    """Picture, transmittance and gradients by all parameters."""
+    """Picture and gradients by all parameters."""
     splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
-    rendering = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe, pairs)
-    gradients = torch.autograd.grad((rendering.image**3).sum(), list(splats.tensors().values()))
-    return [rendering.image.detach(), rendering.transmittance, *gradients]
+    image = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe, pairs)
+    gradients = torch.autograd.grad((image**3).sum(), list(splats.tensors().values()))
+    return [image.detach(), *gradients]
 
 
 def lists_of(splats, view):
@@ -121,7 +121,7 @@ def test_memory_layout_does_not_matter(splats):
 def test_one_gradient_may_be_asked_for_alone_and_twice(splats):
     all_gradients = results(splats)
     coefficients = splats.sh.clone().requires_grad_()
-    loss = (backend.CudaRasterizer().render(splats.with_sh(coefficients), VIEW, (0.2, 0.5, 0.1)).image ** 3).sum()
+    loss = (backend.CudaRasterizer().render(splats.with_sh(coefficients), VIEW, (0.2, 0.5, 0.1)) ** 3).sum()
     first, second = (torch.autograd.grad(loss, coefficients, retain_graph=True)[0] for _ in range(2))
     assert torch.equal(first, second)
     assert torch.equal(first, all_gradients[-1])
@@ -167,7 +167,7 @@ def test_more_than_kernels_can_count_are_refused_at_every_entry(degree, most):
 
 def test_as_many_as_kernels_can_count_are_drawn(monkeypatch, splats):
     monkeypatch.setattr(backend, "MOST_NUMBERS", splats.sh.numel() + 1)
-    assert backend.CudaRasterizer().render(splats, VIEW).image.any()
+    assert backend.CudaRasterizer().render(splats, VIEW).any()
 
 
 def test_what_is_missing_is_one_line(monkeypatch):

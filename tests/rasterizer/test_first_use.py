@@ -18,7 +18,7 @@ quaternions = torch.tensor([1.0, 0.0, 0.0, 0.0]) + 1e-8 * torch.randn(rows, 4)
 scales = torch.randn(rows, 1).expand(rows, 3) * 0.3 - 4
 parts = [0.3 * torch.randn(rows, 3), quaternions, scales, torch.randn(rows), torch.randn(rows, 1, 3)]
 parts = [part.contiguous().requires_grad_() for part in parts]
-(core.rasterizer.create("cpu").render(Splats(*parts), ring_camera(0.3)).image ** 2).sum().backward()
+(core.rasterizer.create("cpu").render(Splats(*parts), ring_camera(0.3)) ** 2).sum().backward()
 print(*(hashlib.sha256(part.grad.numpy()).hexdigest() for part in parts))
 """
 

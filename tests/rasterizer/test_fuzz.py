@@ -61,10 +61,9 @@ def test_no_camera_makes_a_picture_or_a_gradient_non_finite(name, view, values):
     rasterizer, splats = backend_or_skip(name), poisoned(values).map(lambda tensor: tensor.requires_grad_())
     if is_interpreted(name):
         view = replace(view, width=min(view.width, 16), height=min(view.height, 16))
-    rendering = rasterizer.render(splats, view, (0.1, 0.2, 0.3))
-    assert rendering.image.shape == (view.height, view.width, 3) and torch.isfinite(rendering.image).all()
-    assert ((rendering.transmittance >= 0) & (rendering.transmittance <= 1)).all()
-    rendering.image.sum().backward()
+    image = rasterizer.render(splats, view, (0.1, 0.2, 0.3))
+    assert image.shape == (view.height, view.width, 3) and torch.isfinite(image).all()
+    image.sum().backward()
     for parameter, tensor in splats.tensors().items():
         assert torch.isfinite(tensor.grad).all(), parameter
     contributions = rasterizer.contributions(splats.detached(), view)
@@ -97,5 +96,5 @@ def test_a_colour_beyond_float32_is_not_drawn(name):
     most = torch.finfo(torch.float32).max * torch.tensor([1.0, -1.0, 1.0, -1.0])  # the signs of the basis where the camera looks
     middle = torch.from_numpy(view.centre + 2 * view.world_to_camera[2]).float()
     glaring = replace(splats[:1], means=middle[None], sh=most[None, :, None].expand(1, 4, 3))
-    drawn = rasterizer.render(Splats.concatenate([glaring, splats]), view).image
-    assert torch.equal(drawn, rasterizer.render(splats, view).image)
+    drawn = rasterizer.render(Splats.concatenate([glaring, splats]), view)
+    assert torch.equal(drawn, rasterizer.render(splats, view))

@@ -28,7 +28,7 @@ BACKGROUND = (0.2, 0.4, 0.1)
 
 
 def draw(splats: Splats, view: Camera) -> torch.Tensor:
-    return create("reference").render(splats, view, BACKGROUND).image
+    return create("reference").render(splats, view, BACKGROUND)
 
 
 def double(splats: Splats) -> Splats:
@@ -128,7 +128,7 @@ def test_colour_is_seen_along_the_ray_from_the_camera():
     splats.sh = torch.tensor([[[0.0] * 3, [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]], dtype=torch.float64)
     row, column = int(view.cy), int(view.cx)
     alpha = create("reference").contributions(splats, replace(view, cx=column + 0.5, cy=row + 0.5)).item()
-    image = create("reference").render(splats, replace(view, cx=column + 0.5, cy=row + 0.5)).image[row, column]
+    image = create("reference").render(splats, replace(view, cx=column + 0.5, cy=row + 0.5))[row, column]
     expected = alpha * (0.5 + 0.1 * SH_1 * np.array([-forward[1], forward[2], -forward[0]]))
     np.testing.assert_allclose(image.numpy(), expected, rtol=0, atol=EXACT)
 
@@ -138,7 +138,7 @@ def test_probe_moves_the_centres():
     view = camera()
     splats = double(cloud(view, 10, seed=4, spread=0.3))
     probe = torch.tensor([[3.0, -2.0]], dtype=torch.float64).expand(10, 2)
-    moved = create("reference").render(splats, view, BACKGROUND, probe).image
+    moved = create("reference").render(splats, view, BACKGROUND, probe)
     torch.testing.assert_close(moved[:-2, 3:], draw(splats, view)[2:, :-3], rtol=0, atol=EXACT)
 
 
@@ -187,7 +187,7 @@ def test_weights_and_what_is_left_sum_to_one():
         scene = SCENES[name]()
         splats = double(scene.splats)
         white = splats.with_sh(torch.full_like(splats.sh[:, :1], 0.5 / SH_0))
-        image = create("reference").render(white, scene.camera, (1.0, 1.0, 1.0)).image
+        image = create("reference").render(white, scene.camera, (1.0, 1.0, 1.0))
         torch.testing.assert_close(image, torch.ones_like(image), rtol=0, atol=1e-10)  # 3,000 additions
 
 
@@ -195,7 +195,7 @@ def test_equal_depths_are_drawn_by_index():
     view = camera(5, 5, turned=False, cx=2.5, cy=2.5)
     splats = double(in_world(view, [[0, 0, 2.0]] * 2, [[1, 0, 0, 0]] * 2, [[0.0] * 3] * 2, [0.0] * 2, np.zeros((2, 1, 3))))
     splats.sh[0, 0], splats.sh[1, 0] = 1.0, -1.0
-    middle = create("reference").render(splats, view).image[2, 2, 0].item()
+    middle = create("reference").render(splats, view)[2, 2, 0].item()
     first, second = 0.5 + SH_0, 0.5 - SH_0
     assert abs(middle - (0.5 * first + 0.25 * second)) < EXACT
 
@@ -245,7 +245,7 @@ def test_gradients_are_those_of_finite_differences(degree, count):
     splats, view = smooth_scene(degree, count)
 
     def picture(probe, *tensors):
-        return create("reference").render(Splats(*tensors), view, BACKGROUND, probe).image
+        return create("reference").render(Splats(*tensors), view, BACKGROUND, probe)
 
     inputs = [torch.zeros(count, 2, dtype=torch.float64), *splats.tensors().values()]
     # Central differences of 1e-6 in float64 are good to about 1e-9.
@@ -291,7 +291,7 @@ def test_every_stage_passes_gradcheck():
 def test_clamped_alpha_has_no_gradient():
     view = camera(1, 1, turned=False, cx=0.5, cy=0.5)
     splats = single(view, [0, 0, 2.0], [3.0] * 3, 0.999).map(lambda tensor: tensor.requires_grad_())
-    create("reference").render(splats, view).image.sum().backward()
+    create("reference").render(splats, view).sum().backward()
     assert splats.logit_opacities.grad.item() == 0
     assert splats.sh.grad[0, 0, 0].item() == pytest.approx(ALPHA_MAX * SH_0, abs=EXACT)
 

@@ -26,7 +26,7 @@ class Backend:
     dtype: torch.dtype
 
     def draw(self, splats: Splats, view: Camera) -> torch.Tensor:
-        return self.rasterizer.render(splats.map(lambda tensor: tensor.to(self.dtype)), view, BACKGROUND).image
+        return self.rasterizer.render(splats.map(lambda tensor: tensor.to(self.dtype)), view, BACKGROUND)
 
     def assert_same(self, picture: torch.Tensor, other: torch.Tensor, exact: float = EXACT) -> None:
         """Equal within `exact` in float64; in float32 as two backends are, pixels at a threshold apart."""
@@ -133,7 +133,7 @@ def test_chunks_change_nothing(monkeypatch):
     for chunk in (reference.CHUNK, 1000, 1):
         monkeypatch.setattr(reference, "CHUNK", chunk)
         splats = double(scene.splats).map(lambda tensor: tensor.requires_grad_())
-        image = create("reference").render(splats, scene.camera, BACKGROUND).image
+        image = create("reference").render(splats, scene.camera, BACKGROUND)
         image.square().sum().backward()
         pictures.append((image.detach(), splats.means.grad, create("reference").contributions(splats, scene.camera)))
     for image, gradient, contributions in pictures[1:]:

@@ -32,7 +32,7 @@ def test_cells_show_what_the_picture_shows_in_them(name):
     rows = create("reference").visible(splats, camera).rows
     colours = torch.zeros(len(splats), 3, dtype=torch.float64)
     colours[rows] = colour(splats.sh[rows], project(splats[rows], camera).directions)
-    expected = cell_sums(create("reference").render(splats, camera).image.detach() * weight[..., None])
+    expected = cell_sums(create("reference").render(splats, camera).detach() * weight[..., None])
     torch.testing.assert_close(shares.mixed(colours), expected, rtol=0, atol=1e-12)
 
 

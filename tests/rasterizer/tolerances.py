@@ -12,7 +12,7 @@ from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, STOP_TRANSMITTANCE
 from core.rasterizer.reference import ReferenceRasterizer, coverage, pixel_chunks, projected
 from tests.rasterizer.scenes import Scene
 
-# Colours and transmittances are of order 1. A projected centre is rounded to about 1e-7 of the picture's size plus the
+# Colours are of order 1. A projected centre is rounded to about 1e-7 of the picture's size plus the
 # principal point's distance (100 px: 1e-5 px), and alpha changes by at most 1 a pixel. The reference itself in float32
 # is within 6e-6 in all scenes.
 PICTURE = 1e-5
@@ -42,7 +42,6 @@ class Outcome:
     """All that a backend says about a scene; `gradients` by parameter name, "probe" included."""
 
     image: Tensor
-    transmittance: Tensor
     gradients: dict[str, Tensor]
     visible: Tensor
     contributions: Tensor
@@ -52,13 +51,12 @@ def outcome(backend: Rasterizer, scene: Scene, dtype: torch.dtype, cotangent: Te
     """Run everything; the gradients are those of sum(image * cotangent)."""
     splats = scene.splats.map(lambda tensor: tensor.to(dtype, copy=True).requires_grad_())
     probe = torch.zeros(len(splats), 2, dtype=dtype, requires_grad=True)
-    rendering = backend.render(splats, scene.camera, scene.background, probe)
+    image = backend.render(splats, scene.camera, scene.background, probe)
     inputs = splats.tensors() | {"probe": probe}
-    gradients = torch.autograd.grad((rendering.image * cotangent.to(dtype)).sum(), list(inputs.values()))
+    gradients = torch.autograd.grad((image * cotangent.to(dtype)).sum(), list(inputs.values()))
     splats = splats.detached()
     return Outcome(
-        rendering.image.detach(),
-        rendering.transmittance,
+        image.detach(),
         dict(zip(inputs, gradients)),
         backend.visible(splats, scene.camera).rows,
         backend.contributions(splats, scene.camera),

@@ -57,7 +57,7 @@ def known_collection(folder: Path, change: Callable = plain, photos: int = 24, n
     made = []
     for index in range(photos):
         camera = ring_camera(APART * index).resized(WIDTH, HEIGHT)
-        picture = rasterizer.render(splats, camera, background=(0.3, 0.5, 0.7)).image.numpy().astype(np.float64)
+        picture = rasterizer.render(splats, camera, background=(0.3, 0.5, 0.7)).numpy().astype(np.float64)
         picture, hidden = change(index, picture)
         pixels = (picture * 255 + random.normal(0, noise, picture.shape)).round().clip(0, 255).astype(np.uint8)
         path = folder / f"photo_{index:02d}.png"

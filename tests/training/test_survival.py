@@ -56,7 +56,7 @@ def trained_quality(scene: SmallScene, folder) -> float:
     live = bake(trained, find_look(trained, "neutral"))
     frame, camera = trained.collection.frame.for_files(), trained.collection.photos[0].camera
     from_file = read_ply(output / f"point_cloud/iteration_{settings.steps}/point_cloud.ply").in_scene(frame)
-    pictures = [create("cpu").render(splats, camera).image for splats in (live, replace(from_file, sh=from_file.sh[:, :4]))]
+    pictures = [create("cpu").render(splats, camera) for splats in (live, replace(from_file, sh=from_file.sh[:, :4]))]
     # A file in the world frame rounds coordinates by up to 1e-5 of the scene: 2e-3 px here, times colours of order 1.
     torch.testing.assert_close(*pictures, rtol=0, atol=5e-3)
     with (output / "history.csv").open() as file:

@@ -22,9 +22,8 @@ def write_transparent_scene(root: Path, photos: int = 12) -> Path:
     rasterizer, frames = core.rasterizer.create("cpu"), {"train": [], "test": []}
     for index in range(photos):
         camera = ring_camera(2 * np.pi * index / photos).resized(WIDTH, HEIGHT)
-        drawn = rasterizer.render(splats, camera)
-        alpha = 1 - drawn.transmittance.numpy()[..., None]
-        straight = drawn.image.numpy() / np.maximum(alpha, 1e-6)
+        alpha = rasterizer.render(splats.marked(slice(None)), camera).numpy()[..., :1]
+        straight = rasterizer.render(splats, camera).numpy() / np.maximum(alpha, 1e-6)
         split = "test" if index % 3 == 2 else "train"
         path = root / split / f"r_{index}.png"
         path.parent.mkdir(parents=True, exist_ok=True)

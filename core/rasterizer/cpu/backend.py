@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.rasterizer import inputs, layout
-from core.rasterizer.contract import BLACK, Colour, Rendering, Visible, jacobian_limits
+from core.rasterizer.contract import BLACK, Colour, Visible, jacobian_limits
 from core.rasterizer.cpu.bin import SLOT, fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
@@ -25,6 +25,8 @@ from core.system.threads import in_parallel, threads
 BYTES_A_PAIR = 12 + 4 * layout.SLOT_COLUMNS
 MEMORY_BUDGET = 4 << 30  # bytes for all tile lists of one picture
 NOTHING = np.empty((0, 2), dtype=np.float32)
+ROWS_A_BLOCK = 2048  # Gaussians that a thread takes at a time
+MOST_COUNTS = 64  # of the Gaussians in each tile, which blocks make for themselves
 
 
 class CpuRasterizer:
@@ -36,7 +38,7 @@ class CpuRasterizer:
         arrays = arrays_of(splats)
         flags = np.empty(len(splats), dtype=np.bool_)
         view = arguments_of(camera)
-        on_all_threads(lambda counter: find_visible(counter, *arrays, *view, flags))
+        in_parallel(lambda *rows: find_visible(*rows, *arrays, *view, flags), len(flags), ROWS_A_BLOCK)
         return Visible(torch.from_numpy(np.flatnonzero(flags)))
 
     def render(
@@ -46,10 +48,9 @@ class CpuRasterizer:
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
-    ) -> Rendering:
+    ) -> Float[Tensor, "h w 3"]:
         inputs.check(splats, probe, self.name, self.device)
-        image, transmittance = _Render.apply(camera, background, probe, *splats.tensors().values())
-        return Rendering(image, transmittance)
+        return _Render.apply(camera, background, probe, *splats.tensors().values())
 
     def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
         arrays = arrays_of(splats)
@@ -62,7 +63,7 @@ class CpuRasterizer:
 
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         lists = tile_lists(arrays_of(splats), NOTHING, camera)
-        image, _ = draw(lists, camera, BLACK)
+        image = draw(lists, camera, BLACK)
 
         def colour_gradients(image_gradient: Tensor) -> Tensor:
             gradients = gradients_of_slots(lists, image, array_of(image_gradient))[:, layout.SUM_COLOUR]
@@ -79,19 +80,14 @@ class _Render(torch.autograd.Function):
         arrays = [array_of(tensor) for tensor in parameters]
         moved = NOTHING if probe is None else array_of(probe)
         lists = tile_lists(arrays, moved, camera)
-        image, transmittance = draw(lists, camera, background)
+        image = torch.from_numpy(draw(lists, camera, background))
         ctx.camera, ctx.lists, ctx.probed = camera, lists, probe is not None
-        image, transmittance = torch.from_numpy(image), torch.from_numpy(transmittance)
         ctx.save_for_backward(image, *parameters)
-        ctx.mark_non_differentiable(transmittance)
-        # Else torch makes zeros for the transmittance's gradient, with OpenMP threads that go on spinning beside the
-        # kernels.
-        ctx.set_materialize_grads(False)
-        return image, transmittance
+        return image
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, image_gradient, _):
+    def backward(ctx, image_gradient):
         image, *parameters = ctx.saved_tensors
         lists = ctx.lists
         slot_gradients = gradients_of_slots(lists, array_of(image), array_of(image_gradient))
@@ -102,7 +98,7 @@ class _Render(torch.autograd.Function):
         outputs.append(NOTHING if probe_gradient is None else probe_gradient.numpy())
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
         *view, _ = arguments_of(ctx.camera)
-        on_all_threads(lambda counter: project_backward(counter, *arrays, *view, *slots, *outputs))
+        in_parallel(lambda *rows: project_backward(*rows, *arrays, *view, *slots, *outputs), len(arrays[0]), ROWS_A_BLOCK)
         return None, None, probe_gradient, *gradients
 
 
@@ -143,16 +139,11 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)
     view = arguments_of(camera)
-    threads_loads: list[np.ndarray] = []
-
-    def work(counter):
-        loads = np.zeros(tiles, dtype=np.int32)
-        threads_loads.append(loads)
-        project(counter, *arrays, probe, *view, footprints, depths, tile_counts, loads)
-
-    on_all_threads(work)
+    block = max(ROWS_A_BLOCK, -(-count // MOST_COUNTS))
+    loads = np.zeros((-(-count // block), tiles), dtype=np.int32)
+    in_parallel(lambda begin, end: project(begin, end, *arrays, probe, *view, footprints, depths, tile_counts, loads[begin // block]), count, block)
     slot_starts = running_starts(tile_counts)
-    tile_starts = running_starts(np.sum(threads_loads, axis=0, dtype=np.int64))
+    tile_starts = running_starts(np.sum(loads, axis=0, dtype=np.int64))
     pairs = int(slot_starts[-1])
     inputs.check_lists(count, pairs, BYTES_A_PAIR, MEMORY_BUDGET, camera)
     entries = np.empty((pairs, 2), dtype=np.int32)
@@ -162,25 +153,19 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
     return TileLists(footprints, slot_starts, tile_starts, entries, np.zeros(pairs, dtype=np.uint32))
 
 
-def draw(
-    lists: TileLists,
-    camera: Camera,
-    background: Colour,
-    strongest: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The picture (height, width, 3) and the transmittance (height, width), float32.
+def draw(lists: TileLists, camera: Camera, background: Colour, strongest: np.ndarray | None = None) -> np.ndarray:
+    """The picture (height, width, 3), float32.
 
     strongest: zeros (pairs,) float32, to become the largest alpha * transmittance of each slot.
     """
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
-    transmittance = np.empty((camera.height, camera.width), dtype=np.float32)
     behind = tuple(np.float32(channel) for channel in background)
     if strongest is None:
         strongest = np.empty(0, dtype=np.float32)
     sorted_into_tiles = lists.tile_starts, lists.entries, lists.footprints
-    outputs = image, transmittance, lists.drawn_chunks, strongest
+    outputs = image, lists.drawn_chunks, strongest
     on_all_tiles(lists, lambda *walk: blend_forward(*walk, *sorted_into_tiles, behind, *outputs))
-    return image, transmittance
+    return image
 
 
 def gradients_of_slots(lists: TileLists, image: np.ndarray, image_gradient: np.ndarray) -> np.ndarray:
@@ -189,12 +174,6 @@ def gradients_of_slots(lists: TileLists, image: np.ndarray, image_gradient: np.n
     blended = lists.tile_starts, lists.entries, lists.footprints, lists.drawn_chunks
     on_all_tiles(lists, lambda *walk: blend_backward(*walk, *blended, image, image_gradient, slot_gradients))
     return slot_gradients
-
-
-def on_all_threads(work: Callable[[np.ndarray], None]) -> None:
-    """Run work(counter) on all threads at once; they take what there is to do off the counter."""
-    counter = np.zeros(1, dtype=np.int64)
-    in_parallel(lambda begin, end: work(counter), threads(), 1)
 
 
 def on_all_tiles(lists: TileLists, work: Callable[[np.ndarray, int, int], None]) -> None:

@@ -134,7 +134,7 @@ def gather_moments(chunks, footprints, i, terms, at, state, moments):
 
         # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. 1 - alpha >= 0.01.
         g = weight * pull - behind * alpha / (one - alpha)
-        g = select(goes_on & (broadcast(ALPHA_LIMIT) >= unclamped), g, zero)
+        g = select(goes_on, select(broadcast(ALPHA_LIMIT) >= unclamped, g, zero), zero)
         x, y = load(OFFSETS, (chunk >> 4) * LANES), broadcast(OFFSETS[chunk & (TILE - 1)])
         g_x, g_y = g * x, g * y
         sum_g, sum_x, sum_y = sum_g + g, sum_x + g_x, sum_y + g_y

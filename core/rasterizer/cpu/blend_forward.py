@@ -39,16 +39,15 @@ STATE = 4 * LANES
 
 @exact_kernel
 def blend_forward(
-    taken, first, step, tile_starts, entries, footprints, background,
-    image, transmittance, drawn_chunks, strongest,
+    taken, first, step, tile_starts, entries, footprints, background, image, drawn_chunks, strongest,
 ):  # fmt: skip
-    """Write the picture (height, width, 3) and its transmittance.
+    """Write the picture (height, width, 3).
 
     taken: (tiles,) int64, shared by all threads; the tiles that still have a zero are drawn, from `first` on in steps of `step`, 1 or -1.
     drawn_chunks: (slots,) uint32, zeros; becomes the chunks in which each splat was blended, for the backward pass.
     strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty where it is not wanted.
     """
-    height, width = transmittance.shape
+    height, width = image.shape[:2]
     columns = (width + TILE - 1) // TILE
     state = np.empty(CHUNKS * STATE, np.float32)
     terms = np.empty(BATCH * ROW_TERMS, np.float32)
@@ -78,7 +77,7 @@ def blend_forward(
                 largest = blend_splat(drawn_chunks[slot], footprints, entries[entry, SPLAT], terms, at, state)
                 if len(strongest) > 0:
                     strongest[slot] = lane_maximum(largest)
-        write_tile(state, background, left, top, image, transmittance)
+        write_tile(state, background, left, top, image)
 
 
 @exact_part
@@ -124,15 +123,14 @@ def blend_splat(chunks, footprints, i, terms, at, state):
 
 
 @exact_part
-def write_tile(state, background, left, top, image, transmittance):
+def write_tile(state, background, left, top, image):
     """Put the tile's pixels over the background into the picture."""
-    height, width = transmittance.shape
+    height, width = image.shape[:2]
     for y in range(top, min(top + TILE, height)):
         for x in range(left, min(left + TILE, width)):
             chunk = (y - top) + (x - left) // LANES * TILE
             here = chunk * STATE + (x - left) % LANES
             light = abs(state[here])
-            transmittance[y, x] = light
             image[y, x, 0] = state[here + RED] + light * background[0]
             image[y, x, 1] = state[here + GREEN] + light * background[1]
             image[y, x, 2] = state[here + BLUE] + light * background[2]

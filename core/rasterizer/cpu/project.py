@@ -8,7 +8,6 @@ import math
 import numpy as np
 
 from core.kernels.compiled import kernel, part
-from core.kernels.simd import fetch_add
 from core.rasterizer import layout
 from core.rasterizer.contract import (
     ALPHA_MIN,
@@ -21,7 +20,6 @@ from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
 from core.rasterizer.cpu.vectors import cross, dot, row, scaled, subtract
 from core.scene.splats import QUATERNION_MIN_NORM2
 
-BLOCK = 512  # Gaussians a thread takes at a time
 HALF_LOG2_E = 0.5 * math.log2(math.e)
 LOG2_ALPHA_MIN = math.log2(ALPHA_MIN)
 LEAST_LOGIT = math.log(ALPHA_MIN / (1.0 - ALPHA_MIN))
@@ -165,78 +163,68 @@ def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
 
 
 @kernel
-def find_visible(counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible):
-    """Write to `visible` (N,) bool which Gaussians are not culled. Takes blocks off `counter` until none are left."""
-    count = len(means)
-    while True:
-        begin = fetch_add(counter, 0, BLOCK)
-        if begin >= count:
-            return
-        for i in range(begin, min(begin + BLOCK, count)):
-            visible[i] = False
-            offset = subtract(row(means, i), centre)
-            depth = dot(row(rotation, 2), offset)
-            if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
-                continue
-            # What the ellipse would say is mostly plain from the centre, and from the largest scale.
-            inside = centre_in_picture(offset, rotation, lens, limits, size)
-            if not inside and sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
-                x, y, a, _, c, _ = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
-                level = level_of(opacity_of(logit_opacities[i]))
-                inside = meets_picture(x, y, math.sqrt(level * a), math.sqrt(level * c), size)
-            visible[i] = inside and is_finite(sh, i)
+def find_visible(begin, end, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible):
+    """Write to `visible` (N,) bool which of the Gaussians `begin` to `end` are not culled."""
+    for i in range(begin, end):
+        visible[i] = False
+        offset = subtract(row(means, i), centre)
+        depth = dot(row(rotation, 2), offset)
+        if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
+            continue
+        # What the ellipse would say is mostly plain from the centre, and from the largest scale.
+        inside = centre_in_picture(offset, rotation, lens, limits, size)
+        if not inside and sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
+            x, y, a, _, c, _ = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
+            level = level_of(opacity_of(logit_opacities[i]))
+            inside = meets_picture(x, y, math.sqrt(level * a), math.sqrt(level * c), size)
+        visible[i] = inside and is_finite(sh, i)
 
 
 @kernel
 def project(
-    counter, means, quaternions, log_scales, logit_opacities, sh, probe, rotation, centre, lens, limits, size,
+    begin, end, means, quaternions, log_scales, logit_opacities, sh, probe, rotation, centre, lens, limits, size,
     footprints, depths, tile_counts, tile_loads,
 ):  # fmt: skip
-    """Write the footprints (N, layout.FOOTPRINT_COLUMNS) of the Gaussians and their depths (N,) float32.
+    """Write the footprints (N, layout.FOOTPRINT_COLUMNS) of the Gaussians `begin` to `end` and their depths (N,) float32.
 
     tile_counts: (N,) int32, the number of tiles that each touches. Of the culled only this is written, a zero.
-    tile_loads: (tiles,) int32, this thread's own, to which it adds how many of its Gaussians touch each tile.
+    tile_loads: (tiles,) int32, of these rows, to which it adds how many of the Gaussians touch each tile.
     probe: (N, 2) float32, added to the centres (px), or empty.
     """
-    count = len(means)
     columns = (size[0] + layout.TILE - 1) // layout.TILE
     basis = np.empty(16)
-    while True:
-        begin = fetch_add(counter, 0, BLOCK)
-        if begin >= count:
-            return
-        for i in range(begin, min(begin + BLOCK, count)):
-            tile_counts[i] = 0
-            offset = subtract(row(means, i), centre)
-            depth = dot(row(rotation, 2), offset)
-            if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
-                continue
-            x, y, a, b, c, determinant = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
-            if len(probe) > 0:
-                x += probe[i, 0]
-                y += probe[i, 1]
-            level = level_of(opacity_of(logit_opacities[i]))
-            reach_x, reach_y = math.sqrt(level * a), math.sqrt(level * c)
-            if not meets_picture(x, y, reach_x, reach_y, size):
-                continue
-            fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
-            red, green, blue = colour(sh, i, basis)
-            if not (fits(red) and fits(green) and fits(blue)):
-                continue
+    for i in range(begin, end):
+        tile_counts[i] = 0
+        offset = subtract(row(means, i), centre)
+        depth = dot(row(rotation, 2), offset)
+        if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
+            continue
+        x, y, a, b, c, determinant = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
+        if len(probe) > 0:
+            x += probe[i, 0]
+            y += probe[i, 1]
+        level = level_of(opacity_of(logit_opacities[i]))
+        reach_x, reach_y = math.sqrt(level * a), math.sqrt(level * c)
+        if not meets_picture(x, y, reach_x, reach_y, size):
+            continue
+        fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
+        red, green, blue = colour(sh, i, basis)
+        if not (fits(red) and fits(green) and fits(blue)):
+            continue
 
-            inverse_c = 1.0 / c
-            variance_in_row = determinant * inverse_c
-            footprints[i, layout.X] = x
-            footprints[i, layout.Y] = y
-            footprints[i, layout.SLOPE] = b * inverse_c
-            footprints[i, layout.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
-            footprints[i, layout.FALL] = HALF_LOG2_E * inverse_c
-            footprints[i, layout.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
-            footprints[i, layout.HALF_HEIGHT] = reach_y
-            footprints[i, layout.HALF_WIDTH] = math.sqrt(level * variance_in_row)
-            footprints[i, layout.LEAN] = b * level / reach_x
-            footprints[i, layout.RED] = max(red, 0.0)
-            footprints[i, layout.GREEN] = max(green, 0.0)
-            footprints[i, layout.BLUE] = max(blue, 0.0)
-            depths[i] = depth
-            tile_counts[i] = add_to_loads(footprints, i, size, columns, tile_loads)
+        inverse_c = 1.0 / c
+        variance_in_row = determinant * inverse_c
+        footprints[i, layout.X] = x
+        footprints[i, layout.Y] = y
+        footprints[i, layout.SLOPE] = b * inverse_c
+        footprints[i, layout.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
+        footprints[i, layout.FALL] = HALF_LOG2_E * inverse_c
+        footprints[i, layout.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
+        footprints[i, layout.HALF_HEIGHT] = reach_y
+        footprints[i, layout.HALF_WIDTH] = math.sqrt(level * variance_in_row)
+        footprints[i, layout.LEAN] = b * level / reach_x
+        footprints[i, layout.RED] = max(red, 0.0)
+        footprints[i, layout.GREEN] = max(green, 0.0)
+        footprints[i, layout.BLUE] = max(blue, 0.0)
+        depths[i] = depth
+        tile_counts[i] = add_to_loads(footprints, i, size, columns, tile_loads)

@@ -5,11 +5,9 @@ import math
 import numpy as np
 
 from core.kernels.compiled import kernel, part
-from core.kernels.simd import fetch_add
 from core.rasterizer import layout
 from core.rasterizer.cpu.harmonics import direction_gradient, fill_basis
 from core.rasterizer.cpu.project import (
-    BLOCK,
     LEAST_LOG_SCALE,
     MOST_LOG_SCALE,
     axes_of,
@@ -25,35 +23,30 @@ from core.rasterizer.cpu.vectors import add, dot, row, scaled, subtract
 
 @kernel
 def project_backward(
-    counter, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits,
+    begin, end, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits,
     footprints, slot_starts, drawn_chunks, slot_gradients,
     to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe,
 ):  # fmt: skip
-    """Sum the slots' gradients a Gaussian at a time and write dL/d(parameters); zeros for what was not drawn.
+    """Sum the slots' gradients of the Gaussians `begin` to `end`, one at a time, and write dL/d(parameters); zeros for what was not drawn.
 
-    to_probe: empty where it is not wanted. Takes blocks off `counter` until none are left.
+    to_probe: empty where it is not wanted.
     """
-    count = len(means)
     basis = np.empty(16)
     sums = np.empty(layout.SLOT_COLUMNS)
-    while True:
-        begin = fetch_add(counter, 0, BLOCK)
-        if begin >= count:
-            return
-        for i in range(begin, min(begin + BLOCK, count)):
-            if not add_up(slot_starts[i], slot_starts[i + 1], drawn_chunks, slot_gradients, sums):
-                write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe)
-                continue
-            offset = subtract(row(means, i), centre)
-            to_offset = ellipse_backward(
-                i, offset, quaternions, log_scales, rotation, lens, limits, sums,
-                to_quaternions, to_log_scales, to_probe,
-            )  # fmt: skip
-            through_colour = colour_backward(i, offset, sh, basis, footprints, sums, to_sh)
-            to_offset = add(to_offset, through_colour)
-            to_means[i, 0], to_means[i, 1], to_means[i, 2] = to_offset
-            # alpha = opacity * ...: the derivative of log(opacity) by its logit is 1 - opacity.
-            to_logit_opacities[i] = sums[layout.SUM_G] * (1.0 - opacity_of(logit_opacities[i]))
+    for i in range(begin, end):
+        if not add_up(slot_starts[i], slot_starts[i + 1], drawn_chunks, slot_gradients, sums):
+            write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe)
+            continue
+        offset = subtract(row(means, i), centre)
+        to_offset = ellipse_backward(
+            i, offset, quaternions, log_scales, rotation, lens, limits, sums,
+            to_quaternions, to_log_scales, to_probe,
+        )  # fmt: skip
+        through_colour = colour_backward(i, offset, sh, basis, footprints, sums, to_sh)
+        to_offset = add(to_offset, through_colour)
+        to_means[i, 0], to_means[i, 1], to_means[i, 2] = to_offset
+        # alpha = opacity * ...: the derivative of log(opacity) by its logit is 1 - opacity.
+        to_logit_opacities[i] = sums[layout.SUM_G] * (1.0 - opacity_of(logit_opacities[i]))
 
 
 @part

@@ -10,7 +10,7 @@ from torch.autograd.function import once_differentiable
 from core.errors import BadInput, BadSetting
 from core.kernels.triton_launch import UNFUSED, blocks, interpreted
 from core.rasterizer import inputs, layout
-from core.rasterizer.contract import BLACK, Colour, Rendering, Visible
+from core.rasterizer.contract import BLACK, Colour, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
 from core.rasterizer.cuda.view import view_of
@@ -57,10 +57,9 @@ class CudaRasterizer:
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
         pairs: int | None = None,
-    ) -> Rendering:
+    ) -> Float[Tensor, "h w 3"]:
         self._check(splats, probe)
-        image, transmittance = _Render.apply(camera, background, probe, pairs, *splats.tensors().values())
-        return Rendering(image, transmittance)
+        return _Render.apply(camera, background, probe, pairs, *splats.tensors().values())
 
     @torch.no_grad()
     def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
@@ -75,7 +74,7 @@ class CudaRasterizer:
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         prepared = prepare(self._parameters(splats), None, camera)
         lists = prepared.lists
-        image, _, tile_ends = draw(prepared, BLACK)
+        image, tile_ends = draw(prepared, BLACK)
         tiles = torch.empty_like(lists.entry_slots)
         tiles[lists.entry_slots] = torch.repeat_interleave(lists.tile_starts.diff())
 
@@ -102,16 +101,14 @@ class _Render(torch.autograd.Function):
     def forward(ctx, camera, background, probe, pairs, *parameters):
         parameters = [tensor.contiguous() for tensor in parameters]
         prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera, pairs)
-        image, transmittance, ctx.tile_ends = draw(prepared, background)
+        image, ctx.tile_ends = draw(prepared, background)
         ctx.prepared, ctx.probed = prepared, probe is not None
         ctx.save_for_backward(image, *parameters)
-        ctx.mark_non_differentiable(transmittance)
-        ctx.set_materialize_grads(False)  # the transmittance has no gradient to be made zeros of
-        return image, transmittance
+        return image
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, image_gradient, _):
+    def backward(ctx, image_gradient):
         image, *parameters = ctx.saved_tensors
         prepared, lists = ctx.prepared, ctx.prepared.lists
         count, device = len(parameters[0]), image.device
@@ -171,22 +168,21 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pair
     return Prepared(camera, view, footprints, tile_counts, lists, columns)
 
 
-def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
-    """The picture (height, width, 3), the transmittance (height, width), and the tiles' ends, see `blend_forward`.
+def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """The picture (height, width, 3) and the tiles' ends, see `blend_forward`.
 
     strongest: zeros (slots,), to become the largest alpha * transmittance of each slot.
     """
     camera, lists, device = prepared.camera, prepared.lists, prepared.footprints.device
     image = torch.empty(camera.height, camera.width, 3, device=device)
-    transmittance = torch.empty(camera.height, camera.width, device=device)
     tile_ends = torch.empty(len(lists.tile_starts) - 1, dtype=torch.int64, device=device)
     blend_forward.blend_forward[(len(tile_ends),)](
         lists.tile_starts, lists.entry_splats, lists.entry_slots, prepared.footprints,
-        image, transmittance, tile_ends, transmittance if strongest is None else strongest,
+        image, tile_ends, image if strongest is None else strongest,
         prepared.columns, camera.width, camera.height, *map(float, background),
         RECORD=strongest is not None, num_warps=blend_forward.WARPS, **UNFUSED,
     )  # fmt: skip
-    return image, transmittance, tile_ends
+    return image, tile_ends
 
 
 def gradients_of_slots(prepared: Prepared, tile_ends: Tensor, image: Tensor, image_gradient: Tensor) -> Tensor:

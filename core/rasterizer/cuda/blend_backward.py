@@ -1,12 +1,4 @@
-"""Gradients of the picture by the footprints: the forward pass once more, with one number of state a pixel.
-
-With C(p) the picture including its background, v = dL/dC and c_i the colours, let S_i = v . (what splats i + 1, ... and
-the background add to the pixel). Going front to back, S starts as v . C and loses w_i (v . c_i) at each splat, and
-
-    dL/d alpha_i = T_i (v . c_i) - S_i / (1 - alpha_i),      w_i = alpha_i T_i
-
-so that any number of channels costs one dot product, and nothing has to be stored a splat and pixel.
-"""
+"""Gradients of the picture by the footprints, as core.rasterizer.cpu.blend_backward derives them."""
 
 import triton
 import triton.language as tl

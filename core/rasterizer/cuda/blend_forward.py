@@ -11,10 +11,10 @@ WARPS = 2  # four pixels a thread
 
 @triton.jit(do_not_specialize=["columns", "width", "height"])
 def blend_forward(
-    tile_starts, entry_splats, entry_slots, footprints, image, transmittance, tile_ends, strongest,
+    tile_starts, entry_splats, entry_slots, footprints, image, tile_ends, strongest,
     columns, width, height, background_red, background_green, background_blue, RECORD: tl.constexpr,
 ):  # fmt: skip
-    """Write the tile's part of the picture (height, width, 3) and of its transmittance, and where its list was left.
+    """Write the tile's part of the picture (height, width, 3), and where its list was left.
 
     tile_ends: (tiles,) int64, the entry before which all pixels were finished. strongest: (slots,), to become the largest
     alpha * transmittance of each slot; written if RECORD.
@@ -42,7 +42,6 @@ def blend_forward(
         unfinished = (entry < end) & (tl.max(light, axis=0) > 0)
     tl.store(tile_ends + tile, entry)
     light = tl.abs(light)
-    tl.store(transmittance + place, light, mask=inside)
     tl.store(image + 3 * place, red + light * background_red, mask=inside)
     tl.store(image + 3 * place + 1, green + light * background_green, mask=inside)
     tl.store(image + 3 * place + 2, blue + light * background_blue, mask=inside)

@@ -59,7 +59,7 @@ class Surroundings:
 
     def __init__(self, points: np.ndarray, reach: float):
         self.tree = cKDTree(points)
-        distances = self.tree.query(points, k=min(5, len(points)))[0].reshape(len(points), -1)[:, -1]
+        distances = self.tree.query(points, k=[min(5, len(points))])[0][:, 0]
         # Where most points coincide, the median of the others; where all do, Gaussians may be anywhere.
         apart = distances[distances > 0]
         usual = np.median(distances) or (np.median(apart) if len(apart) else np.inf)
@@ -68,8 +68,7 @@ class Surroundings:
     def outside(self, means: Tensor) -> Tensor:
         """Which of the centres (N, 3) lie in no ball around one of their eight nearest points."""
         # The tree refuses NaN; such a Gaussian goes for not being finite, wherever it is taken to be.
-        found = self.tree.query(torch.nan_to_num(means).cpu().numpy(), k=min(8, len(self.radii)))
-        distances, nearest = (array.reshape(len(means), min(8, len(self.radii))) for array in found)
+        distances, nearest = self.tree.query(torch.nan_to_num(means).cpu().numpy(), k=range(1, min(8, len(self.radii)) + 1))
         return torch.from_numpy((distances > self.radii[nearest]).all(axis=1)).to(means.device)
 
 

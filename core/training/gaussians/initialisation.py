@@ -25,7 +25,7 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
     if len(points) > room:
         chosen = np.sort(torch.randperm(len(points), generator=generator)[:room].numpy())
         points, colours = points[chosen], colours[chosen]
-    distances = cKDTree(points).query(points, k=min(4, len(points)))[0].reshape(len(points), -1)[:, 1:]
+    distances = cKDTree(points).query(points, k=range(1, min(4, len(points)) + 1))[0][:, 1:]
     spacing = np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), LONE_SPACING)
     scales = np.clip(spacing, LEAST_SCALE, settings.largest_scale / 2)  # a lonely point must not start as haze over everything
     parts = [_isotropic(points, scales, colours, INITIAL_OPACITY, settings.sh_degree)]

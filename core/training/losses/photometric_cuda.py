@@ -1,11 +1,7 @@
 """The picture loss of core.training.losses.photometric, fused, for float32 on a GPU: two launches forward and two backward.
 
-The same as photometric_cpu: the first pass forms the windowed means that depend on the render, the error, and the derivatives
-of SSIM by those means; the backward pass blurs the derivatives, because the window is its own adjoint:
-
-    dL/dx = w (1 - s) sign(x - y) / (3 V) + blur(D_mean) + 2 x blur(D_square) + y blur(D_product)
-
-Every blur is one kernel down the columns and one along the rows, which goes on with the result. One pixel a lane.
+The same two passes as in photometric_cpu, with its formula of the gradient. Every blur is one kernel down the columns and one along the rows,
+which goes on with the result. One pixel a lane.
 """
 
 from functools import cache

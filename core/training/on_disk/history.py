@@ -15,16 +15,11 @@ HELD_OUT = "held_out_psnr"  # the column (dB) that only rows with a check of qua
 @contextmanager
 def appended(folder: Path, columns: Sequence[str]) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """A function that adds a row, which is on disk when it returns; a new file begins with the names of the columns."""
-    with (folder / FILE).open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns)
+    with (folder / FILE).open("a", buffering=1, newline="", encoding="utf-8") as file:  # a line at a time
+        writer = csv.DictWriter(file, columns, extrasaction="ignore")
         if not file.tell():
             writer.writeheader()
-
-        def add(row: Mapping[str, Any]) -> None:
-            writer.writerow({name: row[name] for name in columns})
-            file.flush()
-
-        yield add
+        yield writer.writerow
 
 
 def checks(folder: Path) -> list[dict[str, float]]:

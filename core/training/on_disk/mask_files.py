@@ -19,8 +19,7 @@ def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> in
     that the user gave. Returns how many."""
     paths = png_paths(sized.photo.name for sized in photos)
     learns_masks, written = model.settings.transients == "on", 0
-    for index in range(len(photos)):
-        sized = photos[index]
+    for index, sized in enumerate(photos):
         if not (learns_masks or sized.photo.mask):
             continue
         width, height = sized.camera.width, sized.camera.height

@@ -30,7 +30,7 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
         "scene": {"name": collection.name, "path": str(collection.read_from.resolve()), "kind": collection.kind},
         "frame": collection.frame.to_json(),
         "settings": settings.to_json(),
-        "decisions": [decision.to_json() for decision in decisions],
+        "decisions": [asdict(decision) for decision in decisions],
         "photos": [_photo_to_json(photo, collection.root) for photo in collection.photos],
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the sizes stand for the content.

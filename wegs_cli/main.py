@@ -1,6 +1,5 @@
 """The command group, and how errors end it: a user's mistake in one line, a defect of wegs in a traceback."""
 
-import difflib
 import errno
 import importlib.util
 import os
@@ -47,16 +46,10 @@ class OneLineErrors(click.Command):
 
 
 class Group(OneLineErrors, click.Group):
-    """Imports a command from COMMANDS when it is wanted."""
+    """Imports a command from COMMANDS when it is wanted; of `commands` click itself takes the names alone, to tell one that is near."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         return list(COMMANDS)
-
-    def resolve_command(self, context: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
-        near = difflib.get_close_matches(args[0], COMMANDS, n=1)
-        if near and args[0] not in COMMANDS:
-            raise click.UsageError(f"No such command '{args[0]}'. Did you mean {near[0]}?", context)
-        return super().resolve_command(context, args)
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
@@ -121,7 +114,7 @@ def _show_version(context: click.Context, _parameter: click.Parameter, wanted: b
         context.exit()
 
 
-@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(cls=Group, commands=COMMANDS, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version, help="Show the version.")
 @click.option(
     "--memory",

@@ -160,7 +160,7 @@ def test_a_program_without_a_terminal_works_all_the_same():
 @pytest.mark.parametrize(
     "typed, advice",
     [
-        (["tarin", "photos"], "No such command 'tarin'. Did you mean train?"),
+        (["tarin", "photos"], "No such command 'tarin'. Did you mean 'train'?"),
         (["quit"], "No such command 'quit'. Try: wegs --help"),
         (["train", "photos", "--memory", "4"], "No such option '--memory'. It goes before the command: wegs --memory GIB train"),
         (["train", "photos", "--set", "masks=people"], "masks is no setting but an option of the command line. Type: --masks ..."),

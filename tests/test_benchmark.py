@@ -5,7 +5,6 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 from click.testing import CliRunner
@@ -109,11 +108,6 @@ def test_tiles_are_parts_of_the_picture():
     assert pieced.shape == whole.shape
     # Beside its picture a Gaussian's Jacobian is held at the margin, which is nearer for a tile: a few pixels at the rim differ.
     assert ((pieced - whole).abs() < 1e-3).float().mean() > 0.95
-
-
-def test_exponent_of_a_power():
-    sizes = np.array([1e4, 1e5, 1e6])
-    assert math.isclose(drawing.slope(np.log(sizes), np.log(3 * sizes**0.8)), 0.8)
 
 
 def test_threads_are_put_back_and_told_apart():

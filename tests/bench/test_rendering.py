@@ -11,7 +11,6 @@ import torch
 
 import core.rasterizer
 from core.bench import rendering, small_scene
-from core.bench.errors import errors
 from core.bench.levers import UNTHRESHOLDED, Levers, draw, recompiled
 from core.bench.rendering import DEFINITION, choices, rendering_figure
 from core.rasterizer.contract import ALPHA_MIN, STOP_TRANSMITTANCE
@@ -78,14 +77,6 @@ os.kill(os.getpid(), signal.SIGKILL)
     # Both hold standard output: what reads it to its end waits for the later of them.
     killed = subprocess.run([sys.executable, "-c", script], check=False, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=60)
     assert killed.returncode == -signal.SIGKILL
-
-
-def test_errors_are_of_all_pixels_of_all_pictures():
-    pictures, truth = [torch.zeros(1, 1, 3), torch.zeros(1, 1, 3)], [torch.zeros(1, 1, 3).double() for _ in range(2)]
-    truth[1][0, 0, 2] = 0.3
-    found = errors(pictures, truth)
-    assert found["max_error"].median == pytest.approx(0.3)
-    assert found["rms_error"].median == pytest.approx(0.3 / 6**0.5)
 
 
 def test_every_backend_and_every_lever_has_a_curve_and_auto_is_the_default_on_each_of_its_own():

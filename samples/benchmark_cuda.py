@@ -46,7 +46,7 @@ def main(what: tuple[str, ...], file: Path | None) -> None:
     click.echo(f"{machine}\n\n| what | target | measured |\n|---|---|---|")
     for name in what or MEASUREMENTS:
         torch.manual_seed(0)
-        for line in MEASUREMENTS[name](Place(), 1.0):
+        for line in MEASUREMENTS[name](Place()):
             click.echo(f"| {' | '.join(line)} |")
             lines.append(line)
     if file:

@@ -65,7 +65,7 @@ def small(monkeypatch):
 @interpreted
 @pytest.mark.parametrize("name", benchmark_cuda.NAMES)
 def test_everything_is_measured(small, name):
-    lines = {what: found for what, _, found in on_gpu.MEASUREMENTS[name](HERE, 1.0)}
+    lines = {what: found for what, _, found in on_gpu.MEASUREMENTS[name](HERE)}
     assert lines and all(found for found in lines.values())
     if name == "picture":
         # Ours is float32 with float32's camera on either way; through exp, log and back.
@@ -77,7 +77,7 @@ def test_everything_is_measured(small, name):
 def test_what_gsplat_would_add_is_said_where_it_is_not(small, monkeypatch):
     monkeypatch.setitem(sys.modules, "gsplat", None)
     assert peer.gsplat() is None
-    assert on_gpu.MISSING in str(list(on_gpu.measure_picture(HERE, 1.0)))
+    assert on_gpu.MISSING in str(list(on_gpu.measure_picture(HERE)))
 
 
 def test_names_are_those_of_the_measurements():

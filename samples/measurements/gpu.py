@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from statistics import median
 
 import torch
-
-from samples.measurements.stopwatch import spread
 
 LAUNCHES = ("cudaLaunchKernel", "cuLaunchKernel", "cudaLaunchKernelExC", "cuLaunchKernelEx", "cudaGraphLaunch")
 WAITS = ("cudaStreamSynchronize", "cudaEventSynchronize", "cudaMemcpy")  # not cudaDeviceSynchronize: the profiler's own
@@ -31,23 +30,20 @@ class Place:
 
 
 class GpuStopwatch:
-    """As `stopwatch.Stopwatch`, by the GPU's clock. Figures are [GPU s, GPU s]: a time the host waits for has no other."""
+    """As `stopwatch.Stopwatch`, by the GPU's clock."""
 
     def __init__(self, place: Place):
         self.place = place
 
-    def start(self) -> None:
-        self.marks = [("", self.place.mark())]
-
     def lap(self, part: str) -> None:
         self.marks.append((part, self.place.mark()))
 
-    def repeat(self, work: Callable[[], object], warm_up: int, times: int) -> dict:
-        """Call work() often: part -> median, quartiles and mean of the last `times`, in seconds."""
+    def repeat(self, work: Callable[[], object], warm_up: int, times: int) -> dict[str, float]:
+        """Call work() often: part -> median seconds of the last `times`."""
         runs = []
         for _ in range(warm_up + times):
             self.place.wait()
-            self.start()
+            self.marks = [("", self.place.mark())]
             work()
             self.lap("everything else")
             self.place.wait()
@@ -55,8 +51,7 @@ class GpuStopwatch:
             for (_, before), (part, after) in zip(self.marks, self.marks[1:]):
                 laps[part] = laps.get(part, 0.0) + before.elapsed_time(after) / 1e3
             runs.append(laps)
-        kept = runs[warm_up:]
-        return {part: {name: value[0] for name, value in spread([[run[part]] for run in kept]).items()} for part in kept[-1]}
+        return {part: median(run[part] for run in runs[warm_up:]) for part in runs[-1]}
 
 
 def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -> dict[str, float]:
@@ -64,15 +59,15 @@ def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -
     stopwatch, spent = GpuStopwatch(place), {name: [] for name in works}
     for _ in range(1 + turns):
         for name, work in works.items():
-            spent[name].append([stopwatch.repeat(work, 0, 1)["whole"]["median"]])
-    return {name: spread(laps[1:])["median"][0] for name, laps in spent.items()}
+            spent[name].append(stopwatch.repeat(work, 0, 1)["whole"])
+    return {name: median(seconds[1:]) for name, seconds in spent.items()}
 
 
 def copy_bandwidth(place: Place) -> float:
     """Bytes a second that a copy within the memory reads and writes: the ceiling of what only moves bytes."""
     size = COPIED_BYTES if place.device.type == "cuda" else 1 << 16
     source, target = (torch.empty(size, dtype=torch.uint8, device=place.device) for _ in range(2))
-    return 2 * size / GpuStopwatch(place).repeat(lambda: target.copy_(source), 2, 9)["whole"]["median"]
+    return 2 * size / GpuStopwatch(place).repeat(lambda: target.copy_(source), 2, 9)["whole"]
 
 
 @dataclass(frozen=True)

@@ -38,10 +38,9 @@ MISSING = "gsplat is not installed: `pip install gsplat` compiles it on this mac
 Line = tuple[str, str, str]
 
 
-def scene_of(place: Place, scale: float) -> tuple[Splats, Camera]:
+def scene_of(place: Place) -> tuple[Splats, Camera]:
     """The garden, and its camera, at the sizes that the targets are for."""
-    scene = garden(round(GAUSSIANS * scale)).map(lambda tensor: tensor.to(place.device))
-    return scene, garden_camera(*(max(1, round(side * scale**0.5)) for side in SIZE_PX))
+    return garden(GAUSSIANS).map(lambda tensor: tensor.to(place.device)), garden_camera(*SIZE_PX)
 
 
 def milliseconds(seconds: float) -> str:
@@ -52,15 +51,15 @@ def against(seconds: float, theirs: float) -> str:
     return f"{milliseconds(seconds)}, gsplat {milliseconds(theirs)}: {theirs / seconds:.2f}x faster"
 
 
-def measure_picture(place: Place, scale: float) -> Iterable[Line]:
+def measure_picture(place: Place) -> Iterable[Line]:
     """Forward and backward, by parts; the same by gsplat, in turns, and the difference of the pictures."""
-    (scene, camera), backend, stopwatch = scene_of(place, scale), rasterizer.create("cuda", place.device.type), GpuStopwatch(place)
+    (scene, camera), backend, stopwatch = scene_of(place), rasterizer.create("cuda", place.device.type), GpuStopwatch(place)
     what = f"forward + backward, {len(scene):,} Gaussians, {camera.width} x {camera.height}"
     parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), WARM_UP, TIMES)
-    yield f"{what}, by parts", "", ", ".join(f"{part} {milliseconds(spent['median'])}" for part, spent in parts.items())
+    yield f"{what}, by parts", "", ", ".join(f"{part} {milliseconds(spent)}" for part, spent in parts.items())
     other = peer.gsplat()
     if other is None:
-        yield what, "1.5x faster than gsplat, picture within 1e-4", f"{milliseconds(parts['whole']['median'])}; {MISSING}"
+        yield what, "1.5x faster than gsplat, picture within 1e-4", f"{milliseconds(parts['whole'])}; {MISSING}"
         return
     scene = peer.with_equal_constants(scene)
 
@@ -77,9 +76,9 @@ def measure_picture(place: Place, scale: float) -> Iterable[Line]:
     yield "picture against gsplat's, constants equal", "within 1e-4", found
 
 
-def measure_baked(place: Place, scale: float) -> Iterable[Line]:
+def measure_baked(place: Place) -> Iterable[Line]:
     """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
-    (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
+    (scene, camera), backend = scene_of(place), rasterizer.create("cuda", place.device.type)
     model = AppearanceModel(BAKED, ()).to(place.device)
     latents = torch.zeros(len(scene), BAKED.latent_size, device=place.device)
     with tempfile.TemporaryDirectory() as folder:
@@ -94,7 +93,7 @@ def measure_baked(place: Place, scale: float) -> Iterable[Line]:
     yield "a baked look against a vanilla .ply", "1.00 +- 0.02", f"{medians['baked'] / medians['vanilla']:.3f}"
 
 
-def trainer_at(place: Place, gaussians: float, settings: Settings) -> Trainer:
+def trainer_at(place: Place, gaussians: int, settings: Settings) -> Trainer:
     """A Trainer in the middle of a run on so many Gaussians, past its first steps."""
     where = {"device": place.device.type, "backend": "cuda"}
     trainer = trainer_of(gaussians / STEP_GAUSSIANS, settings.changed(**where))
@@ -105,10 +104,10 @@ def trainer_at(place: Place, gaussians: float, settings: Settings) -> Trainer:
     return trainer
 
 
-def measure_steps(place: Place, scale: float) -> Iterable[Line]:
+def measure_steps(place: Place) -> Iterable[Line]:
     """Whole steps on few and on the usual number of Gaussians; gsplat's with its appearance MLP on the same."""
     for gaussians in STEP_SIZES:
-        trainer = trainer_at(place, gaussians * scale, Settings(appearance="full", transients="on", sh_degree=1, **LEAST))
+        trainer = trainer_at(place, gaussians, Settings(appearance="full", transients="on", sh_degree=1, **LEAST))
         camera, target = trainer.photos.target(0, 1)
         what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
         found = profiled(trainer.step, place)
@@ -123,24 +122,24 @@ def measure_steps(place: Place, scale: float) -> Iterable[Line]:
         yield f"{what}, against gsplat's with an appearance MLP", "1.5x faster", compared
 
 
-def measure_paper(place: Place, scale: float) -> Iterable[Line]:
+def measure_paper(place: Place) -> Iterable[Line]:
     """Steps of the preset `paper` from the middle of its run on, without density control, whose rounds are few."""
-    settings, timed = preset("paper"), max(1, round(PAPER_STEPS_TIMED * scale))
-    trainer = trainer_at(place, PAPER_GAUSSIANS * scale, settings)
+    settings = preset("paper")
+    trainer = trainer_at(place, PAPER_GAUSSIANS, settings)
 
     def steps() -> None:
-        for _ in range(timed):
+        for _ in range(PAPER_STEPS_TIMED):
             trainer.step()
 
-    thousand = GpuStopwatch(place).repeat(steps, 0, 1)["whole"]["median"] * 1000 / timed
+    thousand = GpuStopwatch(place).repeat(steps, 0, 1)["whole"] * 1000 / PAPER_STEPS_TIMED
     hours = thousand * settings.steps / 1000 / 3600
     found = f"{thousand:.1f} s a 1,000 steps on {trainer.gaussians.solid:,} Gaussians: {hours:.1f} h for {settings.steps:,}"
     yield "preset `paper`", "1.8 h on an RTX 4090 (the paper's)", found
 
 
-def measure_kernels(place: Place, scale: float) -> Iterable[Line]:
+def measure_kernels(place: Place) -> Iterable[Line]:
     """Bytes that each kernel of the rasterizer must move over its time, beside a copy; and what it takes of a multiprocessor."""
-    (scene, camera), backend = scene_of(place, scale), rasterizer.create("cuda", place.device.type)
+    (scene, camera), backend = scene_of(place), rasterizer.create("cuda", place.device.type)
     ceiling = copy_bandwidth(place)
     yield "a copy within the memory", "the ceiling", f"{ceiling / 1e9:.0f} GB/s"
     draw(backend, scene, camera)

@@ -16,56 +16,28 @@ from core import pipeline
 from core.evaluation import lpips
 from core.evaluation.lpips import Lpips
 from core.looks.trained import load_run
-from core.rasterizer import Visible
-from core.rasterizer.shares import Shares
 from core.system import device
 from core.training.gaussians import gaussians
 from core.training.gaussians.adam import plain_adam_rows
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
 from tests.heard import Heard
+from tests.rasterizer.backends import Moving
 from tests.small import small_scene, small_settings
 
 # Not so: tests.elsewhere copies the numbers.
 pytestmark = pytest.mark.filterwarnings("ignore:for .* copying from a non-meta parameter")
 
 
-class Distant:
-    """The CPU's rasterizer for splats on DEVICE."""
-
-    name, device = "cpu", "any"
-
-    def __init__(self):
-        self.rasterizer = core.rasterizer.create("cpu")
-
-    def visible(self, splats, camera):
-        return Visible(self.rasterizer.visible(fetched(splats), camera).rows.to(DEVICE))
-
-    def render(self, splats, camera, background=(0.0, 0.0, 0.0), probe=None, pairs=None):
-        probe = None if probe is None else fetched_tensor(probe)
-        return self.rasterizer.render(fetched(splats), camera, background, probe).to(DEVICE)
-
-    def contributions(self, splats, camera, pairs=None):
-        return self.rasterizer.contributions(fetched(splats), camera).to(DEVICE)
-
-    def shares(self, splats, camera, weight):
-        shares = self.rasterizer.shares(fetched(splats), camera, fetched_tensor(weight))
-        return Shares(shares.cells.to(DEVICE), shares.gaussians.to(DEVICE), shares.values.to(DEVICE), shares.size)
-
-
-def fetched_tensor(tensor):
+def fetched(tensor):
     assert isinstance(tensor, Elsewhere)
     return tensor.cpu()
-
-
-def fetched(splats):
-    return splats.map(fetched_tensor)
 
 
 @pytest.fixture(autouse=True)
 def on_device(monkeypatch):
     """The settings' device is DEVICE, and so is that of a run."""
-    rasterizer = Distant()
+    rasterizer = Moving(core.rasterizer.create("cpu"), fetched, lambda tensor: tensor.to(DEVICE))
     monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
     monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
     monkeypatch.setattr(gaussians, "adam_rows", plain_adam_rows)  # a GPU has a kernel of its own

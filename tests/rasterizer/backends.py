@@ -1,11 +1,13 @@
 """The backends as tests hold them: every one takes CPU tensors, and is skipped by name where this machine lacks what it needs."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from torch import Tensor
 
 from core.errors import BadSetting
-from core.rasterizer import BACKENDS, ON_GPU, Rasterizer, Visible, create
+from core.rasterizer import BACKENDS, BLACK, ON_GPU, Rasterizer, Visible, create
 from core.rasterizer.shares import Shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
@@ -16,29 +18,27 @@ FAST_BACKENDS = [name for name in BACKENDS if name != "reference"]
 TOO_LARGE = {"three_thousand_on_one_pixel", "many_tiles"}
 
 
-class OnGpu:
-    """A backend of the GPU that moves what it gets there, and what it makes back."""
+class Moving:
+    """A backend for tensors of another device than its own. there, back: move a tensor onto its device, and what it makes back."""
 
-    def __init__(self, rasterizer: Rasterizer):
-        self.rasterizer, self.name = rasterizer, rasterizer.name
+    device = "any"
+
+    def __init__(self, rasterizer: Rasterizer, there: Callable[[Tensor], Tensor], back: Callable[[Tensor], Tensor]):
+        self.rasterizer, self.name, self.there, self.back = rasterizer, rasterizer.name, there, back
 
     def visible(self, splats: Splats, camera: Camera) -> Visible:
-        return Visible(self.rasterizer.visible(moved(splats), camera).rows.cpu())
+        return Visible(self.back(self.rasterizer.visible(splats.map(self.there), camera).rows))
 
-    def render(self, splats: Splats, camera: Camera, background=(0.0, 0.0, 0.0), probe: Tensor | None = None) -> Tensor:
-        probe = None if probe is None else probe.cuda()
-        return self.rasterizer.render(moved(splats), camera, background, probe).cpu()
+    def render(self, splats: Splats, camera: Camera, background=BLACK, probe: Tensor | None = None, pairs: int | None = None) -> Tensor:
+        probe = None if probe is None else self.there(probe)
+        return self.back(self.rasterizer.render(splats.map(self.there), camera, background, probe))
 
-    def contributions(self, splats: Splats, camera: Camera) -> Tensor:
-        return self.rasterizer.contributions(moved(splats), camera).cpu()
+    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Tensor:
+        return self.back(self.rasterizer.contributions(splats.map(self.there), camera))
 
     def shares(self, splats: Splats, camera: Camera, weight: Tensor) -> Shares:
-        shares = self.rasterizer.shares(moved(splats), camera, weight.cuda())
-        return Shares(shares.cells.cpu(), shares.gaussians.cpu(), shares.values.cpu(), shares.size)
-
-
-def moved(splats: Splats) -> Splats:
-    return splats.map(torch.Tensor.cuda)
+        shares = self.rasterizer.shares(splats.map(self.there), camera, self.there(weight))
+        return Shares(self.back(shares.cells), self.back(shares.gaussians), self.back(shares.values), shares.size)
 
 
 def is_interpreted(name: str) -> bool:
@@ -54,4 +54,4 @@ def backend_or_skip(name: str, scene: str | None = None) -> Rasterizer:
         pytest.skip(str(missing))
     if is_interpreted(name) and scene in TOO_LARGE:
         pytest.skip(f"{scene} is too large for Triton's interpreter; it is drawn where there is a GPU.")
-    return backend if is_interpreted(name) or name not in ON_GPU else OnGpu(backend)
+    return backend if is_interpreted(name) or name not in ON_GPU else Moving(backend, Tensor.cuda, Tensor.cpu)

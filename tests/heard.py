@@ -1,4 +1,6 @@
-"""A listener for tests."""
+"""Listeners for tests."""
+
+import signal
 
 from core.report import Report
 
@@ -23,3 +25,18 @@ class Heard(Report):
 
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self.lines += [": ".join(row) for row in ([header] if header else []) + rows]
+
+
+class StopsAtStep(Heard):
+    """Ends a training as it is told of its step `step`. by: an error, or a signal that the process gets, as from Ctrl-C."""
+
+    def __init__(self, step: int, by: OSError | signal.Signals = signal.SIGINT):
+        super().__init__()
+        self.step, self.by = step, by
+
+    def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
+        super().progress(what, done, total, note, share)
+        if (what, done) == ("Training", self.step):
+            if isinstance(self.by, OSError):
+                raise self.by
+            signal.raise_signal(self.by)

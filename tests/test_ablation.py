@@ -20,7 +20,7 @@ from core.pipeline import training
 from samples import ablation, compare
 from samples.measurements import finished
 from samples.measurements.variants import FULL, VARIANTS
-from tests.heard import Heard
+from tests.heard import Heard, StopsAtStep
 from tests.small import small_collection, small_settings
 
 PLAZA = Path(ablation.__file__).parent / "plaza"
@@ -72,19 +72,10 @@ def test_a_table_of_embeddings_starts_from_its_mean(runs):
     assert torch.equal(look.embedding, live.model.mean_embedding) and look.embedding.abs().max() > 0
 
 
-def test_figures_are_taken_once_and_killed_runs_go_on(small_scene, tmp_path, monkeypatch):
+def test_figures_are_taken_once_and_stopped_runs_go_on(small_scene, tmp_path, monkeypatch):
     settings, folder = small_settings(**TINY, device="auto"), tmp_path / "run"
-
-    class Killed(Exception):
-        pass
-
-    class Killer(Heard):
-        def progress(self, what, done, total, note="", share=None):
-            if what == "Training" and done == 2:
-                raise Killed
-
-    with pytest.raises(Killed):
-        finished.measured(small_scene, settings, folder, ("full",), Killer())
+    with pytest.raises(KeyboardInterrupt):
+        finished.measured(small_scene, settings, folder, ("full",), StopsAtStep(2))
     assert not json.loads((tmp_path / "run.json").read_text())["results"]
     heard = Heard()
     first = finished.measured(small_scene, settings, folder, ("full",), heard)

@@ -3,7 +3,6 @@
 See tests.elsewhere for what this can tell: that nothing is left behind, not what a GPU computes.
 """
 
-import signal
 from importlib import import_module
 
 import cv2
@@ -21,7 +20,7 @@ from core.training.gaussians import gaussians
 from core.training.gaussians.adam import plain_adam_rows
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
-from tests.heard import Heard
+from tests.heard import Heard, StopsAtStep
 from tests.rasterizer.backends import Moving
 from tests.small import small_scene, small_settings
 
@@ -56,15 +55,9 @@ def scene(tmp_path, monkeypatch):
 
 def test_the_whole_story(scene, tmp_path, monkeypatch):
     """With growth, pruning, masks, L_regTS and the checks of held-out quality."""
-
-    class Impatient(Heard):
-        def progress(self, what, done, total, note="", share=None):
-            if done == 5:
-                signal.raise_signal(signal.SIGINT)
-
     settings = small_settings(steps=12, mask_start=0.0, mask_apply=0.0)
     with pytest.raises(KeyboardInterrupt):
-        pipeline.train(scene, settings, tmp_path / "run", Impatient())
+        pipeline.train(scene, settings, tmp_path / "run", StopsAtStep(5))
     heard = Heard()
     folder = pipeline.resume(tmp_path / "run", heard)
     assert any("held-out PSNR" in line for line in heard.lines)

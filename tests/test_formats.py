@@ -14,7 +14,7 @@ from core.training.on_disk import checkpoint
 from tests.data.converted import write_blender, write_nerf_osr, write_nerfstudio
 from tests.data.room_corner import write_corner
 from tests.data.small_scene import SmallScene
-from tests.heard import Heard
+from tests.heard import Heard, StopsAtStep
 from tests.small import small_settings
 
 STEPS = 10
@@ -54,16 +54,11 @@ def test_points_are_triangulated_beside_the_run(trained, corner):
 
 
 def test_a_stopped_run_goes_on_with_the_same_points(trained, corner, tmp_path):
-    class Stopping(Heard):
-        def progress(self, what, done, total, note="", share=None):
-            if (what, done) == ("Training", STEPS // 2):
-                raise KeyboardInterrupt
-
     whole = load_run(trained[0])
     shutil.copytree(trained[0].parent / f"{corner.name}-scene", tmp_path / f"{corner.name}-scene")
     folder = tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
-        pipeline.train(corner, small_settings(steps=STEPS, resolution=8, checkpoints=10), folder, Stopping())
+        pipeline.train(corner, small_settings(steps=STEPS, resolution=8, checkpoints=10), folder, StopsAtStep(STEPS // 2))
     assert checkpoint.newest(folder) is not None
     pipeline.resume(folder)
     resumed = load_run(folder)

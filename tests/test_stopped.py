@@ -12,10 +12,11 @@ from core import pipeline
 from core.pipeline import evaluating
 from core.training.interrupt import HANG_UP
 from core.training.on_disk import checkpoint, mask_files
-from tests.heard import Heard
+from tests.heard import Heard, StopsAtStep
 from tests.small import HEIGHT, WIDTH, small_scene, small_settings
 
 STEPS = 12
+FULL = OSError(errno.ENOSPC, "No space left on device")  # what is said goes to a disk
 CLOUD = f"point_cloud/iteration_{STEPS}/point_cloud.ply"
 
 
@@ -25,27 +26,9 @@ def scene(tmp_path, monkeypatch):
     return small_scene(tmp_path / "scene", monkeypatch)
 
 
-class Gone(Heard):
-    """The terminal is closed at step 5."""
-
-    def progress(self, what, done, total, note="", share=None):
-        super().progress(what, done, total, note)
-        if done == 5:
-            signal.raise_signal(HANG_UP)
-
-
-class Full(Heard):
-    """What is said goes to a disk that is full from step 5 on."""
-
-    def progress(self, what, done, total, note="", share=None):
-        super().progress(what, done, total, note)
-        if done == 5:
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-
 def test_a_step_that_cannot_be_told_is_kept(scene, tmp_path):
     with pytest.raises(OSError, match="No space left"):
-        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Full())
+        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, FULL))
     heard = Heard()
     pipeline.resume(tmp_path / "run", heard)
     assert heard.steps[0] == (6, STEPS)
@@ -56,7 +39,7 @@ def test_a_closed_terminal_keeps_the_step_and_is_a_stop(scene, tmp_path):
     former = signal.signal(HANG_UP, signal.default_int_handler)  # not ignored, as under nohup
     try:
         with pytest.raises(KeyboardInterrupt, match="Step 5 is kept"):
-            pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Gone())
+            pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, HANG_UP))
     finally:
         signal.signal(HANG_UP, former)
     assert checkpoint.read_facts(checkpoint.newest(tmp_path / "run"))["step"] == 5
@@ -100,7 +83,7 @@ def test_an_interrupted_evaluation_leaves_the_pictures_that_were_there(scene, tm
 
 def test_what_was_measured_before_a_run_went_on_is_named(scene, tmp_path):
     with pytest.raises(OSError, match="No space left"):
-        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", Full())
+        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, FULL))
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
     heard = Heard()
     pipeline.resume(tmp_path / "run", heard)

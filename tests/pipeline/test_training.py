@@ -13,7 +13,7 @@ from core.export.ply import read_ply
 from core.looks.trained import load_run
 from core.pipeline import training
 from core.training.on_disk import checkpoint, run_folders
-from tests.heard import Heard
+from tests.heard import Heard, StopsAtStep
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
 
@@ -32,16 +32,10 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
 
 
 def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(trained, small_scene, tmp_path):
-    class Impatient(Heard):
-        def progress(self, what, done, total, note="", share=None):
-            super().progress(what, done, total, note)
-            if done == 5:
-                signal.raise_signal(signal.SIGINT)
-
     whole, folder = load_run(trained[0]), tmp_path / "run"
     handler = signal.getsignal(signal.SIGINT)  # a shell that starts this in the background leaves it ignored
     with pytest.raises(KeyboardInterrupt, match="Step 5 is kept.*--resume"):
-        pipeline.train(small_scene, small_settings(steps=STEPS), folder, Impatient())
+        pipeline.train(small_scene, small_settings(steps=STEPS), folder, StopsAtStep(5))
     assert signal.getsignal(signal.SIGINT) is handler
     assert not (folder / "point_cloud").exists()
     with (folder / "history.csv").open("a") as file:

@@ -17,7 +17,7 @@ from core.training.on_disk import run_config
 from core.training.on_disk.mask_files import write_masks
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
-from tests.heard import Heard
+from tests.heard import Heard, StopsAtStep
 from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
 
 HIDDEN = np.s_[20:, 8:28]
@@ -106,17 +106,8 @@ def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatc
     assert [photo.mask and photo.mask.name for photo in run_config.read_config(whole)[2].photos] == [
         photo.name if photo.split == "train" else None for photo in collection.photos
     ]
-
-    class Stopped(Exception):
-        pass
-
-    class Impatient(Heard):
-        def progress(self, what, done, total, note="", share=None):
-            if done == 8:
-                raise Stopped
-
-    with pytest.raises(Stopped):
-        pipeline.train(scene, settings, tmp_path / "broken", Impatient(), masks=scene / "masks")
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train(scene, settings, tmp_path / "broken", StopsAtStep(8), masks=scene / "masks")
     hidden = (scene / "masks").rename(scene / "hidden")
     with pytest.raises(BadInput, match="4 masks of the run cannot be found, such as .*photo_0.png. Put them back"):
         pipeline.resume(tmp_path / "broken")

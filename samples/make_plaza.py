@@ -13,6 +13,7 @@ import argparse
 import json
 import shutil
 import sys
+from dataclasses import asdict
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -84,7 +85,7 @@ def _record(shot: Shot, **more) -> dict:
         "world_to_camera": view.world_to_camera.tolist(),
         "focal_px": view.focal_px,
     }
-    return {**more, "look": shot.look.describe(), "camera": camera}
+    return {**more, "look": asdict(shot.look), "camera": camera}
 
 
 def make(output: Path, variant: str | None, times: int, grid: int, processes: int) -> None:

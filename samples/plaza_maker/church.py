@@ -32,18 +32,18 @@ def _column(x, y, bottom, top, radius):
     ]
 
 
-def _person_of_stone(x, y, z, size, material, **params):
+def _person_of_stone(x, y, z, size):
     """A standing robed figure for niches and pedestals."""
 
     def at(dx, dy, dz):
         return np.array([x + dx * size, y + dy * size, z + dz * size])
 
     return [
-        limb(at(0, 0, 0), at(0, 0, 1.0), 0.27 * size, 0.17 * size, material, **params),
-        make("sphere", at(0, 0, 1.18), np.array([0.24, 0.16, 0.3]) * size, material, **params),
-        make("sphere", at(0, -0.02, 1.62), np.array([0.1, 0.11, 0.14]) * size, material, **params),
-        limb(at(0.22, 0, 1.34), at(0.36, -0.16, 1.0), 0.07 * size, 0.05 * size, material, **params),
-        limb(at(-0.22, 0, 1.34), at(-0.42, -0.16, 1.62), 0.07 * size, 0.05 * size, material, **params),
+        limb(at(0, 0, 0), at(0, 0, 1.0), 0.27 * size, 0.17 * size, "marble"),
+        make("sphere", at(0, 0, 1.18), np.array([0.24, 0.16, 0.3]) * size, "marble"),
+        make("sphere", at(0, -0.02, 1.62), np.array([0.1, 0.11, 0.14]) * size, "marble"),
+        limb(at(0.22, 0, 1.34), at(0.36, -0.16, 1.0), 0.07 * size, 0.05 * size, "marble"),
+        limb(at(-0.22, 0, 1.34), at(-0.42, -0.16, 1.62), 0.07 * size, 0.05 * size, "marble"),
     ]
 
 
@@ -67,7 +67,7 @@ def steps() -> list[Group]:
 def portico() -> list[Group]:
     """Eight columns, an entablature with an inscription, and a pediment with reliefs."""
     places = [(x, -5.6) for x in (-7.6, -4.55, -1.55, 1.55, 4.55, 7.6)] + [(-7.6, -2.6), (7.6, -2.6)]
-    columns = [group([part for part in _column(x, y, PLATFORM, 8.5, 0.56)]) for x, y in places]
+    columns = [group(_column(x, y, PLATFORM, 8.5, 0.56)) for x, y in places]
     text = {
         "lines": ("LVX  MVTAT  LAPIDES  MANENT",),
         "shape": (72, 1024),
@@ -89,7 +89,7 @@ def portico() -> list[Group]:
         middle = np.array([side * 4.62, 0, 11.86])
         pediment.append(make("box", middle + [0, -3.55, 0], (4.95, 3.55, 0.16), "marble", rotation=lean))
         pediment.append(make("box", middle + [0, -3.4, 0.2], (4.9, 3.4, 0.07), "tiles", rotation=lean))
-    acroteria = [part for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25)) for part in _person_of_stone(x, -6.4, z, 1.15, "marble")]
+    acroteria = [part for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25)) for part in _person_of_stone(x, -6.4, z, 1.15)]
     return [*columns, group(entablature), group(pediment), group(acroteria)]
 
 
@@ -107,7 +107,6 @@ def nave() -> list[Group]:
             (side * 9.9, 13.0, 6.45),
             (0.35, 12.95, 5.5),
             "brick",
-            half=(1e3, 1e3),
             band=3.7,
             offset=1.0,
             holes=windows,
@@ -117,8 +116,8 @@ def nave() -> list[Group]:
     panes = [_box((side * 10.0 - 0.12, y - 0.95, 4.2), (side * 10.0 + 0.12, y + 0.95, 8.5), "glass") for side in (-1, 1) for y in bays]
     inside = [
         make("box", (0, 0.75, PLATFORM + 2.8), (1.7, 0.1, 2.8), "bronze_door"),
-        *_person_of_stone(-5.6, 0.05, 2.45, 1.5, "marble"),
-        *_person_of_stone(5.6, 0.05, 2.45, 1.5, "marble"),
+        *_person_of_stone(-5.6, 0.05, 2.45, 1.5),
+        *_person_of_stone(5.6, 0.05, 2.45, 1.5),
     ]
     trims = [
         _box((-10.5, -0.4, 11.0), (10.5, 26.4, 11.35), "marble", dentils=0.5),

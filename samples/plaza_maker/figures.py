@@ -26,12 +26,12 @@ def _dye(rng) -> tuple:
     return tuple(value * (1 - loud + loud * 1.5 * tone))
 
 
-def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0, heading: float | None = None) -> Group:
+def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0) -> Group:
     """Someone walking, waving or holding up a telephone; at times with a bag, hat, skirt or umbrella.
 
-    x, y, z: metres, where the feet stand. heading: radians from +x; None leaves it to chance.
+    x, y, z: metres, where the feet stand.
     """
-    heading = rng.uniform(0, 2 * np.pi) if heading is None else heading
+    heading = rng.uniform(0, 2 * np.pi)  # radians from +x
     size = rng.uniform(0.92, 1.08) * (0.68 if rng.random() < 0.1 else 1.0)
     c, s = np.cos(heading), np.sin(heading)
 

@@ -1,6 +1,6 @@
 """Looks: the weather, the hour and the camera's taste of one photo."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,10 +44,6 @@ class Look:
     vignette: float
     grain: float
     quality: int
-
-    def describe(self) -> dict:
-        """As plain JSON."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
 
 
 def _toward(azimuth: float, elevation: float) -> tuple:

@@ -64,7 +64,7 @@ def fluted(point, normal, footprint, params):
     radius = np.hypot(point[0], point[1])
     sharp = np.clip(1.3 - footprint * count / (2.2 * radius), 0, 1) * (np.abs(normal[2]) < 0.5)
     wave = np.sin(angle * count) * sharp
-    drum = stripe(point[2] + params.get("offset", 0.0), 1.45, 0.04, footprint)
+    drum = stripe(point[2], 1.45, 0.04, footprint)
     grain = fractal(angle * 3, point[2] * 0.7, 51, 4)
     albedo = mix(LIMESTONE * 1.1, SHADE * 0.95, np.clip(1.5 * grain - 0.4, 0, 1)) * (1 - 0.30 * sharp * (1 - np.cos(angle * count)) / 2)
     tilt = np.stack([-np.sin(angle) * wave, np.cos(angle) * wave, np.zeros_like(wave)]) * 0.9
@@ -80,7 +80,7 @@ def brick(point, normal, footprint, params):
     patches = fractal(u * 0.5, v * 0.5, 63, 4)
     albedo = mix(BRICK, BRICK_DARK, np.clip(tint * 0.9 + 1.5 * (patches - 0.5), 0, 1))
     albedo = mix(albedo, MORTAR, joints)
-    band = stripe(v + params.get("offset", 0.0), params.get("band", 3.2), 0.34, footprint)
+    band = stripe(v + params.get("offset", 0.0), params["band"], 0.34, footprint)
     half = params.get("half", (1e3, 1e3))
     width = np.where(axis == 0, half[1], half[0])
     rows = np.floor(v / 0.5) % 2

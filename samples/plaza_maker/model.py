@@ -1,6 +1,6 @@
 """The COLMAP model of the photos, with the faults of a real one: noise, wrong matches, points on passers-by."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -31,11 +31,7 @@ class Taken:
     transient: np.ndarray
 
 
-@dataclass
-class _Track:
-    """Observations of one point: (photo number, pixel)."""
-
-    seen: list = field(default_factory=list)
+_Track = list[tuple[int, np.ndarray]]  # observations of one point: (photo number, pixel)
 
 
 def to_model(points: np.ndarray) -> np.ndarray:
@@ -79,7 +75,7 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
     for number, taken in enumerate(photos):
         pixels = _features(taken)
         points = _lifted(taken, pixels)
-        own = [_Track([(number, pixel)]) for pixel in pixels]
+        own = [[(number, pixel)] for pixel in pixels]
         towards = points - taken.view.centre
         size = taken.view.focal_px / np.linalg.norm(towards, axis=1)
         for other, witness in enumerate(photos):
@@ -93,8 +89,8 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
             alive = np.clip(np.abs(contrast).mean() / 12, 0.35, 1)  # a dark or hazy photo matches less
             chance = 0.55 * alive * np.clip((cosine - 0.6) / 0.3, 0, 1) * np.exp(-((np.log2(ratio) / 1.1) ** 2))
             for index in np.flatnonzero(seen & (rng.random(len(points)) < chance)):
-                own[index].seen.append((other, where[index]))
-        tracks += [track for track in own if len(track.seen) >= 3]
+                own[index].append((other, where[index]))
+        tracks += [track for track in own if len(track) >= 3]
     chosen = rng.permutation(len(tracks))[: 2 * POINTS]
     return [tracks[index] for index in chosen]
 
@@ -113,15 +109,15 @@ def _loose_tracks(photos: list[Taken], rng: np.random.Generator, count: int, on_
         point = _lifted(taken, pixel)
         if not on_passers_by:
             point = taken.view.centre + (point - taken.view.centre) * np.exp(rng.uniform(-1.2, 0.9))
-        track = _Track([(number, pixel[0])])
+        track = [(number, pixel[0])]
         for other in rng.permutation(len(photos))[:12]:
             pixels, depth = photos[other].view.project(point)
             size = np.array([photos[other].view.width, photos[other].view.height])
             if other != number and depth[0] > 1 and (pixels > 2).all() and (pixels < size - 2).all():
-                track.seen.append((int(other), pixels[0] + rng.normal(0, 0.8, 2)))
-            if len(track.seen) == 2 + (rng.random() < 0.3):
+                track.append((int(other), pixels[0] + rng.normal(0, 0.8, 2)))
+            if len(track) == 2 + (rng.random() < 0.3):
                 break
-        if len(track.seen) >= 2:
+        if len(track) >= 2:
             result.append((track, point[0]))
     return result
 
@@ -168,9 +164,9 @@ def write_model(photos: list[Taken], folder: Path, seed: int) -> dict:
     rng = np.random.default_rng(seed)
     cameras = [_believed(taken.view, rng) for taken in photos]
     points = []  # (position, track, errors)
-    for track in _static_tracks(photos, rng):
-        track.seen = [(n, pixel + rng.normal(0, FEATURE_NOISE_PX, 2)) for n, pixel in track.seen[:12]]
-        point, errors, angle = _triangulate([cameras[n] for n, _ in track.seen], np.array([p for _, p in track.seen]))
+    for exact in _static_tracks(photos, rng):
+        track = [(n, pixel + rng.normal(0, FEATURE_NOISE_PX, 2)) for n, pixel in exact[:12]]
+        point, errors, angle = _triangulate([cameras[n] for n, _ in track], np.array([p for _, p in track]))
         if errors.max() < 4.0 and angle > 1.5:
             points.append((point, track, errors))
         if len(points) == POINTS:
@@ -180,14 +176,14 @@ def write_model(photos: list[Taken], folder: Path, seed: int) -> dict:
         loose += _loose_tracks(photos, rng, ON_PASSERS_BY, True)
     for track, place in loose:
         point = to_model(place[None])[0]
-        errors = np.array([np.linalg.norm(cameras[n].project(point[None])[0] - pixel) for n, pixel in track.seen])
+        errors = np.array([np.linalg.norm(cameras[n].project(point[None])[0] - pixel) for n, pixel in track])
         points.append((point, track, errors))
 
     features = [[] for _ in photos]
     elements = []
     for point, track, errors in points:
         elements.append([])
-        for number, pixel in track.seen:
+        for number, pixel in track:
             elements[-1].append(pycolmap.TrackElement(number + 1, len(features[number])))
             features[number].append(pixel)
     for found, taken in zip(features, photos):  # what was detected and matched nothing
@@ -203,13 +199,13 @@ def write_model(photos: list[Taken], folder: Path, seed: int) -> dict:
         pose = np.column_stack([camera.world_to_camera, -camera.world_to_camera @ camera.centre])
         reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
     for (point, track, errors), track_elements in zip(points, elements):
-        shades = [photos[n].photo[int(pixel[1]), int(pixel[0])] for n, pixel in track.seen]
+        shades = [photos[n].photo[int(pixel[1]), int(pixel[0])] for n, pixel in track]
         made = reconstruction.add_point3D(point, pycolmap.Track(track_elements), np.mean(shades, axis=0).round().astype(np.uint8))
         reconstruction.points3D[made].error = float(errors.mean())
     folder.mkdir(parents=True, exist_ok=True)
     reconstruction.write_binary(str(folder))
     return {
         "points": len(points),
-        "observations": sum(len(track.seen) for _, track, _ in points),
+        "observations": sum(len(track) for _, track, _ in points),
         "mean_reprojection_error_px": round(float(np.mean(np.concatenate([errors for *_, errors in points]))), 3),
     }

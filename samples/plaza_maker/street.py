@@ -110,7 +110,7 @@ def skin(point, normal, footprint, params):
 
 
 def cloth(point, normal, footprint, params):
-    """Clothes: plain, striped, checked or spotted in `colour` and `other`."""
+    """Clothes: plain, striped, checked or in gores, of `colour` and `other`."""
     first, second = np.asarray(params["colour"], np.float32), np.asarray(params["other"], np.float32)
     u, v = np.arctan2(point[1], point[0]) * 0.2, point[2]
     pattern = params["pattern"]
@@ -134,7 +134,7 @@ def paint(point, normal, footprint, params):
     side, front = np.abs(normal[1]) > 0.6, np.abs(normal[0]) > 0.6
     low, high = params["panes"]
     z = point[2]
-    posts = stripe(point[0] + params.get("shift", 0.0), params["pane"], 0.11, footprint) * side
+    posts = stripe(point[0], params["pane"], 0.11, footprint) * side
     across = np.where(
         side,
         within(np.abs(point[0]), -1, length * 0.94, footprint),

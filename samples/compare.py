@@ -23,7 +23,7 @@ from core.config import PRESETS, preset
 from core.evaluation import PROTOCOLS
 from core.system.atomic import write_json
 from samples.measurements.finished import measured
-from samples.measurements.seeds import METRICS, cell
+from samples.measurements.seeds import METRICS, cell, folder_name
 from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
@@ -45,7 +45,7 @@ def main(scene: Path, preset_name: str, resolution: int, output: Path, seeds: in
         for seed in range(seeds):
             for name, variant in RIVALS.items():
                 settings = preset(preset_name).changed(**VARIANTS[variant].changes, resolution=resolution, seed=seed)
-                folder = output / f"{scene.resolve().name}-{name.replace(' ', '-')}-seed{seed}"
+                folder = output / f"{scene.resolve().name}-{folder_name(name)}-seed{seed}"
                 runs[name].append(measured(scene, settings, folder, protocols, terminal))
     write_json(output / f"{scene.resolve().name}.json", runs)
     click.echo(table(runs))

@@ -139,10 +139,9 @@ def run(function, args, kwargs):
     """The operation on the numbers that are kept; its results are where torch would put them."""
     leaves = [leaf for leaf in tree_flatten((args, kwargs))[0] if isinstance(leaf, Tensor)]
     there = any(isinstance(leaf, Elsewhere) for leaf in leaves)
-    moves = function in (torch.ops.aten._to_copy.default, torch.ops.aten.copy_.default)
     # torch lets single numbers of the CPU take part in anything.
     left = [leaf for leaf in leaves if not isinstance(leaf, Elsewhere) and leaf.dim()]
-    if there and left and not moves:
+    if there and left and function not in MOVES:
         raise MixedDevices(f"{function} got {[tuple(leaf.shape) for leaf in left]} on the CPU and others elsewhere.")
     target = kwargs.get("device")
     if target is not None:
@@ -151,7 +150,7 @@ def run(function, args, kwargs):
     for work in _watching if comes or there else ():
         note(work, function, args, kwargs, comes, there)
     kept = tree_map(lambda leaf: leaf.kept if isinstance(leaf, Elsewhere) else leaf, (args, kwargs))
-    if function is torch.ops.aten._to_copy.default and kwargs.get("dtype") is None:
+    if function is aten._to_copy.default and kwargs.get("dtype") is None:
         result = kept[0][0].clone()
     else:
         result = function(*kept[0], **kept[1])

@@ -78,7 +78,6 @@ class Terminal(Report):
             left = self.bar.tasks[0].time_remaining
             estimate = f", {timedelta(seconds=ceil(left))} left" if left else ""
             click.echo(f"{what} {done}/{total}{estimate}  {note}".rstrip())
-            sys.stdout.flush()
 
     @_whoever_listens()
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:

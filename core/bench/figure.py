@@ -7,8 +7,6 @@ import numpy as np
 
 from core.errors import BadInput
 
-SCALES = ("linear", "log", "steps")  # steps: 0, then doubling
-
 
 @dataclass(frozen=True)
 class Spread:
@@ -47,7 +45,7 @@ def number(value: float) -> str:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A column. name: a word for files. label: with its unit, for people. scale: one of SCALES.
+    """A column. name: a word for files. label: with its unit, for people. scale: "linear", "log" or "steps" (0, then doubling).
 
     limit: a value and its name, drawn as a line, or None. floor: on a logarithmic axis, what lies below is drawn there.
     """

@@ -49,16 +49,16 @@ class Surface:
     albedo: np.ndarray
 
 
-def collection(folder: Path, seed: int = 0) -> Collection:
+def collection(folder: Path) -> Collection:
     """The photos, written into `folder`, their cameras, and rough SfM points. Every HELD_OUT_EVERY-th is a test photo."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     surface = square(random)
     rasterizer = core.rasterizer.create("auto")
     photos = []
     for index in range(PHOTOS):
         camera = camera_at(2 * np.pi * (index * 0.381966), 2.1 + 0.4 * random.random(), 0.5 + 0.5 * random.random())
         light = draw_light(random)
-        splats = in_light(surface, light, degree=1, seed=seed)
+        splats = in_light(surface, light, degree=1)
         pixels = to_8_bit(rasterizer.render(splats, camera, background=tuple(light.sky.tolist())))
         split = "test" if index % HELD_OUT_EVERY == HELD_OUT_EVERY - 1 else "train"
         if split == "train" and random.random() < PASSERS_BY_SHARE:
@@ -73,11 +73,11 @@ def collection(folder: Path, seed: int = 0) -> Collection:
     return Collection("built-in", folder, "built-in", tuple(photos), points, colours, frame)
 
 
-def rendering_scene(seed: int = 0) -> tuple[Splats, list[Camera]]:
+def rendering_scene() -> tuple[Splats, list[Camera]]:
     """The Gaussians at noon with SH of degree 3, and two cameras: what the rendering figure always measures."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     noon = Light(np.array([0.4, 0.8, -0.45]), np.full(3, 0.7), np.full(3, 0.3), np.zeros(3))
-    splats = in_light(square(random), noon, degree=3, seed=seed)
+    splats = in_light(square(random), noon, degree=3)
     # Every opacity there is: haze is what thresholds and early stops are about.
     opacities = torch.from_numpy(random.uniform(0.05, 0.95, len(splats))).float()
     splats = replace(splats, logit_opacities=torch.logit(opacities))
@@ -112,13 +112,13 @@ def tiles(u: np.ndarray, v: np.ndarray, side: float) -> np.ndarray:
     return hue * (1 - 0.55 * dark)[:, None]
 
 
-def in_light(surface: Surface, light: Light, degree: int, seed: int) -> Splats:
+def in_light(surface: Surface, light: Light, degree: int) -> Splats:
     """The Gaussians lit by a sun without shadows (Lambert) and an ambient colour; opaque."""
     sun = light.sun / np.linalg.norm(light.sun)
     shade = np.clip(surface.normals @ sun, 0, None)[:, None]
     seen = torch.from_numpy(surface.albedo * (light.ambient + shade * light.sun_colour)).float()
     count = len(seen)
-    random = np.random.default_rng(seed)  # of the surface, not of the light
+    random = np.random.default_rng(0)  # of the surface, not of the light
     sh = torch.from_numpy(SHINE * random.normal(size=(count, coefficient_count(degree), 3))).float()
     sh[:, 0] = dc_of_colour(seen)
     # The third axis, which is thin, turned from z onto the normal: q = (1 + n z, z x n), and any half turn for -z.

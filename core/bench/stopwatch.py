@@ -12,7 +12,7 @@ LEAST, MOST = 3, 201  # repeats; many for pictures of half a millisecond
 Result = TypeVar("Result")
 
 
-def timed(work: Callable[[], Result], budget: float = 1.0) -> tuple[Result, Spread]:
+def timed(work: Callable[[], Result], budget: float) -> tuple[Result, Spread]:
     """What `work()` returns, and the seconds it takes: once to warm up (memory is touched), then LEAST to MOST times.
 
     budget: seconds after which no further repeat beyond LEAST begins. Work that takes longer than that by itself needs

@@ -22,7 +22,7 @@ BURNT_SHARE = 0.02
 SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 
 
-def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int = 0) -> list[Finding]:
+def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Finding]:
     """Findings about Gaussians in the scene frame. sky: how many of the last ones are the dome, which is meant to be large and far."""
     total = len(splats)
     finite, turned = splats.finite_rows(), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2

@@ -1,6 +1,6 @@
 """The variants of an ablation: what each removes, adds or exchanges, as changes of settings, and the paper's own figures."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from core.config import PRESETS
@@ -14,7 +14,7 @@ PLAIN = "plain 3DGS"
 class Variant:
     """changes: of the base settings. psnr, megabytes: mean over three scenes in the paper's Table IV (3DGS: its Tables I and III)."""
 
-    changes: dict[str, Any] = field(default_factory=dict)
+    changes: dict[str, Any]
     psnr: float | None = None
     megabytes: float | None = None
 

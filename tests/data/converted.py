@@ -108,8 +108,8 @@ def write_blender(colmap: Path, root: Path, held_out: int = 4) -> Path:
     return root
 
 
-def write_nerf_osr(colmap: Path, root: Path, splits: dict[str, str], masks: bool = False) -> Path:
-    """final/SPLIT/{rgb,pose,intrinsics,mask} in `root`; splits: photo name -> train, validation or test. Pinholes only."""
+def write_nerf_osr(colmap: Path, root: Path, splits: dict[str, str]) -> Path:
+    """final/SPLIT/{rgb,pose,intrinsics} in `root`; splits: photo name -> train, validation or test. Pinholes only."""
     images, folder = images_of(colmap)
     for image in images:
         place, lens = root / "final" / splits[image.name], image.camera

@@ -54,7 +54,7 @@ class SmallScene:
         return pycolmap.Rigid3d(rotation, -rotation.matrix() @ centre)
 
     def reconstruction(self) -> pycolmap.Reconstruction:
-        """The model; every photo but those in `blind` sees every point."""
+        """The model; every photo sees every point."""
         made = pycolmap.Reconstruction()
         made.add_camera_with_trivial_rig(self.lens())
         for index, name in enumerate(self.names):

@@ -3,17 +3,16 @@
 import csv
 import io
 import tempfile
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
-from core.errors import BadInput, not_made
+from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import check_folder, made, temporary_folder, write_bytes, write_json, write_text
+from core.system.atomic import check_folder, temporary_folder, write_bytes, write_json, write_text
 
 SUFFIXES = (".csv", ".json", ".png")
 
@@ -21,17 +20,6 @@ SUFFIXES = (".csv", ".json", ".png")
 def scratch() -> AbstractContextManager[Path]:
     """A temporary folder for what is made only to be measured; what a kill leaves is removed when the next one is made."""
     return temporary_folder(Path(tempfile.gettempdir()) / "wegs-bench")
-
-
-@contextmanager
-def room_in(folder: Path) -> Iterator[None]:
-    """Inside, `folder` is there, which vanishes again where no figure is written into it; BadInput if it cannot be made."""
-    with ExitStack() as stack:
-        try:
-            stack.enter_context(made(folder))
-        except OSError as problem:
-            raise not_made(folder, problem) from None
-        yield
 
 
 def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:

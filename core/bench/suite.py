@@ -83,7 +83,7 @@ def bench(
         figures.append(figure)
         _keep(figure, output, report)
 
-    with files.room_in(output), files.scratch() as scratch:
+    with files.scratch() as scratch:
         if "rendering" in names:
             finish(_fixed_rendering(size, full, report))
             if trained is not None:

@@ -22,6 +22,7 @@ from core.pipeline.opened import open_run
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.system.atomic import made
 from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
@@ -83,7 +84,7 @@ def bench(
         figures.append(figure)
         _keep(figure, output, report)
 
-    with files.scratch() as scratch:
+    with made(output), files.scratch() as scratch:  # now, not after minutes
         if "rendering" in names:
             finish(_fixed_rendering(size, full, report))
             if trained is not None:

@@ -26,7 +26,7 @@ BYTES_A_PAIR = 12 + 4 * layout.SLOT_COLUMNS
 MEMORY_BUDGET = 4 << 30  # bytes for all tile lists of one picture
 NOTHING = np.empty((0, 2), dtype=np.float32)
 ROWS_A_BLOCK = 2048  # Gaussians that a thread takes at a time
-MOST_COUNTS = 64  # of the Gaussians in each tile, which blocks make for themselves
+MOST_BLOCKS = 64  # of Gaussians that are projected: each counts for itself how many touch each tile
 
 
 class CpuRasterizer:
@@ -139,7 +139,7 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)
     view = arguments_of(camera)
-    block = max(ROWS_A_BLOCK, -(-count // MOST_COUNTS))
+    block = max(ROWS_A_BLOCK, -(-count // MOST_BLOCKS))
     loads = np.zeros((-(-count // block), tiles), dtype=np.int32)
     in_parallel(lambda begin, end: project(begin, end, *arrays, probe, *view, footprints, depths, tile_counts, loads[begin // block]), count, block)
     slot_starts = running_starts(tile_counts)

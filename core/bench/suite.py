@@ -22,7 +22,7 @@ from core.pipeline.opened import open_run
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.system.atomic import made
+from core.system.atomic import room_in
 from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
@@ -84,7 +84,7 @@ def bench(
         figures.append(figure)
         _keep(figure, output, report)
 
-    with made(output), files.scratch() as scratch:  # now, not after minutes
+    with room_in(output), files.scratch() as scratch:  # made now, not after minutes
         if "rendering" in names:
             finish(_fixed_rendering(size, full, report))
             if trained is not None:

@@ -106,6 +106,19 @@ def made(folder: Path, may_exist: bool = True) -> Iterator[None]:
                 path.rmdir()
 
 
+@contextmanager
+def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
+    """As `made`, for a folder that the user chose: BadInput if it cannot be made, FileExistsError only if it is there though it must not be."""
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(made(folder, may_exist))
+        except OSError as problem:
+            if not may_exist and isinstance(problem, FileExistsError) and Path(problem.filename) == folder:
+                raise
+            raise not_made(folder, problem) from None
+        yield
+
+
 def place_for(path: Path) -> Path:
     """Where a temporary folder for `path` lies: beside it, or inside it if it is a folder, which may be a disk of its own (a container's volume),
     onto which nothing can be moved from beside it."""

@@ -151,10 +151,16 @@ def test_without_checks_on_the_way_the_rest_is_measured(small_run, tmp_path):
     assert heard.lines[0].startswith(f"Nothing is drawn of training: {folder / 'history.csv'} holds no held-out quality.")
 
 
-def test_a_folder_that_cannot_be_made_is_told_before_the_minutes(tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, monkeypatch):
+    """The system may say that root can write where nobody can, as in /proc."""
+
+    def nowhere(self, *_, **__):
+        raise FileNotFoundError(2, "No such file or directory")
+
     monkeypatch.setattr(suite, "_fixed_rendering", lambda *_: pytest.fail("it was measured first"))
-    with pytest.raises(OSError, match="File name too long"):
-        suite.bench(None, None, ("rendering",), False, tmp_path / ("x" * 300), Report())
+    monkeypatch.setattr(Path, "mkdir", nowhere)
+    with pytest.raises(BadInput, match="out could not be made: No such file or directory. Choose another -o"):
+        suite.bench(None, None, ("rendering",), False, tmp_path / "out", Report())
 
 
 def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, monkeypatch):

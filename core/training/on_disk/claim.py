@@ -1,11 +1,11 @@
 """One training per run folder, claimed before the work begins, so that trainings begun together do not share one."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from core.errors import BadInput, not_made
-from core.system.atomic import made
+from core.errors import BadInput
+from core.system.atomic import room_in
 from core.system.lock import taken
 from core.training.on_disk import run_folders
 
@@ -32,13 +32,9 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def _make(stack: ExitStack, output: Path | None, scene_name: str, force: bool) -> Path:
-    """The folder of a new run, `made` for as long as the stack lasts."""
+    """The folder of a new run, made as by `room_in` for as long as the stack lasts."""
     while True:
         folder = run_folders.choose_folder(output, scene_name, force)
-        try:
-            stack.enter_context(made(folder, may_exist=output is not None))
+        with suppress(FileExistsError):  # a training begun at the same time was faster: the next name
+            stack.enter_context(room_in(folder, may_exist=output is not None))
             return folder
-        except OSError as problem:
-            if output is None and isinstance(problem, FileExistsError) and Path(problem.filename) == folder:
-                continue  # a training begun at the same time was faster: the next name
-            raise not_made(folder, problem) from None

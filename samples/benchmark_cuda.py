@@ -38,7 +38,7 @@ def main(what: tuple[str, ...], file: Path | None) -> None:
     if file:
         check_file(file)
     if not device.can_use_gpu():
-        raise click.ClickException("torch finds no NVIDIA GPU with Triton here, and there is nothing to measure without one.")
+        raise click.ClickException(f"{device.fault_of_gpu() or 'torch finds no NVIDIA GPU here'}. There is nothing to measure without one.")
     from samples.measurements.gpu import Place
     from samples.measurements.on_gpu import MEASUREMENTS  # Triton, which is there with a GPU only
 

@@ -1,6 +1,8 @@
 """Where to compute: what the setting `device` means on this machine."""
 
+from functools import cache
 from importlib.util import find_spec
+from subprocess import SubprocessError
 
 import torch
 from torch import Tensor
@@ -14,10 +16,12 @@ CPU = torch.device("cpu")
 def chosen(device: str, backend: str) -> torch.device:
     """The device that the settings `device` and `backend` stand for.
 
-    `auto` is the GPU where one can be used, unless a backend of the CPU was asked for. Raises BadSetting for `cuda` without one.
+    `auto` is the GPU where one can be used, unless a backend of the CPU was asked for. Raises BadSetting for `cuda` where none can be.
     """
     if device == "cuda" and not torch.cuda.is_available():
         raise BadSetting("device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver.")
+    if device == "cuda" and (fault := fault_of_gpu()):
+        raise BadSetting(f"device=cuda: {fault}.", "Or leave --device out.")
     if device != "cuda" and (device != AUTO or backend == "cpu" or not can_use_gpu()):
         return CPU
     # Otherwise cuDNN rounds what it convolves to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of such sums.
@@ -26,8 +30,40 @@ def chosen(device: str, backend: str) -> torch.device:
 
 
 def can_use_gpu() -> bool:
-    """Whether there is a GPU, and Triton, which its kernels are written in (on Windows torch comes without)."""
-    return torch.cuda.is_available() and find_spec("triton") is not None
+    """Whether there is a GPU that can be computed on."""
+    return torch.cuda.is_available() and fault_of_gpu() is None
+
+
+def fault_of_gpu() -> str | None:
+    """Why the GPU cannot be computed on, and what to do about it; None if it can, and where torch finds none."""
+    if not torch.cuda.is_available():
+        return None
+    if find_spec("triton") is None:  # on Windows torch comes without
+        return "Triton, which its kernels are written in, is not installed"
+    return _fault_of_first_use()
+
+
+@cache
+def _fault_of_first_use() -> str | None:
+    """What goes wrong when torch and Triton are first used on it, which no version tells beforehand."""
+    try:
+        torch.ones(2, device="cuda").sum().item()  # torch finds GPUs, too, that its build is too new for
+    except torch.OutOfMemoryError:
+        raise
+    except RuntimeError as problem:
+        return f"torch cannot compute on this GPU ({_first_line(problem)}), which may be too old for this build of torch, or in use"
+    try:
+        from triton.runtime import driver  # only where there is a GPU
+
+        _ = driver.active.utils  # compiled in C, for this Python
+    except (RuntimeError, AssertionError, ImportError, OSError, SubprocessError) as problem:
+        needed = "a C compiler, Python's headers (on Debian: apt install gcc python3-dev) and a cache that may be written (TRITON_CACHE_DIR)"
+        return f"Triton cannot be used here ({_first_line(problem)}); it needs {needed}"
+    return None
+
+
+def _first_line(problem: Exception) -> str:
+    return next(iter(str(problem).splitlines()), type(problem).__name__)[:120].rstrip(". ")
 
 
 def sent(tensor: Tensor, device: torch.device) -> Tensor:

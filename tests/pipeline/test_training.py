@@ -77,3 +77,20 @@ def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monk
         with pytest.raises(BadSetting, match=word):
             pipeline.train(small_scene, small_settings(**changes), output)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("changes, warned", [({"device": "auto"}, True), ({"device": "auto", "backend": "cpu"}, False), ({"device": "cpu"}, False)])
+def test_a_gpu_that_stays_unused_is_told_where_one_is_asked_for(small_scene, tmp_path, monkeypatch, changes, warned):
+    class Read(Exception):
+        """The scene is about to be read."""
+
+    def read(*_):
+        raise Read
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(training.device, "fault_of_gpu", lambda: "no C compiler")
+    monkeypatch.setattr(training, "prepared", read)
+    heard = Heard()
+    with pytest.raises(Read):
+        pipeline.train(small_scene, small_settings(**changes), tmp_path / "run", heard)
+    assert heard.lines == ["! The GPU is not used: no C compiler."] * warned

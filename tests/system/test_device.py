@@ -1,6 +1,9 @@
 """Which device the settings stand for, and what is said where it is not there."""
 
+import sys
 from dataclasses import replace
+from subprocess import CalledProcessError
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -20,12 +23,13 @@ GPU = torch.device("cuda", 0)
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Makes this one with or without a GPU, with or without Triton."""
+    """Makes this one with or without a GPU, with or without Triton; fault: of both when they are first used."""
 
-    def make(gpu: bool, triton: bool = True):
+    def make(gpu: bool, triton: bool = True, fault: str | None = None):
         monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
         monkeypatch.setattr(torch.cuda, "current_device", lambda: 0)
         monkeypatch.setattr(device, "find_spec", lambda name: object() if triton else None)
+        monkeypatch.setattr(device, "_fault_of_first_use", lambda: fault)
 
     return make
 
@@ -38,6 +42,57 @@ def test_auto_is_the_gpu_where_one_can_be_used(machine):
     assert device.chosen("auto", "auto") == device.CPU
     machine(gpu=False)
     assert device.chosen("auto", "auto") == device.CPU
+
+
+def test_a_gpu_that_fails_when_first_used_is_none(machine):
+    machine(gpu=True, fault="no C compiler")
+    assert device.chosen("auto", "auto") == device.of_run("cuda") == device.CPU
+    with pytest.raises(BadSetting, match="device=cuda: no C compiler. Or leave --device out"):
+        device.chosen("cuda", "auto")
+
+
+@pytest.fixture
+def first_use(monkeypatch):
+    """The fault of the first use of a GPU, tried anew: of torch and of Triton's driver, if any. Without a fault, nothing is found."""
+
+    class Driver:
+        active = property(lambda self: self.fails())
+
+    def tried(torch_fails=None, triton_fails=None) -> str | None:
+        def raised(problem, otherwise):
+            if problem is not None:
+                raise problem
+            return otherwise
+
+        monkeypatch.setattr(torch, "ones", lambda *_, **__: raised(torch_fails, torch.zeros(2)))
+        Driver.fails = lambda self: raised(triton_fails, SimpleNamespace(utils=None))
+        monkeypatch.setitem(sys.modules, "triton.runtime", SimpleNamespace(driver=Driver()))
+        return device._fault_of_first_use.__wrapped__()
+
+    return tried
+
+
+@pytest.mark.parametrize(
+    "problem, told",
+    [
+        (RuntimeError("Failed to find C compiler. Please specify via CC."), "Failed to find C compiler"),
+        (CalledProcessError(1, ["gcc", "cuda_utils.c"]), "returned non-zero exit status 1"),
+        (PermissionError(13, "Permission denied", "/.triton"), "/.triton"),
+        (AssertionError("libcuda.so cannot found!\nPlease make sure"), "libcuda.so cannot found!)"),
+    ],
+    ids=lambda part: type(part).__name__,
+)
+def test_why_triton_cannot_be_used_is_told_with_what_it_needs(first_use, problem, told):
+    assert first_use() is None
+    fault = first_use(triton_fails=problem)
+    assert told in fault and "gcc python3-dev" in fault and "\n" not in fault
+
+
+def test_a_gpu_too_old_for_torch_is_told_and_a_full_one_is_not_taken_for_it(first_use):
+    fault = first_use(torch_fails=RuntimeError("CUDA error: no kernel image is available for execution on the device\nSearch for ..."))
+    assert fault.startswith("torch cannot compute on this GPU (CUDA error: no kernel image is available for execution on the device), ")
+    with pytest.raises(torch.OutOfMemoryError):
+        first_use(torch_fails=torch.OutOfMemoryError("CUDA out of memory."))
 
 
 def test_a_gpu_convolves_in_whole_float32(machine, monkeypatch):

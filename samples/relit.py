@@ -97,7 +97,8 @@ def scores(trained: TrainedRun, looks: list[Colouring], name: str, known: dict, 
     photo = trained.collection.view(name)
     camera = trained.camera(photo)
     truth = lit(known, photo.camera.width, photo.camera.height, light, world, grid)
-    truth = quantised(torch.from_numpy(cv2.resize(truth, (camera.width, camera.height), interpolation=cv2.INTER_AREA)))
+    truth = cv2.resize(truth, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    truth = quantised(torch.from_numpy(truth).to(trained.device))
     seen = trained.seen_by(camera)
     with torch.no_grad():
         return [psnr(quantised(seen.render(look)), truth) for look in looks]

@@ -1,12 +1,18 @@
 """Looks seen by cameras other than their photos': the truth is that of the sample, and cameras beside a photo are those that see alike."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
+import torch
 from click.testing import CliRunner
 
 from core.config import preset
 from core.pipeline import evaluate, train
 from samples import relit
 from samples.measurements.finished import with_split
+from tests.elsewhere import DEVICE, elsewhere
+from tests.small import ring_camera
 from tests.test_plaza_sample import PLAZA
 
 
@@ -23,6 +29,15 @@ def test_a_photos_own_camera_is_scored_as_by_eval_and_others_beside_it(tmp_path,
     own, alike, others = ([float(figure) for figure in line.split("|")[2:4]] for line in told[-3:])
     assert own == pytest.approx([scores[look]["psnr"] for look in ("zero_shot", "refined")], abs=0.3)
     assert own != alike != others and all(8 < figure < own[1] for figure in (*alike, *others))
+
+
+def test_the_truth_is_where_the_run_is(monkeypatch):
+    photo = SimpleNamespace(camera=ring_camera(0.0))
+    view = SimpleNamespace(render=lambda look: torch.full((photo.camera.height, photo.camera.width, 3), look).to(DEVICE))
+    trained = SimpleNamespace(device=DEVICE, collection=SimpleNamespace(view=lambda _: photo), camera=lambda _: photo.camera, seen_by=lambda _: view)
+    monkeypatch.setattr(relit, "lit", lambda _, width, height, *__: np.zeros((height, width, 3), np.float32))
+    with elsewhere():
+        assert relit.scores(trained, [1.0, 0.1], "photo", {}, None, None, 1) == pytest.approx([0.0, 20.0], abs=0.2)
 
 
 def test_cameras_that_see_most_alike_are_told_from_the_others():

@@ -80,7 +80,7 @@ class OnTheWay:
 
     def arrived(self) -> list[float]:
         """The numbers, once the device has computed them."""
-        if self.event is not None:
+        if self.event is not None and not self.event.query():  # where they have come, no wait is counted
             self.event.synchronize()
         return self.numbers.tolist()
 

@@ -20,7 +20,9 @@ pytest.importorskip("triton", reason="Triton is not installed")
 
 from samples.measurements import on_gpu, peer
 
-CARD = SimpleNamespace(max_threads_per_multi_processor=2048, regs_per_multiprocessor=65_536, shared_memory_per_multiprocessor=233_472)
+SIZES = {"regs_per_multiprocessor": 65_536, "shared_memory_per_multiprocessor": 233_472}
+CARD = SimpleNamespace(major=9, minor=0, max_threads_per_multi_processor=2048, **SIZES)
+SMALLER = SimpleNamespace(major=8, minor=9, max_threads_per_multi_processor=1536, **SIZES)  # 24 blocks at once instead of 32
 
 
 class Moment:
@@ -107,6 +109,7 @@ def test_launches_waits_and_kernels_are_told_apart():
 def test_occupancy_is_nvidias(registers, shared, warps, expected):
     """Bound by registers, by shared memory, and by the number of blocks."""
     assert gpu.occupancy(registers, shared, warps, CARD) == pytest.approx(expected)
+    assert gpu.occupancy(16, 0, 1, SMALLER) == 0.5
 
 
 def test_compiled_kernels_are_found_in_their_modules():

@@ -9,7 +9,8 @@ import torch
 LAUNCHES = ("cudaLaunchKernel", "cuLaunchKernel", "cudaLaunchKernelExC", "cuLaunchKernelEx", "cudaGraphLaunch")
 WAITS = ("cudaStreamSynchronize", "cudaEventSynchronize", "cudaMemcpy")  # not cudaDeviceSynchronize: the profiler's own
 COPIED_BYTES = 1 << 30
-REGISTER_STEP, WARP, BLOCKS_MOST = 256, 32, 32  # registers are handed out to warps in such steps; blocks an SM, at most
+REGISTER_STEP, WARP = 256, 32  # registers are handed out to warps in such steps
+BLOCKS_MOST = {(7, 5): 16, (8, 6): 16, (8, 7): 16, (8, 9): 24}  # blocks an SM, by capability; 32 on others (CUDA's programming guide)
 RESERVED_SHARED = 1024  # bytes that the driver takes of every block's shared memory
 
 
@@ -111,7 +112,7 @@ def occupancy(registers: int, shared: int, warps: int, card) -> float:
     most = card.max_threads_per_multi_processor // WARP
     by_registers = card.regs_per_multiprocessor // max(a_warp * warps, 1)
     by_shared = card.shared_memory_per_multiprocessor // (shared + RESERVED_SHARED)
-    return min(by_registers, by_shared, most // warps, BLOCKS_MOST) * warps / most
+    return min(by_registers, by_shared, most // warps, BLOCKS_MOST.get((card.major, card.minor), 32)) * warps / most
 
 
 def compiled(modules: Iterable, card) -> list[tuple[str, int, int, float]]:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.appearance.encoder import shrink
-from core.config import AUTO_PIXELS, Settings
+from core.config import AUTO_PIXELS, UNDECIDED, Settings
 from core.data.collection import Photo
 from core.data.photos.file import fault_of
 from core.data.photos.pixels import load_photo
@@ -32,7 +32,7 @@ TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targ
 
 def check_resolution(resolution: int) -> None:
     """Raise BadSetting for a width in px at which photos show nothing: most likely it was meant to divide their size."""
-    if 0 <= resolution < SMALLEST_WIDTH_PX and resolution not in DIVISORS:
+    if resolution not in (UNDECIDED, *DIVISORS) and resolution < SMALLEST_WIDTH_PX:
         raise BadSetting(
             f"resolution={resolution} would make photos {resolution} px wide.",
             f"Type -r 1, 2, 4 or 8 to divide their size, or a width of {SMALLEST_WIDTH_PX} px and more.",
@@ -57,12 +57,12 @@ class Sizes:
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo at the size that it is trained at."""
         width, height = photo.camera.width, photo.camera.height
-        if self.resolution in DIVISORS:
-            factor = float(self.resolution)
-        elif self.resolution > 0:
-            factor = max(width / self.resolution, 1.0)
-        else:
+        if self.resolution == UNDECIDED:
             factor = self.factor
+        elif self.resolution in DIVISORS:
+            factor = self.resolution
+        else:
+            factor = max(width / self.resolution, 1)
         return photo.camera.resized(max(1, round(width / factor)), max(1, round(height / factor)))
 
 

@@ -262,16 +262,18 @@ def no_setting(name: str) -> BadSetting:
 KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}
 
 
-def wrong_kind(item, text: str) -> BadSetting:
-    """The error for a value of another type than the Settings field `item` has, written as `text`."""
+def accepted(item) -> str:
+    """What to give for the Settings field `item`, in a sentence."""
     rules = item.metadata
     if choices := ("true", "false") if item.type is bool else rules["choices"]:
-        fix = f"Choose one of: {', '.join(choices)}."
-    else:
-        low, high = (None if rules[end] is None else f"{rules[end]:g}" if item.type is float else str(rules[end]) for end in ("low", "high"))
-        span = f" from {low} to {high}" if low and high else f" of at least {low}" if low else ""
-        fix = f"Give one{span}{f', or {AUTO}' if rules['auto'] else ''}."
-    return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", fix)
+        return f"Choose one of: {', '.join(choices)}."
+    span = f"of at least {rules['low']}" if rules["high"] is None else f"from {rules['low']} to {rules['high']}"
+    return f"Give one {span}{f', or {AUTO}' if rules['auto'] else ''}."
+
+
+def wrong_kind(item, text: str) -> BadSetting:
+    """The error for a value of another type than the Settings field `item` has, written as `text`."""
+    return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", accepted(item))
 
 
 def check(item, value: Any) -> None:
@@ -285,11 +287,14 @@ def check(item, value: Any) -> None:
     if rules["auto"] and value == UNDECIDED:
         return
     if rules["choices"] and value not in rules["choices"]:
-        raise BadSetting(f"{item.name}={value!r} is not a choice.", f"Choose one of: {', '.join(rules['choices'])}.")
-    if rules["low"] is not None and value < rules["low"]:
-        raise BadSetting(f"{item.name}={value!r} is too small.", f"The least is {rules['low']}.")
-    if rules["high"] is not None and value > rules["high"]:
-        raise BadSetting(f"{item.name}={value!r} is too large.", f"The most is {rules['high']}.")
+        fault = "not a choice"
+    elif rules["low"] is not None and value < rules["low"]:
+        fault = "too small"
+    elif rules["high"] is not None and value > rules["high"]:
+        fault = "too large"
+    else:
+        return
+    raise BadSetting(f"{item.name}={value!r} is {fault}.", accepted(item))
 
 
 DECIDABLE = ("appearance", "transients", "sh_degree", "sky", "transparency", *LEAST, *WITHOUT_LOOKS)  # what may be left to the data

@@ -132,21 +132,16 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 def _parse(assignment: str) -> tuple[str, Any]:
     """KEY=VALUE with the value in the type of the setting."""
-    name, equals, text = assignment.partition("=")
-    name = name.strip().replace("-", "_")
-    if not equals:
-        raise BadSetting(f"--set {assignment} has no '='.", "Type: --set key=value")
+    name, _, text = map(str.strip, assignment.partition("="))
+    name = name.replace("-", "_")
+    if not text:
+        raise BadSetting(f"--set {assignment} gives no value.", "Type: --set key=value")
     item = FIELDS.get(name)
     if item is None:
         raise no_setting(name)
-    if item.metadata["auto"] and text.strip() == AUTO:
+    if item.metadata["auto"] and text == AUTO:
         return name, AUTO
-    if item.type is bool:
-        words = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
-        if text.strip().lower() not in words:
-            raise BadSetting(f"{name}={text} is neither true nor false.", f"Type: --set {name}=true")
-        return name, words[text.strip().lower()]
     try:
-        return name, item.type(text.strip())
-    except ValueError:
+        return name, click.BOOL(text) if item.type is bool else item.type(text)
+    except (ValueError, click.BadParameter):
         raise wrong_kind(item, text) from None

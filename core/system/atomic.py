@@ -175,21 +175,18 @@ def replacing_folder(output: Path) -> Iterator[Path]:
         except OSError as problem:
             raise not_made(output, problem) from None
         try:
-            yield work
-            for part in sorted((work / "scene").iterdir()) if is_there else ():  # sparse/ comes last, and makes it a scene
-                os.replace(part, output / part.name)
-            if not is_there:
-                os.replace(work / "scene", output)
+            with _named(output):
+                yield work
+                for part in sorted((work / "scene").iterdir()) if is_there else ():  # sparse/ comes last, and makes it a scene
+                    os.replace(part, output / part.name)
+                if not is_there:
+                    os.replace(work / "scene", output)
         except WegsError:
             raise
         except OSError as problem:
-            if problem.errno in FULL:
-                raise disk_full(output) from None
-            if problem.errno in (errno.ENOTEMPTY, errno.EEXIST):
-                raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
-            if isinstance(problem, PermissionError) or problem.errno == errno.EROFS:
-                raise BadInput(f"{output} may not be written: {problem.strerror}.", "Choose another -o.") from None
-            raise
+            if problem.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+            raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
         except Exception:
             # pycolmap and SQLite name a full disk in their own ways.
             if work.exists() and shutil.disk_usage(work).free < 1 << 20:

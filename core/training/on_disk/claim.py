@@ -17,7 +17,11 @@ def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterat
     Raises BadInput like run_folders.choose_folder, and for a folder that cannot be made or is held by another training.
     """
     with ExitStack() as stack:
-        folder = _make(stack, output, scene_name, force)
+        while True:
+            folder = run_folders.choose_folder(output, scene_name, force)
+            with suppress(FileExistsError):  # a training begun at the same time was faster: the next name
+                stack.enter_context(room_in(folder, may_exist=output is not None))
+                break
         stack.enter_context(held(folder))
         yield folder
 
@@ -29,12 +33,3 @@ def held(folder: Path) -> Iterator[None]:
         if ours is False:
             raise BadInput(f"Another `wegs train` is at work in {folder}.", "Wait until it has ended, or choose another -o.")
         yield
-
-
-def _make(stack: ExitStack, output: Path | None, scene_name: str, force: bool) -> Path:
-    """The folder of a new run, made as by `room_in` for as long as the stack lasts."""
-    while True:
-        folder = run_folders.choose_folder(output, scene_name, force)
-        with suppress(FileExistsError):  # a training begun at the same time was faster: the next name
-            stack.enter_context(room_in(folder, may_exist=output is not None))
-            return folder

@@ -41,19 +41,15 @@ def training_figure(courses: list[Course], title: str, notes: tuple[str, ...] = 
     """All courses in one picture; medians and quartiles over the runs of a course. Raises BadInput without a check."""
     points = [point for course in courses for point in _points(course)]
     seeds = sorted({read_config(folder)[1].seed for course in courses for folder in course.folders})
-    known = {name for point in points for name in point.values}  # runs of an older version recorded no SSIM
-    quantities = tuple(quantity for quantity in QUANTITIES if quantity.name in known)
-    panels = tuple(panel for panel in PANELS if panel.y in known)
-    return Figure("training", title, quantities, panels, tuple(points), made_on(*seeds), NOTES + notes)
+    return Figure("training", title, QUANTITIES, PANELS, tuple(points), made_on(*seeds), NOTES + notes)
 
 
 def checks(folder: Path) -> list[dict[str, float]]:
-    """The rows of a run's history at which held-out quality was measured; what was not recorded is absent."""
+    """The rows of a run's history at which held-out quality was measured; BadInput if there is none."""
     rows = history.checks(folder)
-    found = [{name: row[column] for name, column in COLUMNS.items() if column in row} for row in rows]
-    if not found:
+    if not rows:
         raise BadInput(f"{folder / history.FILE} holds no held-out quality.", _how_to_check(folder))
-    return found
+    return [{name: row[column] for name, column in COLUMNS.items()} for row in rows]
 
 
 def _how_to_check(folder: Path) -> str:
@@ -68,7 +64,6 @@ def _how_to_check(folder: Path) -> str:
 def _points(course: Course) -> Iterator[Point]:
     rows = list(zip(*(checks(folder) for folder in course.folders), strict=False))
     for number, at in enumerate(rows):
-        names = [name for name in COLUMNS if all(name in row for row in at)]
-        values = {name: Spread.of([row[name] for row in at]) for name in names}
+        values = {name: Spread.of([row[name] for row in at]) for name in COLUMNS}
         is_last = number == len(rows) - 1
         yield Point(course.name, f"step {at[0]['steps']:.0f}", values, course.is_default and is_last)

@@ -94,15 +94,12 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
 def _photo_from_json(values: dict, home: Path) -> Photo:
     shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     camera = values["camera"] | {name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
-    nothing = np.zeros(0, dtype=np.int64)
-    path = home / values["path"]  # an absolute path stays as it is
     lens, mask, mask_lens = (values[key] for key in ("lens", "mask", "mask_lens"))
     return Photo(
-        values["name"],
-        path,
-        Camera(**camera),
-        values["split"],
-        points=nothing,
+        name=values["name"],
+        path=home / values["path"],  # an absolute path stays as it is
+        camera=Camera(**camera),
+        split=values["split"],
         lens=lens and Lens(**lens),
         mask=None if mask is None else home / mask,
         mask_lens=mask_lens and Lens(**mask_lens),

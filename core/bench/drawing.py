@@ -17,6 +17,7 @@ DPI = 130
 PANEL_INCHES = 5.4, 4.2
 MARGIN_INCHES = 1.0  # for title and footer
 LEGEND_INCHES = 2.2  # where no cell is free for it
+MARKER_PX = 4  # from the middle of a point to where a label may begin
 NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 and 5 name hardly anything
 # Paul Tol's `bright` and `muted` qualitative colours (personal.sron.nl/~pault): told apart by colour-blind readers too.
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#882255", "#44aa99", "#999933", "#332288")
@@ -79,22 +80,21 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
     x, y = figure.quantity(panel.x), figure.quantity(panel.y)
     shown = figure.shown(panel)
     floor = _floor(y, shown)
+
+    def places(points: list[Point]) -> tuple[list[float], list[float]]:
+        return [_place(point, x) for point in points], [_place(point, y, floor) for point in points]
+
     for row, (curve, points) in enumerate(figure.curves().items()):
         points = [point for point in points if point in shown]
         colour, marker = COLOURS[row % len(COLOURS)], MARKERS[row % len(MARKERS)]
-        xs, ys = [_place(p, x) for p in points], [_place(p, y, floor) for p in points]
         spread = {"xerr": _bars(points, x), "yerr": _bars(points, y)}
         style = {"color": colour, "marker": marker, "ms": 5, "lw": 1.2, "elinewidth": 0.9, "alpha": 0.9}
-        axis.errorbar(xs, ys, **spread, **style, capsize=1.5, label=curve, zorder=3)
-    front = figure.front(panel)
-    if front:
-        corners = [_place(p, x) for p in front], [_place(p, y, floor) for p in front]
-        axis.step(*corners, where="post", color=FRONT, lw=5, alpha=0.35, zorder=1, label="Pareto front")
-        axis.plot(*corners, "o", ms=11, mfc="none", mec=FRONT, mew=1.6, zorder=4)
-    defaults = [point for point in shown if point.is_default]
-    if defaults:
-        corners = [_place(p, x) for p in defaults], [_place(p, y, floor) for p in defaults]
-        axis.plot(*corners, "*", ms=15, mfc="white", mec=INK, mew=1.3, ls="none", zorder=5, label="as it comes")
+        axis.errorbar(*places(points), **spread, **style, capsize=1.5, label=curve, zorder=3)
+    if front := figure.front(panel):
+        axis.step(*places(front), where="post", color=FRONT, lw=5, alpha=0.35, zorder=1, label="Pareto front")
+        axis.plot(*places(front), "o", ms=11, mfc="none", mec=FRONT, mew=1.6, zorder=4)
+    if defaults := [point for point in shown if point.is_default]:
+        axis.plot(*places(defaults), "*", ms=15, mfc="white", mec=INK, mew=1.3, ls="none", zorder=5, label="as it comes")
     _scale(axis, "x", x)
     _scale(axis, "y", y)
     if y.limit is not None:
@@ -160,7 +160,8 @@ def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
     first = [point for point in shown if point.is_default]
     ends = [end for points in figure.curves().values() for end in (points[0], points[-1]) if end in shown]
     renderer = axis.figure.canvas.get_renderer()
-    taken = [_around(axis, _place(p, x), _place(p, y, floor), Bbox) for p in shown]
+    middles = [axis.transData.transform((_place(point, x), _place(point, y, floor))) for point in shown]
+    taken = [Bbox.from_extents(*(middle - MARKER_PX), *(middle + MARKER_PX)) for middle in middles]
     taken += [text.get_window_extent(renderer) for text in axis.texts]
     written: set[tuple[float, float]] = set()
     frame = axis.get_window_extent(renderer)
@@ -178,9 +179,3 @@ def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
                 written.add(at)
                 break
             label.remove()
-
-
-def _around(axis: "Axes", x: float, y: float, box_type: type):
-    """The box of a marker, in pixels of the picture."""
-    centre_x, centre_y = axis.transData.transform((x, y))
-    return box_type.from_extents(centre_x - 4, centre_y - 4, centre_x + 4, centre_y + 4)

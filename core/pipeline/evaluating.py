@@ -16,7 +16,6 @@ from core.evaluation.results import Results
 from core.evaluation.sheet import Row, picture_sheet, pictures_kept, row_of, write_view
 from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
-from core.looks.trained import TrainedRun
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
 from core.training.on_disk import run_folders
@@ -37,7 +36,10 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     there = sum(is_file(photo.path) for photo in photos)
     count = f"{there} of " * (there < len(photos)) + counted(len(photos), "held-out photo")
     report.say(f"{trained.folder}, step {trained.step}{trained.where}: {count}, protocol {protocol}{over}")
-    distance = _lpips(trained, report)
+    if (distance := lpips.load()) is None:
+        report.warn(f"LPIPS: {lpips.ABSENT}")
+    else:
+        distance.to(trained.device)
     start = time.perf_counter()
     kept = trained.folder / PICTURES / protocol
     with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:
@@ -69,14 +71,6 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     names += (f"{PICTURES}/{protocol}/",) * keep_pictures
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results
-
-
-def _lpips(trained: TrainedRun, report: Report) -> lpips.Lpips | None:
-    distance = lpips.load()
-    if distance is None:
-        report.warn(f"LPIPS: {lpips.ABSENT}")
-        return None
-    return distance.to(trained.device)
 
 
 def _gathered(

@@ -42,7 +42,7 @@ def is_pinhole(camera: pycolmap.Camera) -> bool:
     """Whether no pixel is farther than NEGLIGIBLE_PX from where a pinhole would put it; tested on a grid."""
     x, y = np.meshgrid(np.linspace(0, camera.width, 17), np.linspace(0, camera.height, 17))
     pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    moved = camera.img_from_cam(_rays(pixels, *_intrinsics(camera)))
+    moved = camera.img_from_cam(rays(pixels, *_intrinsics(camera)))
     return bool((np.abs(moved - pixels) <= NEGLIGIBLE_PX).all())  # False for NaN, a ray that the lens cannot see
 
 
@@ -51,8 +51,8 @@ def folds_over(camera: pycolmap.Camera) -> bool:
     along = np.linspace(0, 1, 17)
     edge = np.concatenate([np.column_stack([along, np.full(17, side)]) for side in (0, 1)])
     pixels = np.concatenate([edge, edge[:, ::-1]]) * (camera.width, camera.height)
-    rays = np.column_stack([camera.cam_from_img(pixels), np.ones(len(pixels))])
-    return not bool((np.linalg.norm(camera.img_from_cam(rays) - pixels, axis=1) < ROUND_TRIP_PX).all())  # True for NaN
+    directions = np.column_stack([camera.cam_from_img(pixels), np.ones(len(pixels))])
+    return not bool((np.linalg.norm(camera.img_from_cam(directions) - pixels, axis=1) < ROUND_TRIP_PX).all())  # True for NaN
 
 
 def pinhole(camera: pycolmap.Camera, width: int, height: int) -> tuple[float, float, float, float]:
@@ -98,9 +98,9 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
     for top in range(0, camera.height, rows):
         y, x = np.mgrid[top : min(top + rows, camera.height), : camera.width] + 0.5
         wanted = np.stack([x.ravel(), y.ravel()], axis=1)
-        rays = _rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
-        seen = model.img_from_cam(rays)
-        off_px = np.linalg.norm((model.cam_from_img(seen) - rays[:, :2]) * focal, axis=1)
+        directions = rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
+        seen = model.img_from_cam(directions)
+        off_px = np.linalg.norm((model.cam_from_img(seen) - directions[:, :2]) * focal, axis=1)
         source = seen * to_pixels
         inside = ((source >= 0) & (source <= (width, height))).all(axis=1) & (off_px < ROUND_TRIP_PX)
         # Far outside, remap's fixed-point coordinates would overflow.
@@ -118,6 +118,6 @@ def _intrinsics(camera: pycolmap.Camera) -> tuple[float, float, float, float]:
     return camera.focal_length_x, camera.focal_length_y, camera.principal_point_x, camera.principal_point_y
 
 
-def _rays(pixels: np.ndarray, fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
+def rays(pixels: np.ndarray, fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
     """Directions (N, 3) with z = 1 of pixel positions (N, 2) of a pinhole."""
     return np.column_stack([(pixels[:, 0] - cx) / fx, (pixels[:, 1] - cy) / fy, np.ones(len(pixels))])

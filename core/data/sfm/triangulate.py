@@ -7,6 +7,7 @@ import pycolmap
 
 from core.data.collection import Photo
 from core.data.formats.model_file import quiet
+from core.data.photos.distortion import rays
 from core.data.sfm.features import DATABASE, LEAST_PHOTOS, MASKS, PHOTOS, SEED, extract, match, write_pictures
 from core.errors import BadInput
 from core.report import Report
@@ -76,12 +77,9 @@ def off_line_px(first: Camera, second: Camera, in_first: np.ndarray, in_second: 
     turn = second.world_to_camera @ first.world_to_camera.T
     x, y, z = second.world_to_camera @ (first.centre - second.centre)
     essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
-    rays = [
-        np.column_stack([(pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), np.ones(len(pixels))])
-        for camera, pixels in ((first, in_first), (second, in_second))
-    ]
-    lines = rays[1] @ essential, rays[0] @ essential.T  # in the first and in the second picture
-    error = np.einsum("ij,ij->i", rays[1], lines[1])
+    of_first, of_second = (rays(pixels, c.fx, c.fy, c.cx, c.cy) for c, pixels in ((first, in_first), (second, in_second)))
+    lines = of_second @ essential, of_first @ essential.T  # in the first and in the second picture
+    error = np.einsum("ij,ij->i", of_second, lines[1])
     slopes = [line[:, :2] / (camera.fx, camera.fy) for camera, line in zip((first, second), lines, strict=True)]
     steepness = np.sqrt((slopes[0] ** 2).sum(axis=1) + (slopes[1] ** 2).sum(axis=1))
     return np.abs(error) / np.maximum(steepness, np.finfo(float).tiny)

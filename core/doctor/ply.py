@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from core.data.collection import spread_over
 from core.doctor import views
@@ -45,8 +44,7 @@ def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
 
 
 def _findings(path: Path, splats: Splats, sky: int, report: Report) -> list[Finding]:
-    solid = splats.means[: len(splats) - sky]
-    centres = solid[torch.isfinite(solid).all(dim=1)].double().numpy()
+    centres = views.centres_of(splats, sky)
     if not len(centres):
         return look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky)
     # Not the radius that holds 97 %: other programs' skies are Gaussians, too, and may be more than 3 % of them.

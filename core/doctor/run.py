@@ -44,8 +44,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     findings += look_at_gaussians(neutral, frame, sky)
     photos = trained.collection.split("train")
     cameras = [trained.camera(photo) for photo in photos]
-    solid = neutral.means[: len(neutral) - sky]
-    centres = solid[torch.isfinite(solid).all(dim=1)].double().numpy()
+    centres = views.centres_of(neutral, sky)
     if len(centres):
         findings.append(views.float32_error(frame.for_files(), centres, cameras))
     findings.append(views.never_seen(neutral, cameras, sky, report))

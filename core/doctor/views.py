@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import torch
 
 import core.rasterizer
 from core.doctor.finding import Finding, part
@@ -21,6 +22,12 @@ PICTURE_PX = 500.0  # taken for the size of a scene radius if there are no camer
 UNSEEN = 0.1  # share of Gaussians that no photo shows
 WIDEST_PX = 640  # views are rendered at most this wide to see which Gaussians show
 SAMPLE = 2000  # centres, from which the depth of a view is estimated
+
+
+def centres_of(splats: Splats, sky: int) -> np.ndarray:
+    """The finite centres (P, 3), float64, of all but the last `sky` Gaussians."""
+    solid = splats.means[: len(splats) - sky]
+    return solid[torch.isfinite(solid).all(dim=1)].double().numpy()
 
 
 def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -> Finding:

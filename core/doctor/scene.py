@@ -35,6 +35,7 @@ ASPECT = 0.05  # by which fx and fy may differ; no real camera exceeds it
 OFF_CENTRE = 0.15  # of a side: the principal point of a photo that was cropped
 FLAT = 3.0  # standard deviation in 8-bit steps; a photo below it shows nothing
 SMALL_PX = 160  # photos are decoded to about this width
+REMOVE = "Remove them from the model unless they are what they seem."
 
 
 def examine_scene(root: Path, report: Report) -> list[Finding]:
@@ -70,7 +71,7 @@ def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:
     """Which photos have a focal length that no lens has."""
     low, high = USUAL_FOCAL_LENGTHS
     odd = [f"{photo.name}: {focal_length_of(photo.camera):.3g}" for photo in photos if not is_usual(photo.camera)]
-    advice = "Remove them from the model unless they are what they seem."
+    advice = REMOVE
     if 2 * len(odd) > len(photos):
         advice = "Unless they are what they seem, expect a poor scene: add photos from in between and find the cameras again."
     return _named("odd focal lengths", odd, len(photos), f"outside {low:.2g} to {high:.2g}: SfM gave up on them", advice)
@@ -91,18 +92,14 @@ def _cameras(collection: Collection) -> list[Finding]:
     away = [photo.name for photo in photos if len(collection.points) and _shown(photo, collection.points) < SHOWN]
     lengths = np.array([focal_length_of(camera) for camera in cameras.values()])
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
-    remove = "Remove them from the model unless they are what they seem."
-    square, middle = (
-        "Unless they are, run SfM with one focal length.",
-        "Unless they are, run SfM with the middle fixed.",
-    )
+    square, middle = (f"Unless they are, run SfM with {what}." for what in ("one focal length", "the middle fixed"))
     return [
         Finding("focal lengths", figure, "in lengths of the longer side"),
         odd_focal_lengths(photos),
         _named("unequal focal lengths", squeezed, total, f"fx and fy over {ASPECT:.0%} apart: squeezed photos", square),
         _named("principal points", crooked, total, f"over {OFF_CENTRE:.0%} of a side off the middle: crops", middle),
-        _named("cameras astray", far, total, f"over {ODD_DISTANCE:.0f} times as far off as the median one", remove),
-        _named("cameras that look away", away, total, "see less than half of the points said to be theirs", remove),
+        _named("cameras astray", far, total, f"over {ODD_DISTANCE:.0f} times as far off as the median one", REMOVE),
+        _named("cameras that look away", away, total, "see less than half of the points said to be theirs", REMOVE),
     ]
 
 
@@ -129,10 +126,7 @@ def _points(collection: Collection) -> list[Finding]:
     found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")
     if collection.kind not in FOUND_BY_SFM or collection.points_from or not any(seen.values()):
         return [found]  # the poses were not estimated from these points
-    return [
-        found,
-        _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders."),
-    ]  # fmt: skip
+    return [found, _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders.")]
 
 
 def _world(collection: Collection) -> list[Finding]:
@@ -203,7 +197,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         *_photo_findings(unusable, flat, len(paths)),
         _named("pictures stored twice", sorted(again), len(paths), "left out; the fullest file of each picture is used", ""),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
-    ]  # fmt: skip
+    ]
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:

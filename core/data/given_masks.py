@@ -24,11 +24,11 @@ def check_masks(folder: Path, photos: Sequence[str]) -> None:
 
     photos: the names of plain photos; none if they are not known yet.
     """
+    fix = "Give --masks a folder with one mask a photo."
     if not folder.is_dir():
-        what = f"{folder} is a file, not a folder." if folder.exists() else f"There is no folder {folder}."
-        raise BadInput(what, "Give --masks a folder with one mask a photo.")
-    if next((path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES), None) is None:
-        raise BadInput(f"{folder} holds no pictures.", "Give --masks a folder with one mask a photo.")
+        raise BadInput(f"{folder} is a file, not a folder." if folder.exists() else f"There is no folder {folder}.", fix)
+    if not any(path.suffix.lower() in SUFFIXES for path in folder.rglob("*")):
+        raise BadInput(f"{folder} holds no pictures.", fix)
     if photos:
         listed = _by_stem(folder)
         fitting = [listed[stem][0] for name in photos for stem in names_without_suffixes(name) if stem in listed]

@@ -17,6 +17,7 @@ from core.system.atomic import KEPT, NAME_PART, place_for, remove, temporary_fol
 from core.system.lock import taken
 
 MARK = "matches-of.json"  # what the database was made of
+KEPT_FILES = (f"{DATABASE}*", MARK)  # of the work folder; SQLite puts files of its own beside a database
 
 
 @contextmanager
@@ -39,7 +40,7 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
                 yield other
             return
         keep = False
-        _empty(work, but=(f"{DATABASE}*", MARK))
+        _empty(work, but=KEPT_FILES)
         try:
             yield work
         except (KeyboardInterrupt, MemoryError):
@@ -52,7 +53,7 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
             if keep := keep and (work / DATABASE).exists():
                 report.say(f"The features and matches found so far are kept in {work}: the same command goes on from there.")
             with suppress(OSError):
-                _empty(work, but=(f"{DATABASE}*", MARK) if keep else ())
+                _empty(work, but=KEPT_FILES if keep else ())
                 if not keep:
                     work.rmdir()
 
@@ -62,7 +63,8 @@ def keep_if_of(made_of: dict[str, Any], work: Path, report: Report) -> None:
     if read_mark(work / MARK) == made_of and _is_sound(work / DATABASE):
         report.say("Going on with the features and matches that were found before it was stopped.")
         return
-    _empty(work, only=f"{DATABASE}*")
+    for path in list(work.glob(f"{DATABASE}*")):
+        path.unlink()
     write_json(work / MARK, made_of)
 
 
@@ -76,8 +78,8 @@ def _is_sound(database: Path) -> bool:
         return False
 
 
-def _empty(folder: Path, only: str = "*", but: tuple[str, ...] = ()) -> None:
-    """Delete what in the folder matches `only`, except what matches one of the other patterns."""
-    for path in list(folder.glob(only)):
+def _empty(folder: Path, but: tuple[str, ...]) -> None:
+    """Delete what is in the folder, except what matches one of these patterns."""
+    for path in list(folder.iterdir()):
         if not any(path.match(pattern) for pattern in but):
             remove(path)

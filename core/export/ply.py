@@ -35,6 +35,7 @@ def _properties(rest: int) -> list[str]:
 
 
 PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
+CENTRE, DC, REST, OPACITY, SCALE, QUATERNION = slice(0, 3), slice(6, 9), slice(9, 54), 54, slice(55, 58), slice(58, 62)  # where they are in a row
 # Converters from 8-bit formats write the logits and logarithms of 0 and 1 as Inf; they are read as this, which no renderer can tell from it.
 ENDLESS = 30.0
 BYTES_A_GAUSSIAN = 4 * len(PROPERTIES)
@@ -42,7 +43,7 @@ BYTES_A_GAUSSIAN = 4 * len(PROPERTIES)
 
 def _undrawable(table: Float32[np.ndarray, "n p"]) -> Bool[np.ndarray, " n"]:
     """Which rows, of all PROPERTIES, no viewer can draw: with anything NaN or infinite, or a quaternion of length zero."""
-    quaternions = table[:, 58:62]
+    quaternions = table[:, QUATERNION]
     norm2 = np.einsum("nk,nk->n", quaternions, quaternions, dtype=np.float64)
     # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
     with np.errstate(invalid="ignore"):  # Inf - Inf
@@ -60,16 +61,14 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
     with np.errstate(over="ignore"):  # a float64 beyond float32 becomes Inf here, and is then dropped and counted
         parts = {name: tensor.detach().cpu().numpy() for name, tensor in splats_in_world.tensors().items()}
         count, coefficients = parts["sh"].shape[:2]
-        higher = coefficients - 1
         table = np.zeros((count, len(PROPERTIES)), dtype="<f4")
-        table[:, 0:3] = parts["means"]
-        table[:, 6:9] = parts["sh"][:, 0]
-        for channel in range(3):
-            start = 9 + channel * (_REST_OF_DEGREE[MAX_DEGREE] // 3)
-            table[:, start : start + higher] = parts["sh"][:, 1:, channel]
-        table[:, 54] = parts["logit_opacities"]
-        table[:, 55:58] = parts["log_scales"]
-        table[:, 58:62] = parts["quaternions"]
+        table[:, CENTRE] = parts["means"]
+        table[:, DC] = parts["sh"][:, 0]
+        for channel, columns in enumerate(np.split(table[:, REST], 3, axis=1)):
+            columns[:, : coefficients - 1] = parts["sh"][:, 1:, channel]
+        table[:, OPACITY] = parts["logit_opacities"]
+        table[:, SCALE] = parts["log_scales"]
+        table[:, QUATERNION] = parts["quaternions"]
     dropped = _undrawable(table)
     if dropped.any():
         table = table[~dropped]

@@ -30,7 +30,6 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
     Photos that cannot be used are left out and named in the collection's notes. Raises BadInput if there is no such folder, or no photo
     with a camera in it can be used.
     """
-    path = Path(path)
     kind = find_kind(path)
     if kind == "photos":
         scene = path.resolve().name + "-scene"

@@ -81,7 +81,6 @@ def replacing(path: Path) -> Iterator[Path]:
     video and picture writers choose their format.
     Raises WegsError for a full disk and BadInput for a folder that is missing or may not be written.
     """
-    path = Path(path)
     check_file(path)
     with _named(path), temporary_folder(path) as work:
         yield work / path.name

@@ -44,7 +44,7 @@ def read_pixels(path: Path) -> np.ndarray:
     as viewers do.
     Raises BadInput for what is missing, truncated or no photo.
     """
-    header, pixels, alpha = _read_file(Path(path))
+    header, pixels, alpha = _read_file(path)
     return upright(_over_white(pixels, alpha), header.orientation)
 
 
@@ -54,7 +54,7 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     mask: a picture, white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises BadInput
     as `read_pixels`, and if nothing of the photo is left.
     """
-    header, pixels, alpha = _read_file(Path(path), (LIGHT_PX, LIGHT_PX))
+    header, pixels, alpha = _read_file(path, (LIGHT_PX, LIGHT_PX))
     pixels = upright(pixels, header.orientation)
     use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) == 255
     if mask is not None:
@@ -69,7 +69,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     them, if they are at all transparent, or if the photo's mask hides them; the latter two are filled with the colours around them.
     transparent_is_empty: transparent pixels are valid, and empty space. Raises BadInput like `read_pixels`.
     """
-    header, pixels, alpha = _read_file(Path(photo.path), (width, height))
+    header, pixels, alpha = _read_file(photo.path, (width, height))
     pixels = _over_white(pixels, alpha)
     valid = None if alpha is None or transparent_is_empty else alpha == 255
     if transparent_is_empty and alpha is not None and (alpha < 255).any():

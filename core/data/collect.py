@@ -35,24 +35,13 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     if not splits or not (all_photos or "train" in splits.values()):
         fix = f"Correct or remove {source.name}" + (", or train on what is held out with --all-photos." if splits else ".")
         raise _unusable(f"{source} leaves no photo to train on", posed, placing, fix, split_notes)
-    points, points_notes = posed.points, []
-    if points is None:
-        points, points_notes = Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [Note(NO_POINTS, harmless=True)]
-    elif points.seen is None:
-        points_notes = [Note(UNSEEN_POINTS, harmless=True)]
+    points, points_notes = _points(posed)
     centres = np.array([found.camera.centre for found in placed.values()])
     frame = SceneFrame.around(points.positions if len(points.positions) else centres)
     seen = points.seen or {}
     nothing = np.empty(0, np.int64)
     photos = tuple(
-        Photo(
-            name,
-            named[name].path,
-            found.camera.in_scene(frame),
-            splits[name],
-            seen.get(name, nothing),
-            found.lens,
-        )
+        Photo(name, named[name].path, found.camera.in_scene(frame), splits[name], seen.get(name, nothing), found.lens)
         for name, found in placed.items()
         if name in splits
     )
@@ -71,6 +60,13 @@ def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequen
     """The error for a scene without usable photos, with what was left out and why. fix: what to do if no photos are missing."""
     reasons = "; ".join(note.rstrip(".") for note in [*posed.notes, *placing.notes(), *notes] if not is_harmless(note))
     return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing else fix)
+
+
+def _points(posed: Posed) -> tuple[Points, list[Note]]:
+    """The points, which may be none, and a note on what they lack."""
+    if posed.points is None:
+        return Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [Note(NO_POINTS, harmless=True)]
+    return posed.points, [Note(UNSEEN_POINTS, harmless=True)] if posed.points.seen is None else []
 
 
 def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:

@@ -41,9 +41,6 @@ DEFINITION = "reference"
 MOST_PAIRS = 50_000_000  # of a pixel and a Gaussian: what the backend `reference`, which looks at all, does in seconds
 
 
-Drawn = tuple[list[Tensor], Spread]  # the pictures, and the seconds that all of them take
-
-
 @dataclass(frozen=True)
 class Way:
     """One way to draw: the definition with levers, or a backend, compiled anew where its thresholds are not the contract's.
@@ -54,20 +51,20 @@ class Way:
     backend: str | None
     levers: Levers
 
-    def draw(self, splats: Splats, cameras: list[Camera], budget: float) -> Drawn:
-        """splats: float32. budget: see `stopwatch.timed`."""
+    def draw(self, splats: Splats, cameras: list[Camera], budget: float) -> tuple[list[Tensor], Spread]:
+        """The pictures, and the seconds that all of them take. splats: float32. budget: see `stopwatch.timed`."""
         levers = self.levers
         if self.backend is None:
             return timed(lambda: [draw(splats, camera, levers) for camera in cameras], budget)
         shown = splats.up_to_degree(levers.sh_degree)
-        if (levers.alpha_min, levers.stop_transmittance) != (ALPHA_MIN, STOP_TRANSMITTANCE):
-            thresholds = levers.alpha_min, levers.stop_transmittance
+        thresholds = levers.alpha_min, levers.stop_transmittance
+        if thresholds != (ALPHA_MIN, STOP_TRANSMITTANCE):
             pictures, seconds = recompiled(self.backend, *thresholds, shown, cameras, budget)
             return [torch.from_numpy(picture) for picture in pictures], seconds
+        rasterizer = core.rasterizer.create(self.backend)
         if self.backend == DEFINITION:
             shown = shown.map(torch.Tensor.double)
-        rasterizer = core.rasterizer.create(self.backend)
-        if self.backend != DEFINITION:
+        else:
             rasterizer.render(shown, cameras[0])  # compiles, for seconds that no repeat may count
         return timed(lambda: [rasterizer.render(shown, camera) for camera in cameras], budget)
 

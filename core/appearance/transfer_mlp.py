@@ -244,8 +244,8 @@ def _transposed(layers: HiddenLayers | OutputLayer) -> HiddenLayers | OutputLaye
 
 def _padded_shape(weight: Tensor) -> tuple[int, ...]:
     """The shape in which the kernels sum a transposed weight's gradient: whole panels, and tiles' whole rows."""
-    *more, columns = weight.shape
-    return *more[:-1], *(padded(rows, TILE_ROWS) for rows in more[-1:]), padded(columns, PANEL)
+    multiples = (1, TILE_ROWS, PANEL)[-weight.dim() :]
+    return tuple(padded(size, to) for size, to in zip(weight.shape, multiples, strict=True))
 
 
 def _padded(weight: Tensor) -> np.ndarray:

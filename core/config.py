@@ -23,8 +23,8 @@ STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
 # 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 2.6 times as many Gaussians per pixel gained nothing on 65 photos
 # of Liberty at full size.
 STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
-# With looks these are learned first: else dark or bright Gaussians before single cameras explain the light, and they have to go
-# later. Without, there is nothing to wait for: as in plain 3DGS.
+# Where there are looks, they are learned first: otherwise dark or bright Gaussians before single cameras explain the light, and have to
+# go later. Where there are none, there is nothing to wait for, as in plain 3DGS.
 WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
 
@@ -123,7 +123,7 @@ class Settings:
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
     exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
 
-    # Those of the look by the table in core/TRIED.md, "Capacity of a look".
+    # The sizes that a look has were chosen by the table in core/TRIED.md, "Capacity of a look".
     embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024, section="Sizes")
     latent_size: int = setting(
         16, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position; 0: none (paper).", low=0, high=1024

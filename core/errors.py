@@ -41,7 +41,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def disk_full(what: str | Path) -> WegsError:
-    """The error for `what` that was to be written while a disk, or a share of it, had no room left (FULL)."""
+    """The error for `what`, which could not be written because the disk, or the user's share of it, is full (FULL)."""
     return WegsError(f"The disk is full: {what} was not written.", "Free some space and run it again.")
 
 

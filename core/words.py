@@ -36,7 +36,7 @@ def name_them(what: str, names: list[str], harmless: bool = False) -> list[Note]
 
 
 class Reasons:
-    """Photos by what is said of them, the first reason first."""
+    """Photos by what is said of them, in the order in which it was first said."""
 
     def __init__(self) -> None:
         self._names: dict[tuple[str, bool], list[str]] = {}

@@ -46,7 +46,7 @@ class OneLineErrors(click.Command):
 
 
 class Group(OneLineErrors, click.Group):
-    """Imports a command from COMMANDS when it is wanted; of `commands` click itself takes the names alone, to tell one that is near."""
+    """Imports a command from COMMANDS only when it is wanted. click reads the names in `commands`, to suggest one near to what was typed."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         return list(COMMANDS)

@@ -114,7 +114,7 @@ class Terminal(Report):
         self.bar.update(self.bar.task_ids[0], completed=share, count=f"{done}/{total}", note=note)
 
     def _end_bar(self, if_full: bool = False) -> None:
-        """if_full: only a full bar, which else would stay below the lines that follow it."""
+        """Stop drawing the bar. if_full: only one that is full, which would otherwise move down with every line that follows."""
         if self.bar is not None and (not if_full or self.bar.finished):
             self.bar.stop()
             self.bar = None

@@ -51,7 +51,7 @@ def draw_png(figure: Figure) -> bytes:
     rows = math.ceil(count / columns)
     is_full = count == rows * columns
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from")  # boxes in the names of runs say it as well
+        warnings.filterwarnings("ignore", "Glyph .* missing from")  # a letter that the font lacks is drawn as a box, which says it as well
         size = PANEL_INCHES[0] * columns + LEGEND_INCHES * is_full, PANEL_INCHES[1] * rows + MARGIN_INCHES
         canvas = Canvas(figsize=size, dpi=DPI, layout="constrained")
         agg = FigureCanvasAgg(canvas)  # its own, so that no window system is asked for

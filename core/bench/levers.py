@@ -90,7 +90,7 @@ def recompiled(
 def _set_constants(cache: str, alpha_min: float, stop_transmittance: float, threads: int) -> None:
     from numba import config
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to speak about
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent reports a Ctrl-C
     Thread(target=_end_with_parent, daemon=True).start()
     config.CACHE_DIR = cache
     contract.ALPHA_MIN, contract.STOP_TRANSMITTANCE = alpha_min, stop_transmittance
@@ -98,7 +98,7 @@ def _set_constants(cache: str, alpha_min: float, stop_transmittance: float, thre
 
 
 def _end_with_parent() -> None:
-    """Of a parent that was killed the executor hears nothing: it would wait for work without end."""
+    """An executor does not notice that its parent was killed: it would wait for work for ever."""
     parent_process().join()
     os._exit(1)
 

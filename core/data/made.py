@@ -11,7 +11,8 @@ from core.system.atomic import MadeMeanwhile
 from core.words import list_names
 
 CONFIG = "config.json"  # of a run
-# What a run gets from layers that the one that replaces runs (core.training.on_disk.run_folders) cannot import. EVALUATED: by protocol.
+# What other layers write into a run. Named here, as core.training.on_disk.run_folders, which deletes it all when a run is replaced, cannot import
+# them. EVALUATED: by protocol.
 LOOKS, PICTURES, CURVES = "appearance", "pictures", "curves"
 EVALUATED = {
     "half": ("results.json", "per_view.json", "sheet.png"),

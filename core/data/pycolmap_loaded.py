@@ -1,5 +1,5 @@
-"""Loads pycolmap for the first time: a Ctrl-C meanwhile would end in words about a broken installation, and SIGTERM, from then on, in pages of
-C++ addresses. Both wait until it is loaded, and then do what they did before. (For a tenth of a second, once pycolmap has set its handler, SIGTERM
+"""Loads pycolmap for the first time, while signals wait. A Ctrl-C during the import would be reported as a broken installation; and the handler
+that pycolmap sets for SIGTERM would print pages of C++ addresses, so the one from before is put back. (For a tenth of a second in between, SIGTERM
 gets through.)
 """
 

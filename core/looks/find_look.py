@@ -60,7 +60,7 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
 
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
-    """The file of a saved look, named by its path or its name; that a path does not exist is reported when it is read."""
+    """The file of a saved look, named by its path or its name; a path that does not exist is reported when it is read."""
     path = Path(word)
     named = path if path.name != word else trained.folder / LOOKS / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":

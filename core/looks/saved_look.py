@@ -66,7 +66,7 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
 
 
 def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
-    """Read a look of the run `identity` after `step` steps; a file from a version that did not save the step is accepted.
+    """Read a look of the run `identity` after `step` steps.
 
     like: all that a look of the run may hold; of its numbers, the shapes count. Raises BadInput if the file is anything else, or holds other
     shapes, numbers beyond LARGEST, or gains below zero.

@@ -17,7 +17,7 @@ from core.system.lock import taken
 TEMPORARY = ".wegs-"  # in the names of temporary folders
 KEPT = f"{TEMPORARY}kept"  # the end of the names of those that outlive a stop
 NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
-FRESH_S = 5  # one that is younger may be about to be held
+FRESH_S = 5  # a temporary folder younger than this may be one that its process is about to hold
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
     *(errno.ENOENT, errno.ENOTDIR),  # the folder is gone
@@ -149,7 +149,7 @@ def _sweep(parent: Path, prefix: str) -> None:
 
 
 def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
-    """Whether the process of `folder` was killed (nobody holds it, or is about to) and `discard` could remove it."""
+    """Remove `folder`, by `discard`, if its process was killed: nobody holds it, or is about to. Whether it was removed."""
     with suppress(OSError):
         if time.time() - folder.stat().st_mtime <= FRESH_S:  # asked first: whoever made it could not hold it while it is held here
             return False

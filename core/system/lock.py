@@ -13,8 +13,8 @@ except ImportError:  # Windows
 
 @contextmanager
 def taken(folder: Path) -> Iterator[bool | None]:
-    """True: the folder is ours inside, and no other process can take it. False: it is another's, or was, who has removed it meanwhile. None: the
-    system or the disk knows no such locks."""
+    """True if the folder is ours within the block, so that no other process can take it. False if another process holds it, or held and removed
+    it. None if the system or the disk has no such locks."""
     if fcntl is None:
         yield None
         return
@@ -30,7 +30,7 @@ def taken(folder: Path) -> Iterator[bool | None]:
 
 
 def _is_there(folder: Path, descriptor: int) -> bool:
-    """Whether `folder` is still the one that was opened: a lock on one that is gone holds nobody off."""
+    """Whether `folder` is still the one that was opened: a lock on one that is gone keeps nobody out."""
     with suppress(FileNotFoundError):
         return os.path.samestat(os.fstat(descriptor), os.stat(folder))
     return False

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from core.data.collect import collect
 from core.data.collection import Collection
-from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, kind_of, lacks_photos, read_colmap
+from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, lacks_photos, read_colmap
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import is_of_run
@@ -18,8 +18,7 @@ from core.words import counted
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 PHOTO_FOLDERS = (".", "images", "input", "photos")
-FOUND_BY_SFM = {"colmap": read_colmap, "phototourism": read_colmap}  # cameras estimated together with their points
-POSED = {**FOUND_BY_SFM, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
+POSED = {"colmap": read_colmap, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
 
 
 def load_collection(path: Path, all_photos: bool = False) -> Collection:
@@ -45,13 +44,13 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
 
 def _read(path: Path, kind: str) -> Posed:
     posed = POSED[kind](path)
-    other = posed_kind(path) if kind in FOUND_BY_SFM else None
+    other = posed_kind(path) if kind == "colmap" else None
     notes = [f"{path} holds a {other} scene as well; its COLMAP model {posed.source} is used."] if other else []
     return replace(posed, notes=notes + posed.notes)
 
 
 def find_kind(path: Path) -> str:
-    """What a folder holds: one of POSED ("phototourism" is a COLMAP model and a split .tsv), or "photos" (without poses).
+    """What a folder holds: one of POSED, or "photos" (without poses).
 
     A folder of triangulated points is of the kind of the scene whose points they are. A model beats a transforms.json.
     Raises BadInput for anything else.
@@ -86,12 +85,11 @@ def check_is_folder(path: Path) -> None:
 def kind_with_cameras(path: Path) -> str | None:
     """The kind of scene with cameras that the folder holds, or None; BadInput if it holds only a part of a model."""
     try:
-        if find_model(path):
-            return kind_of(path)
+        return "colmap" if find_model(path) else posed_kind(path)
     except BadInput:
-        if posed_kind(path) is None:
-            raise
-    return posed_kind(path)
+        if kind := posed_kind(path):
+            return kind
+        raise
 
 
 def posed_kind(path: Path) -> str | None:

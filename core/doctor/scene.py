@@ -9,7 +9,6 @@ import numpy as np
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection, Photo, astray
-from core.data.load import FOUND_BY_SFM
 from core.data.photos.file import named_with_fault
 from core.data.photos.folder import fuller_below, list_photos, list_unreadable
 from core.data.photos.pixels import load_photo
@@ -124,7 +123,7 @@ def _points(collection: Collection) -> list[Finding]:
         each, more = "", "Give more of them, or run SfM with more features."
     figure = f"{count:,}{each}, the farthest {farthest:.3g} radii off"
     found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")
-    if collection.kind not in FOUND_BY_SFM or collection.points_from or not any(seen.values()):
+    if collection.kind != "colmap" or collection.points_from or not any(seen.values()):
         return [found]  # the poses were not estimated from these points
     return [found, _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders.")]
 

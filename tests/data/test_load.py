@@ -202,8 +202,8 @@ def test_loading_twice_is_the_same(tmp_path):
     [
         ("kermit", "colmap", 9, 2, 650),
         ("fountain", "colmap", 9, 2, 15310),
-        ("sacre_coeur", "phototourism", 8, 0, 1427),
-        ("statue_of_liberty", "phototourism", 76, 11, 11983),
+        ("sacre_coeur", "colmap", 8, 0, 1427),
+        ("statue_of_liberty", "colmap", 76, 11, 11983),
     ],
 )
 def test_real_collections(name, kind, train, test, points):

@@ -229,7 +229,7 @@ def test_phototourism_scene(tmp_path):
     names = [f"photo_{index}.png" for index in range(4)]
     (root / "plaza.tsv").write_text(table(*((name, "1.0", "test" if name == names[1] else "train", "x") for name in names)))
     collection = load_collection(root)
-    assert collection.kind == "phototourism" and collection.notes == ()
+    assert collection.kind == "colmap" and collection.notes == ()
     assert [photo.name for photo in collection.split("test")] == [names[1]]
 
 

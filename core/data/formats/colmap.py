@@ -13,7 +13,6 @@ from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
 from core.data.photos.names import is_file
 from core.data.posed import Points, Posed, PosedPhoto, usable_points
-from core.data.split_table import find_tables
 from core.errors import BadInput
 from core.words import Note, name_them
 
@@ -37,11 +36,6 @@ def find_model(root: Path) -> Path | None:
             fix = "Copy it again, or remove the folder to have the cameras found anew."
             raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking)}.", fix)
     return root if holds_model(root) and ((root / "images").is_dir() or list_photos(root)) else None
-
-
-def kind_of(root: Path) -> str:
-    """The kind of a folder with a COLMAP model and its photos: "phototourism" if it has a split .tsv, else "colmap"."""
-    return "phototourism" if find_tables(root)[0] else "colmap"
 
 
 def lacks_photos(folder: Path) -> bool:
@@ -97,7 +91,7 @@ def read_colmap(root: Path) -> Posed:
     extra = [path.name for path in there if os.path.abspath(path) not in known]
     notes += name_them(f"in {images} without a pose, not used", extra)
     fix = f"Put the photos into {root / 'images'}, named as in the model."
-    return Posed(kind_of(root), model, photos, points, f"of the model missing in {images}", fix, notes)
+    return Posed("colmap", model, photos, points, f"of the model missing in {images}", fix, notes)
 
 
 def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:

@@ -68,7 +68,7 @@ def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_pat
 def test_photos_of_a_phototourism_scene_are_pointed_to_the_folder_that_holds_its_split(tmp_path):
     root = SmallScene().write(tmp_path / "plaza", "dense/images", "dense/sparse")
     (root / "plaza.tsv").write_text("filename\tid\tsplit\n")
-    assert scene_around(root / "dense" / "images") == (root, "phototourism")
+    assert scene_around(root / "dense" / "images") == (root, "colmap")
     other = SmallScene().write(root / "other")  # a scene of its own, that lies in another
     assert scene_around(other / "images") == (other, "colmap")
 

@@ -207,7 +207,7 @@ def test_a_colmap_model_without_points_gets_them(corner, kept, tmp_path, split):
     if split:
         (scene / "corner.tsv").write_text(split)
     collection = prepared(scene, tmp_path / "scene-scene", heard)
-    assert (collection.kind, collection.read_from) == ("phototourism" if split else "colmap", tmp_path / "scene-scene")
+    assert (collection.kind, collection.read_from) == ("colmap", tmp_path / "scene-scene")
     off = np.abs(collection.frame.to_world(collection.points) - [-1, 1, 5]).min(axis=1)
     assert len(off) > 500 and np.median(off) < 0.02
     assert [photo.name for photo in collection.split("test")] == ["1.png"]

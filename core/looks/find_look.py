@@ -127,7 +127,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
     except BadInput as problem:
         if learned is None:
             raise
-        return not_refined(learned, problem.what.removesuffix("."))
+        return not_refined(learned, problem.what)
     found = learned or look(Colouring(trained.model.read(sized.encoder_input, row).embedding))
     return refined_of_collection(trained, found, sized, report) if refine else found
 

@@ -39,7 +39,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     try:
         found = locate(path, landmarks_of_run(trained, report), report, mask)
     except BadInput as problem:
-        return not_refined(look, problem.what.removesuffix("."))
+        return not_refined(look, problem.what)
     if found is None:
         return not_refined(look, "where it was taken was not found")
     sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
@@ -49,7 +49,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
         loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
     except BadInput as problem:  # nothing is left of a mask in a smaller picture
         too_fine = "too little of it is left at the size at which it is drawn"
-        return not_refined(look, too_fine if mask is not None else problem.what.removesuffix("."))
+        return not_refined(look, too_fine if mask is not None else problem.what)
     pixels, valid = shown_on(trained.device, loaded.pixels, loaded.valid)
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
@@ -57,8 +57,8 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
 
 
 def not_refined(look: Look, why: str) -> Look:
-    """The look as it was read; its source says why it was not refined."""
-    return replace(look, source=f"{look.source}, not refined: {why}")
+    """The look as it was read; its source says why it was not refined. why: with or without its full stop."""
+    return replace(look, source=f"{look.source}, not refined: {why.removesuffix('.')}")
 
 
 def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:

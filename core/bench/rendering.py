@@ -113,15 +113,12 @@ def choices(splats: Splats, cameras: list[Camera], full: bool) -> Iterator[Choic
     kernels = (name for name in core.rasterizer.BACKENDS if name != DEFINITION and name not in core.rasterizer.ON_GPU)
     for backend in (DEFINITION, *kernels):
         tiled = None if backend == DEFINITION else backend
-        is_auto = backend == "cpu"  # what `auto` stands for there
-        for label, share in ALPHAS.items():
-            if full or share in (1.0, COARSER_ALPHA) or tiled is None:
-                way = Way(tiled, replace(plain, alpha_min=share * ALPHA_MIN))
-                yield Choice(f"{backend}: alpha threshold", f"alpha {label}", way, is_auto and way.levers == plain)
-        for stop in STOPS:
-            if full or stop in (STOP_TRANSMITTANCE, COARSER_STOP) or tiled is None:
-                way = Way(tiled, replace(plain, stop_transmittance=stop))
-                yield Choice(f"{backend}: early stop", f"stop {stop:g}", way, is_auto and way.levers == plain)
-        for degree in range(splats.degree + 1):
-            way = Way(tiled, replace(plain, sh_degree=degree))
-            yield Choice(f"{backend}: SH degree", f"degree {degree}", way, is_auto and way.levers == plain)
+        every = full or tiled is None
+        alphas = {label: share for label, share in ALPHAS.items() if every or share in (1.0, COARSER_ALPHA)}
+        stops = [stop for stop in STOPS if every or stop in (STOP_TRANSMITTANCE, COARSER_STOP)]
+        found = [("alpha threshold", f"alpha {label}", replace(plain, alpha_min=share * ALPHA_MIN)) for label, share in alphas.items()]
+        found += [("early stop", f"stop {stop:g}", replace(plain, stop_transmittance=stop)) for stop in stops]
+        found += [("SH degree", f"degree {degree}", replace(plain, sh_degree=degree)) for degree in range(splats.degree + 1)]
+        for curve, label, levers in found:
+            is_default = backend == "cpu" and levers == plain  # what `auto` stands for on a CPU
+            yield Choice(f"{backend}: {curve}", label, Way(tiled, levers), is_default)

@@ -214,8 +214,8 @@ class Settings:
     checkpoints: int = setting(4, "Checkpoints written on the way.", low=1)
 
     def __post_init__(self):
-        for item in fields(self):
-            check(item, getattr(self, item.name))
+        for name, item in FIELDS.items():
+            check(item, getattr(self, name))
         if self.transparency == "empty" and self.sky == "dome":
             raise BadSetting("transparency=empty with sky=dome: a dome leaves nothing empty.", "Leave one of them out.")
         if self.densify_from > self.densify_until:
@@ -225,11 +225,10 @@ class Settings:
 
     def changed(self, **values: Any) -> "Settings":
         """A copy with other values; unknown names and values out of range raise BadSetting."""
-        known = {item.name: item.metadata["auto"] for item in fields(self)}
         for name in values:
-            if name not in known:
+            if name not in FIELDS:
                 raise no_setting(name)
-        typed = {name: UNDECIDED if known[name] and value == AUTO else value for name, value in values.items()}
+        typed = {name: UNDECIDED if FIELDS[name].metadata["auto"] and value == AUTO else value for name, value in values.items()}
         return replace(self, **typed)
 
     def decided(self, **answers: Any) -> "Settings":
@@ -253,9 +252,12 @@ class Settings:
         return asdict(self)
 
 
+FIELDS = {item.name: item for item in fields(Settings)}
+
+
 def no_setting(name: str) -> BadSetting:
     """The error for a name that no setting has."""
-    near = difflib.get_close_matches(name.lower(), (item.name for item in fields(Settings)), n=1)
+    near = difflib.get_close_matches(name.lower(), FIELDS, n=1)
     return BadSetting(f"There is no setting {name!r}.", f"Did you mean {near[0]}?" if near else "`wegs train --help` lists them.")
 
 

@@ -3,16 +3,14 @@
 import re
 import tomllib
 from collections.abc import Callable, Iterable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import click
 
-from core.config import AUTO, PRESETS, UNDECIDED, Settings, no_setting, preset, wrong_kind
+from core.config import AUTO, FIELDS, PRESETS, UNDECIDED, Settings, no_setting, preset, wrong_kind
 from core.errors import BadInput, BadSetting
 
-FIELDS = {item.name: item for item in fields(Settings)}
 # Settings that have an option of their own; --set and --config reach all of them.
 FLAGS = (
     "steps", "resolution", "all_photos", "max_gaussians", "sh_degree", "appearance", "transients", "seed", "device", "backend",

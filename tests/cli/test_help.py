@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 import core
-from core.config import PRESETS
+from core.config import FIELDS, PRESETS
 from wegs_cli.main import COMMANDS, wegs
-from wegs_cli.options import FIELDS, FLAGS, shown_default
+from wegs_cli.options import FLAGS, shown_default
 
 
 @pytest.mark.parametrize("name", COMMANDS)

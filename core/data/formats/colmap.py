@@ -150,7 +150,7 @@ def _other_models(model: Path) -> list[str]:
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
     """The first folder with at least half of the model's photos, or else the one with most: images/, images_N/, the same below dense/, or root
-    itself; input/ or photos/ only if none of these holds any. Whoever takes a photo out of images/ so does not get the smaller copies instead.
+    itself; input/ or photos/ only if none of these holds any. So whoever takes a photo out of images/ does not get the smaller copies instead.
     """
     near = model.parent.parent if model.name.isdecimal() else model.parent
     usual = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from core.report import Report
@@ -74,10 +74,14 @@ def way_to(target: Path, folder: Path) -> str | None:
         return None
 
 
-def followed(place: Path, way: str | None, folder: Path) -> Path:
-    """The folder `place`; if it is gone, the one that `way` leads to from `folder`, as when both were moved together."""
+def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -> Path:
+    """The folder `place`; if it is gone, the one that `way` leads to from `folder`, as when both were moved together.
+
+    files: what `place` held. A folder with none of them is another one: a way such as ../.. leads to some folder wherever it begins.
+    """
     together = (folder / str(way)).resolve()
-    return together if way and together.is_dir() and not place.is_dir() else place
+    may_be = way and together.is_dir() and not place.is_dir()
+    return together if may_be and any(os.path.isfile(together / file) for file in files) else place
 
 
 def is_of_run(folder: Path) -> bool:

@@ -54,9 +54,9 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
 def scene_of(folder: Path) -> tuple[Path, str] | None:
     """The scene whose points the folder holds, and its kind; None if the folder holds anything else."""
     facts = read_mark(folder / MARK)
-    if not {"scene", "kind"} <= facts.keys():
+    if not {"scene", "kind", "made_of"} <= facts.keys():
         return None
-    return followed(Path(str(facts["scene"])), facts.get("from_here"), folder), str(facts["kind"])
+    return followed(Path(str(facts["scene"])), facts.get("from_here"), folder, facts["made_of"]), str(facts["kind"])
 
 
 def home_of(root: Path) -> Path:

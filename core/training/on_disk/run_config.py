@@ -50,7 +50,8 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         settings = Settings().changed(**facts["settings"])
-        read_from = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder)
+        files = (MARK, *(photo["path"] for photo in facts["photos"]))  # of triangulated points, or of a scene
+        read_from = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder, files)
         root = home_of(read_from)
         collection = Collection(
             name=facts["scene"]["name"],

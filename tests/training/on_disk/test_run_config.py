@@ -52,6 +52,20 @@ def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
     assert run_config.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == moved.root
 
 
+def test_a_folder_without_the_photos_is_not_the_scene_of_a_run_that_was_made_in_its_scene(tmp_path, collection):
+    scene = tmp_path / "place"
+    scene.mkdir()
+    photos = []
+    for photo in collection.photos:
+        photos.append(replace(photo, path=scene / photo.name))
+        photos[-1].path.touch()
+    run_folders.create(scene / "runs" / "a", replace(collection, root=scene, photos=tuple(photos)), small_settings())
+    now = scene.rename(tmp_path / "renamed")
+    assert run_config.read_config(now / "runs" / "a")[2].root == now
+    runs = (now / "runs").rename(tmp_path / "runs")  # the way to the scene, ../.., now leads to the folder above it
+    assert run_config.read_config(runs / "a")[2].root == scene
+
+
 def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, collection, monkeypatch):
     def relpath(*_):
         raise ValueError("path is on mount 'D:', start on mount 'C:'")

@@ -8,7 +8,7 @@ from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
 from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to
 from core.data.posed import Points
-from core.data.sfm.triangulate import triangulate
+from core.data.sfm.triangulate import CHECK_POSES, triangulate
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import replacing_folder, write_json
@@ -41,8 +41,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
             model = triangulate(training, work, report)
             if not model.num_points3D():
                 what = f"No point could be triangulated from the photos and cameras of {collection.root}"
-                fix = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
-                raise BadInput(f"{what}.", fix)
+                raise BadInput(f"{what}.", CHECK_POSES)
             (work / "scene" / MODEL).mkdir(parents=True)
             model.write(work / "scene" / MODEL)
             write_json(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})

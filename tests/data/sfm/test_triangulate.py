@@ -1,6 +1,7 @@
 """Points from known cameras: on the walls that were photographed, seen by the photos that show them, and kept for the next run."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from types import SimpleNamespace
@@ -83,6 +84,20 @@ def test_matches_farther_than_two_pixels_off_their_lines_are_left_out(corner, tm
         found, kept = database.read_matches(*numbers), database.read_two_view_geometry(*numbers).inlier_matches
     off_px = off_line_px(*(camera for _, camera in photos), *(places[rows] for places, rows in zip(pixels, found.T, strict=True)))
     assert (off_px > 2).any() and np.array_equal(kept, found[off_px <= 2])
+
+
+def test_cameras_that_few_matches_agree_with_are_told(corner, kept, tmp_path):
+    assert not any("matches between photos" in line for line in kept[1].lines)
+
+    def turn(facts):
+        for number, frame in enumerate(facts["frames"]):  # each 40 degrees further about the direction in which it looks
+            cosine, sine = np.cos(np.radians(40 * number)), np.sin(np.radians(40 * number))
+            about = np.array([[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+            frame["transform_matrix"] = (frame["transform_matrix"] @ about).tolist()
+
+    heard = Heard()
+    prepared(changed(shutil.copytree(corner, tmp_path / "other"), turn), tmp_path / "scene", heard)
+    assert any(re.match("! Only .*% of the matches between photos agree with the cameras.*Check that its poses", line) for line in heard.lines)
 
 
 def test_few_points_that_two_photos_see_count(corner, tmp_path, monkeypatch):

@@ -125,6 +125,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path} cannot be read: {problem.strerror}.", "Give a TOML file to --config.") from None
     except ValueError as problem:  # TOML's own errors and text that is not UTF-8
         raise BadInput(f"{path} is not TOML: {problem}.", "Write lines such as: steps = 2000") from None
+    if table := next((name for name, value in values.items() if isinstance(value, dict)), None):
+        raise BadSetting(f"{path}: settings stand in no table, and {table} is one.", f"Take [{table}] out, and leave the lines below it.")
     return values
 
 

@@ -187,10 +187,29 @@ def replacing_folder(output: Path) -> Iterator[Path]:
                 raise
             raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
         except Exception:
-            # pycolmap and SQLite name a full disk in their own ways.
-            if work.exists() and shutil.disk_usage(work).free < 1 << 20:
+            if _has_no_room(work):
                 raise disk_full(output) from None
             raise
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """A folder among the system's temporary files, removed at the end. Raises WegsError if their disk is full."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            yield Path(folder)
+        except WegsError:
+            raise
+        except Exception:
+            if _has_no_room(Path(folder)):
+                what = f"The disk is full: temporary files could not be written in {tempfile.gettempdir()}."
+                raise WegsError(what, "Free some space, or set TMPDIR to a folder on another disk.") from None
+            raise
+
+
+def _has_no_room(folder: Path) -> bool:
+    """Whether the disk is full: pycolmap and SQLite name that in their own ways."""
+    return folder.exists() and shutil.disk_usage(folder).free < 1 << 20
 
 
 def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from zipfile import BadZipFile
 
 import numpy as np
@@ -15,7 +14,7 @@ from core.data.formats.model_file import quiet
 from core.data.sfm.features import DATABASE, MASKS, extract, write_pictures
 from core.report import Report
 from core.scene.frame import SceneFrame
-from core.system.atomic import replacing
+from core.system.atomic import replacing, scratch
 
 FILE = "landmarks.npz"  # in a run folder
 MOST_PHOTOS = 40  # of the collection, at most
@@ -65,8 +64,7 @@ def landmarks_of(collection: Collection, report: Report) -> Landmarks:
     """The landmarks of its `known_photos`; undecodable ones are left out."""
     known = known_photos(collection)
     descriptors, shows = [np.zeros((0, LENGTH), np.uint8)], [np.zeros(0, np.int64)]
-    with TemporaryDirectory() as folder, quiet():
-        work = Path(folder)
+    with scratch() as work, quiet():
         pictures = write_pictures([(photo, photo.camera) for photo in known], work, report)
         extract(work, list(pictures), report, work / MASKS)
         with pycolmap.Database.open(work / DATABASE) as database:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pycolmap
@@ -15,6 +14,7 @@ from core.data.sfm.features import DATABASE, MASKS, SEED, extract, match, write_
 from core.data.sfm.landmarks import NEAR_PX, NO_POINT, Landmarks
 from core.report import Report
 from core.scene.camera import Camera
+from core.system.atomic import scratch
 
 QUERY = "query.jpg"
 OFF = 0.006  # RANSAC's largest reprojection error, of the long side: 10 of 1600 px; COLMAP takes 12
@@ -44,8 +44,7 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     long_side = max(width, height)
     anywhere = Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
     photo = Photo(path.name, path, anywhere, "test", mask=mask)
-    with TemporaryDirectory() as folder, quiet():
-        work = Path(folder)
+    with scratch() as work, quiet():
         camera = write_picture(photo, anywhere, work, QUERY)
         extract(work, [QUERY], report, work / MASKS)
         pixels, points = _matched(work, landmarks, report)

@@ -1,6 +1,7 @@
 """Where photos from outside were taken: a view of the room corner that is not among its photos, and pictures of other places."""
 
 import shutil
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from core.data import load_collection
 from core.data.sfm.features import DATABASE
 from core.data.sfm.landmarks import landmarks_of
 from core.data.sfm.locate import QUERY, _camera_of, locate
-from core.errors import BadInput
+from core.errors import BadInput, WegsError
 from core.report import Report
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
 from tests.heard import Heard
@@ -110,3 +111,17 @@ def test_a_camera_needs_twelve_matches_that_agree_and_a_third_of_all(true, wrong
 def test_without_points_that_photos_see_nothing_is_found(between, tmp_path):
     scene = shutil.copytree(between[0].parent, tmp_path / "scene")
     assert locate(between[0], landmarks_of(load_collection(write_corner(scene)), Report()), Report()) is None
+
+
+@pytest.mark.parametrize(
+    "free, kind, words", [(0, WegsError, "The disk is full: temporary files .* or set TMPDIR"), (1 << 30, RuntimeError, "factory")]
+)
+def test_a_full_disk_of_temporary_files_is_named_and_a_defect_is_none(corner, known, between, monkeypatch, free, kind, words):
+    def refuse(*_):
+        raise RuntimeError("No registered database factory succeeded.")  # pycolmap's words for a full disk
+
+    monkeypatch.setattr(pycolmap.Database, "open", refuse)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+    for work in (lambda: locate(between[0], known, Report()), lambda: landmarks_of(corner, Report())):
+        with pytest.raises(kind, match=words):
+            work()

@@ -187,7 +187,7 @@ def replacing_folder(output: Path) -> Iterator[Path]:
                 raise
             raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
         except Exception:
-            if _has_no_room(work):
+            if has_no_room(work):
                 raise disk_full(output) from None
             raise
 
@@ -201,13 +201,13 @@ def scratch() -> Iterator[Path]:
         except WegsError:
             raise
         except Exception:
-            if _has_no_room(Path(folder)):
+            if has_no_room(Path(folder)):
                 what = f"The disk is full: temporary files could not be written in {tempfile.gettempdir()}."
                 raise WegsError(what, "Free some space, or set TMPDIR to a folder on another disk.") from None
             raise
 
 
-def _has_no_room(folder: Path) -> bool:
+def has_no_room(folder: Path) -> bool:
     """Whether the disk is full: pycolmap and SQLite name that in their own ways."""
     return folder.exists() and shutil.disk_usage(folder).free < 1 << 20
 

@@ -11,9 +11,9 @@ from typing import Any
 
 from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
-from core.errors import FULL
+from core.errors import FULL, WegsError, disk_full
 from core.report import Report
-from core.system.atomic import KEPT, NAME_PART, place_for, remove, temporary_folder, write_json
+from core.system.atomic import KEPT, NAME_PART, has_no_room, place_for, remove, temporary_folder, write_json
 from core.system.lock import taken
 
 MARK = "matches-of.json"  # what the database was made of
@@ -49,6 +49,11 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
         except OSError as problem:
             keep = problem.errno in FULL
             raise
+        except Exception as problem:
+            if isinstance(problem, WegsError) or not has_no_room(work):
+                raise
+            keep = True
+            raise disk_full(output) from None  # asked here, as there is room again once the copies of the photos are gone
         finally:
             if keep := keep and (work / DATABASE).exists():
                 report.say(f"The features and matches found so far are kept in {work}: the same command goes on from there.")

@@ -7,6 +7,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import cv2
 import pytest
@@ -17,7 +18,7 @@ from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.errors import BadInput, WegsError
 from core.report import QUIET
 from core.system import lock
-from core.system.atomic import temporary_folder
+from core.system.atomic import replacing_folder, temporary_folder
 from tests.data.room_corner import cameras, take_photo, textures
 from tests.heard import Heard
 
@@ -140,6 +141,25 @@ def test_the_database_outlives_a_stop_whatever_the_scene_is_called(tmp_path, pro
             assert heard.lines == [AGAIN] and (work / DATABASE).exists()
             keep_if_of({"a": 2}, work, heard)
             assert heard.lines == [AGAIN] and not (work / DATABASE).exists()
+
+
+def test_on_a_full_disk_that_pycolmap_calls_otherwise_the_database_is_kept_as_well(tmp_path, monkeypatch):
+    output, copy = tmp_path / "scene", "000001.jpg"
+
+    def room(_):
+        return SimpleNamespace(free=0 if list(tmp_path.rglob(copy)) else 1 << 30)  # again once the copies are gone
+
+    monkeypatch.setattr(shutil, "disk_usage", room)
+    with (
+        pytest.raises(WegsError, match="The disk is full: .*scene was not written"),
+        replacing_folder(output),
+        work_kept_if_stopped(output, QUIET) as work,
+    ):
+        keep_if_of({}, work, QUIET)
+        sqlite3.connect(work / DATABASE).execute("CREATE TABLE t (x)")
+        (work / copy).touch()
+        raise RuntimeError("No registered database factory succeeded.")
+    assert [path.name for path in work.iterdir() if path.name == DATABASE or path.name == copy] == [DATABASE]
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage" * 999, "half"])

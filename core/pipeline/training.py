@@ -84,7 +84,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     trainer = Trainer(collection, settings, folder)
     names = {sized.photo.name for sized in trainer.photos}
     if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
-        what = f"The photos in {before.root} are not those that {folder} began with: {list_names(changed)} differ, are split otherwise or are gone"
+        what = f"The photos in {before.root} are not those that {folder} began with; changed, split otherwise or gone: {list_names(changed)}"
         raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
     why = "" if saved else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")

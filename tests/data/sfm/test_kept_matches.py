@@ -7,6 +7,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from types import SimpleNamespace
 
 import cv2
@@ -51,10 +52,14 @@ class StopsAt(Heard):
 
 
 def counts(database) -> tuple[int, int]:
-    connection = sqlite3.connect(database)
-    found = tuple(connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0] for table in ("keypoints", "two_view_geometries"))
-    connection.close()
-    return found
+    with closing(sqlite3.connect(database)) as connection:
+        return tuple(connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0] for table in ("keypoints", "two_view_geometries"))
+
+
+def a_table(work) -> None:
+    """Makes a database that is sound."""
+    with closing(sqlite3.connect(work / DATABASE)) as connection:
+        connection.execute("CREATE TABLE t (x)")
 
 
 def is_same(scene, other) -> bool:
@@ -126,7 +131,7 @@ def test_an_early_stop_leaves_nothing(tmp_path):
 def test_the_database_outlives_a_stop_whatever_the_scene_is_called(tmp_path, problem, name):
     def begin(work):
         keep_if_of({"a": 1}, work, QUIET)
-        sqlite3.connect(work / DATABASE).execute("CREATE TABLE t (x)")
+        a_table(work)
 
     for output in (tmp_path / name, tmp_path / "there" / "sfm"):
         output.parent.mkdir(exist_ok=True)
@@ -156,7 +161,7 @@ def test_on_a_full_disk_that_pycolmap_calls_otherwise_the_database_is_kept_as_we
         work_kept_if_stopped(output, QUIET) as work,
     ):
         keep_if_of({}, work, QUIET)
-        sqlite3.connect(work / DATABASE).execute("CREATE TABLE t (x)")
+        a_table(work)
         (work / copy).touch()
         raise RuntimeError("No registered database factory succeeded.")
     assert [path.name for path in work.iterdir() if path.name == DATABASE or path.name == copy] == [DATABASE]
@@ -165,10 +170,9 @@ def test_on_a_full_disk_that_pycolmap_calls_otherwise_the_database_is_kept_as_we
 @pytest.mark.parametrize("content", [b"", b"garbage" * 999, "half"])
 def test_a_damaged_database_is_not_used(tmp_path, content):
     keep_if_of({}, tmp_path, QUIET)
-    with sqlite3.connect(tmp_path / DATABASE) as connection:
-        connection.execute("CREATE TABLE t (x)")
+    a_table(tmp_path)
+    with closing(sqlite3.connect(tmp_path / DATABASE)) as connection, connection:
         connection.executemany("INSERT INTO t VALUES (?)", [("x" * 500,)] * 100)
-    connection.close()
     whole = (tmp_path / DATABASE).read_bytes()
     (tmp_path / DATABASE).write_bytes(whole[: len(whole) // 2] if content == "half" else content)
     heard = Heard()

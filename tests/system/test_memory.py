@@ -44,7 +44,7 @@ def test_no_more_is_taken_than_allowed():
     result = subprocess.run([sys.executable, "-c", TAKE], cwd=ROOT, capture_output=True, text=True, check=True)
     line, peak = result.stdout.splitlines()
     assert "not enough memory" in line
-    assert 1_000_000 < int(peak) <= 1.5 * (1 << 20)  # kB: more than torch itself, and no more than allowed
+    assert 800_000 < int(peak) <= 1.5 * (1 << 20)  # kB: more than torch itself, and no more than allowed
 
 
 def test_the_command_line_sets_it(soft_limit_put_back):

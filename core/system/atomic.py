@@ -174,42 +174,38 @@ def replacing_folder(output: Path) -> Iterator[Path]:
         except OSError as problem:
             raise not_made(output, problem) from None
         try:
-            with _named(output):
+            with _named(output), named_if_full(work, disk_full(output)):
                 yield work
                 for part in sorted((work / "scene").iterdir()) if is_there else ():  # sparse/ comes last, and makes it a scene
                     os.replace(part, output / part.name)
                 if not is_there:
                     os.replace(work / "scene", output)
-        except WegsError:
-            raise
         except OSError as problem:
             if problem.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                 raise
             raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
-        except Exception:
-            if has_no_room(work):
-                raise disk_full(output) from None
-            raise
 
 
 @contextmanager
 def scratch() -> Iterator[Path]:
     """A folder among the system's temporary files, removed at the end. Raises WegsError if their disk is full."""
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            yield Path(folder)
-        except WegsError:
-            raise
-        except Exception:
-            if has_no_room(Path(folder)):
-                what = f"The disk is full: temporary files could not be written in {tempfile.gettempdir()}."
-                raise WegsError(what, "Free some space, or set TMPDIR to a folder on another disk.") from None
-            raise
+    what = f"The disk is full: temporary files could not be written in {tempfile.gettempdir()}."
+    full = WegsError(what, "Free some space, or set TMPDIR to a folder on another disk.")
+    with tempfile.TemporaryDirectory() as name, named_if_full(folder := Path(name), full):
+        yield folder
 
 
-def has_no_room(folder: Path) -> bool:
-    """Whether the disk is full: pycolmap and SQLite name that in their own ways."""
-    return folder.exists() and shutil.disk_usage(folder).free < 1 << 20
+@contextmanager
+def named_if_full(folder: Path, full: WegsError) -> Iterator[None]:
+    """Raise `full` in place of what goes wrong while the disk of `folder` is full: pycolmap and SQLite name that in their own ways."""
+    try:
+        yield
+    except WegsError:
+        raise
+    except Exception:
+        if folder.exists() and shutil.disk_usage(folder).free < 1 << 20:
+            raise full from None
+        raise
 
 
 def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:

@@ -13,7 +13,7 @@ from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
 from core.errors import FULL, WegsError, disk_full
 from core.report import Report
-from core.system.atomic import KEPT, NAME_PART, has_no_room, place_for, remove, temporary_folder, write_json
+from core.system.atomic import KEPT, NAME_PART, named_if_full, place_for, remove, temporary_folder, write_json
 from core.system.lock import taken
 
 MARK = "matches-of.json"  # what the database was made of
@@ -39,21 +39,20 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
             with temporary_folder(output) as other:
                 yield other
             return
-        keep = False
+        keep, full = False, disk_full(output)
         _empty(work, but=KEPT_FILES)
         try:
-            yield work
+            with named_if_full(work, full):  # asked here, as there is room again once the copies of the photos are gone
+                yield work
         except (KeyboardInterrupt, MemoryError):
             keep = True
             raise
         except OSError as problem:
             keep = problem.errno in FULL
             raise
-        except Exception as problem:
-            if isinstance(problem, WegsError) or not has_no_room(work):
-                raise
-            keep = True
-            raise disk_full(output) from None  # asked here, as there is room again once the copies of the photos are gone
+        except WegsError as problem:
+            keep = problem is full
+            raise
         finally:
             if keep := keep and (work / DATABASE).exists():
                 report.say(f"The features and matches found so far are kept in {work}: the same command goes on from there.")

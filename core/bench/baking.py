@@ -12,7 +12,6 @@ import torch
 import core.export
 from core.bench.errors import LIMIT, errors
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
-from core.bench.files import scratch
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
 from core.data.collection import spread_over
@@ -21,6 +20,7 @@ from core.looks.trained import TrainedRun, bake, neutral_look
 from core.rasterizer.views import largest_contributions
 from core.report import Report
 from core.scene.splats import Splats
+from core.system.atomic import scratch
 
 LIMIT_STEPS = 255 * LIMIT[0], LIMIT[1]
 QUANTITIES = (
@@ -57,7 +57,7 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
     truth = [rasterizer.render(whole, camera, trained.background).clamp(0, 1) for camera in cameras]
     points = []
     total = len(SHARES) * (whole.degree + 1) + 1
-    with scratch() as folder:
+    with scratch("bench") as folder:
         path = folder / "look.ply"
 
         def written(baked: Splats) -> Splats:

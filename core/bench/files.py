@@ -2,8 +2,6 @@
 
 import csv
 import io
-import tempfile
-from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,14 +10,9 @@ from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import check_folder, temporary_folder, write_bytes, write_json, write_text
+from core.system.atomic import check_folder, write_bytes, write_json, write_text
 
 SUFFIXES = (".csv", ".json", ".png")
-
-
-def scratch() -> AbstractContextManager[Path]:
-    """A temporary folder for what is made only to be measured; what a kill leaves is removed when the next one is made."""
-    return temporary_folder(Path(tempfile.gettempdir()) / "wegs-bench")
 
 
 def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:

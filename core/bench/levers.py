@@ -17,12 +17,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from core.bench.figure import Spread
-from core.bench.files import scratch
 from core.bench.stopwatch import timed
 from core.rasterizer import contract, create, reference
 from core.scene.camera import Camera
 from core.scene.harmonics import MAX_DEGREE, colour
 from core.scene.splats import Splats
+from core.system.atomic import scratch
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def recompiled(
     A process of its own, with a cache of its own: compiled kernels hold the constants, and their cache does not know it.
     """
     arrays = {name: tensor.numpy() for name, tensor in splats.tensors().items()}
-    with scratch() as cache, ProcessPoolExecutor(1, get_context("spawn")) as process:
+    with scratch("bench") as cache, ProcessPoolExecutor(1, get_context("spawn")) as process:
         start = process.submit(_set_constants, str(cache), alpha_min, stop_transmittance, torch.get_num_threads())
         start.result()
         return process.submit(_measure_recompiled, backend, arrays, cameras, budget).result()

@@ -22,7 +22,7 @@ from core.pipeline.opened import open_run
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.system.atomic import room_in
+from core.system.atomic import room_in, scratch
 from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
@@ -84,7 +84,7 @@ def bench(
         figures.append(figure)
         _keep(figure, output, report)
 
-    with room_in(output), files.scratch() as scratch:  # made now, not after minutes
+    with room_in(output), scratch("bench") as work:  # made now, not after minutes
         if "rendering" in names:
             finish(_fixed_rendering(size, full, report))
             if trained is not None:
@@ -93,7 +93,7 @@ def bench(
             courses = _courses_of([trained.folder])
             title, notes = f"Training {courses[0].name}", ELSEWHERE
         else:
-            courses, title, notes = _train_presets(collection, names, size, scratch, report)
+            courses, title, notes = _train_presets(collection, names, size, work, report)
             trained = load_run(courses[0].folders[0]) if courses else None
         if "baking" in names:
             finish(baking_figure(trained, size.views, report, size.budget))

@@ -187,11 +187,12 @@ def replacing_folder(output: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def scratch() -> Iterator[Path]:
-    """A folder among the system's temporary files, removed at the end. Raises WegsError if their disk is full."""
-    what = f"The disk is full: temporary files could not be written in {tempfile.gettempdir()}."
+def scratch(name: str) -> Iterator[Path]:
+    """As `temporary_folder`, among the system's temporary files. name: of what it is for. Raises WegsError if their disk is full."""
+    place = Path(tempfile.gettempdir())
+    what = f"The disk is full: temporary files could not be written in {place}."
     full = WegsError(what, "Free some space, or set TMPDIR to a folder on another disk.")
-    with tempfile.TemporaryDirectory() as name, named_if_full(folder := Path(name), full):
+    with temporary_folder(place / f"wegs-{name}") as folder, named_if_full(folder, full):
         yield folder
 
 

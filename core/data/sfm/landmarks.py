@@ -64,7 +64,7 @@ def landmarks_of(collection: Collection, report: Report) -> Landmarks:
     """The landmarks of its `known_photos`; undecodable ones are left out."""
     known = known_photos(collection)
     descriptors, shows = [np.zeros((0, LENGTH), np.uint8)], [np.zeros(0, np.int64)]
-    with scratch() as work, quiet():
+    with scratch("landmarks") as work, quiet():
         pictures = write_pictures([(photo, photo.camera) for photo in known], work, report)
         extract(work, list(pictures), report, work / MASKS)
         with pycolmap.Database.open(work / DATABASE) as database:

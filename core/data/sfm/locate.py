@@ -44,7 +44,7 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     long_side = max(width, height)
     anywhere = Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
     photo = Photo(path.name, path, anywhere, "test", mask=mask)
-    with scratch() as work, quiet():
+    with scratch("locate") as work, quiet():
         camera = write_picture(photo, anywhere, work, QUERY)
         extract(work, [QUERY], report, work / MASKS)
         pixels, points = _matched(work, landmarks, report)

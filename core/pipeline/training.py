@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import core.rasterizer
-from core.config import AUTO, Settings
+from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.given_masks import check_masks, with_masks_in, with_same_masks
 from core.data.made import scene_beside
@@ -47,7 +47,7 @@ def train(
     if masks is not None:
         check_masks(masks, [path.name for path in list_photos(find_photos(scene))] if find_kind(scene) == "photos" else ())
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
-    if settings.device == AUTO and settings.backend != "cpu" and (fault := device.fault_of_gpu()):
+    if device.may_be_gpu(settings.device, settings.backend) and (fault := device.fault_of_gpu()):
         report.warn(f"The GPU is not used: {fault}.")
     name = scene.resolve().name or "scene"
     with new_run(output, name, force) as folder:

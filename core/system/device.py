@@ -18,15 +18,21 @@ def chosen(device: str, backend: str) -> torch.device:
 
     `auto` is the GPU where one can be used, unless a backend of the CPU was asked for. Raises BadSetting for `cuda` where none can be.
     """
-    if device == "cuda" and not torch.cuda.is_available():
-        raise BadSetting("device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver.")
-    if device == "cuda" and (fault := fault_of_gpu()):
-        raise BadSetting(f"device=cuda: {fault}.", "Or leave --device out.")
-    if device != "cuda" and (device != AUTO or backend == "cpu" or not can_use_gpu()):
+    if device == "cuda":
+        if not torch.cuda.is_available():
+            raise BadSetting("device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver.")
+        if fault := fault_of_gpu():
+            raise BadSetting(f"device=cuda: {fault}.", "Or leave --device out.")
+    elif not (may_be_gpu(device, backend) and can_use_gpu()):
         return CPU
     # Otherwise cuDNN rounds what it convolves to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of such sums.
     torch.backends.cudnn.allow_tf32 = False
     return torch.device("cuda", torch.cuda.current_device())
+
+
+def may_be_gpu(device: str, backend: str) -> bool:
+    """Whether these settings leave it to the machine to compute on a GPU."""
+    return device == AUTO and backend != "cpu"
 
 
 def can_use_gpu() -> bool:

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 from click.testing import CliRunner
 
 from core.data.sfm import features
@@ -44,7 +45,8 @@ def test_no_more_is_taken_than_allowed():
     result = subprocess.run([sys.executable, "-c", TAKE], cwd=ROOT, capture_output=True, text=True, check=True)
     line, peak = result.stdout.splitlines()
     assert "not enough memory" in line
-    assert 800_000 < int(peak) <= 1.5 * (1 << 20)  # kB: more than torch itself, and no more than allowed
+    least = 1_000_000 if torch.version.cuda is None else 800_000  # the CUDA build claims 270,000 that it does not touch
+    assert least < int(peak) <= 1.5 * (1 << 20)  # kB: more than torch itself, and no more than allowed
 
 
 def test_the_command_line_sets_it(soft_limit_put_back):

@@ -24,9 +24,10 @@ SCALE = benchmark.SMALL
 KERNELS = {_ThroughHidden: "MLP", _Render: "drawing", _Photometric: "SSIM"}
 FORWARD = ["encoder forward", "SH transfer forward", "rasterizer forward", "picture loss"]
 # In capitals: a kernel's backward pass, followed by the lap that it has to count for. The gauge has an MLP of its own.
-BACK = [*["mask, regularisers"] * 4, "SSIM BACK", "picture loss", "DRAWING BACK", "rasterizer backward"]
-PLAIN = ["visible, gather", "visible, gather", "mask, regularisers", *FORWARD, *BACK]
-FULL = ["visible, gather", "visible, gather", "MLP BACK", "mask, regularisers", *FORWARD, *BACK, "MLP BACK"]
+BACK = [*["mask, regularisers"] * 2, "SSIM BACK", "picture loss", "DRAWING BACK", "rasterizer backward"]
+BEGIN = ["rasterizer forward", "gather", *FORWARD, *["mask, regularisers"] * 3]
+PLAIN = [*BEGIN, *BACK]
+FULL = [*BEGIN, "MLP BACK", *BACK, "MLP BACK"]
 END = ["SH transfer backward", "Adam", "encoder backward", "Adam"]
 
 

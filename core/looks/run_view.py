@@ -36,7 +36,7 @@ class RunView:
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
         """The view in this look; differentiable in all of the look that it follows."""
-        return self.trained.rasterizer.render(self.in_look(look), self.camera, self.trained.background, pairs=self.visible.pairs)
+        return self.trained.rasterizer.render(self.in_look(look), self.camera, self.trained.background, known=self.visible.known)
 
     def in_look(self, look: Colouring) -> Splats:
         """The Gaussians in view, in this look; differentiable as `render`."""

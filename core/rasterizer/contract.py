@@ -1,7 +1,7 @@
 """What a rasterizer must do. Every backend shares these constants, these tie-breaks and these signatures."""
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -44,12 +44,13 @@ def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
 class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
 
-    pairs: an upper bound on the pairs of one of these Gaussians and a tile that it touches; None on a CPU. Given to `render` with
-    exactly these Gaussians, in whatever look, and this view, it saves waiting until the GPU has counted them.
+    known: what the backend knows of them by now, in a form of its own. Given to `render` with exactly these Gaussians, in whatever look, and
+    this view, it saves finding that out again: on a CPU their tile lists, on a GPU how many Gaussians touch how many tiles, for which the host
+    would have to wait. The reference knows nothing.
     """
 
     rows: Int[Tensor, " v"]
-    pairs: int | None = None
+    known: Any = None
 
 
 @runtime_checkable
@@ -74,16 +75,16 @@ class Rasterizer(Protocol):
         camera: Camera,
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
-        pairs: int | None = None,
+        known: Any = None,
     ) -> Float[Tensor, "h w 3"]:
         """The picture: a linear blend of the splats over the background, not clamped at 1; differentiable in every tensor of `splats`.
 
         probe: zeros that are added to the projected centres (px); its gradient dL/d(centre) drives density control.
-        pairs: what `visible` said of these Gaussians; None if they were not asked for.
+        known: what `visible` says of these Gaussians; None if it was not asked. With it, centres stay where it saw them, whatever the probe.
         """
 
-    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
-        """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable. pairs: as in `render`."""
+    def contributions(self, splats: Splats, camera: Camera, known: Any = None) -> Float[Tensor, " n"]:
+        """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable. known: as in `render`."""
 
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         """How much each Gaussian makes up of each cell of the picture (core.scene.cells): the sum of weight * alpha * transmittance over its

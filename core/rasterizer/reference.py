@@ -76,7 +76,7 @@ class ReferenceRasterizer:
         camera: Camera,
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
-        pairs: int | None = None,
+        known: None = None,
     ) -> Float[Tensor, "h w 3"]:
         rows, projection = projected(splats, camera)
         colours = colour(splats.sh[rows], projection.directions)
@@ -100,7 +100,7 @@ class ReferenceRasterizer:
         return torch.cat(pictures).reshape(camera.height, camera.width, 3)
 
     @torch.no_grad()
-    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
+    def contributions(self, splats: Splats, camera: Camera, known: None = None) -> Float[Tensor, " n"]:
         rows, projection = projected(splats, camera)
         largest = projection.opacities.new_zeros(len(rows))
         for pixels in pixel_chunks(camera, len(rows), projection.centres):

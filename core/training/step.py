@@ -50,15 +50,15 @@ class Step:
         camera, photo = self.photos.target(index, schedule.shrink_factor(settings, progress))
         gain, background = draw_gain(settings, self.generator), background_of_step(transparent_is_empty(settings), self.generator)
 
-        # The photo, read by the encoder. Meanwhile, which Gaussians its camera shows, and the gauge.
+        # The photo, read by the encoder, then the gauge. Meanwhile, which Gaussians the photo's camera shows.
         def read_photo() -> tuple[Reading, Target]:
             shown, target = jittered(self.photos[index].encoder_input, photo, gain)
             return model.read(shown, index), target.over(background)
 
         read_later = beside(read_photo)
+        gauge_loss_later = beside(lambda: objective.gauge(model, gaussians, self.generator))
         visible = foreseen or self.rasterizer.visible(gaussians.splats, camera)
         leaves = gaussians.leaves(visible.rows)
-        gauge_loss = objective.gauge(model, gaussians, self.generator)
         reading, target = read_later()
 
         # The visible Gaussians in that look, and their picture. Gradients end in embedding, leaves and probe: zeros added to the centres (px).
@@ -67,15 +67,15 @@ class Step:
         residual_loss_later = beside(lambda: objective.residual(residual))
         splats = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
-        image = self.rasterizer.render(splats, camera, background, probe, visible.pairs)
+        image = self.rasterizer.render(splats, camera, background, probe, visible.known)
 
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
         picture_loss = objective.picture(image, target, reading.mask, progress, mask_mean)
-        rendered_loss = picture_loss + objective.transient(splats, camera, visible.pairs, reading.mask, progress, done)
+        rendered_loss = picture_loss + objective.transient(splats, camera, visible.known, reading.mask, progress, done)
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
-        loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss
+        loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()
         sound = guards.sound(loss, picture_loss.detach(), usual)
 
         # The gradients, then the updates: of the networks beside that of the Gaussians.

@@ -30,8 +30,8 @@ def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatc
     visible = backend.visible(scene, camera)
     rows = visible.rows
     leaves = scene.map(lambda tensor: tensor.index_select(0, rows).requires_grad_())
-    lap("visible, gather")
-    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), pairs=visible.pairs)
+    lap("visible, lists, gather")
+    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), known=visible.known)
     lap("rasterizer forward")
     image.backward(torch.ones_like(image))
     lap("rasterizer backward")

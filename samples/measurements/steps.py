@@ -67,8 +67,8 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
 
         setattr(owner, method, watched)
 
-    watch(trainer.rasterizer, "visible", "visible, gather")
-    watch(trainer.gaussians, "leaves", "visible, gather")
+    watch(trainer.rasterizer, "visible", "rasterizer forward")
+    watch(trainer.gaussians, "leaves", "gather")
     watch(trainer.objective, "gauge", "mask, regularisers")
     watch(trainer.model, "read", "encoder forward")
     watch(trainer.model, "transfer", "SH transfer forward", lambda result: result[0], "rasterizer backward")

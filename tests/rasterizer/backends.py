@@ -29,11 +29,11 @@ class Moving:
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         return Visible(self.back(self.rasterizer.visible(splats.map(self.there), camera).rows))
 
-    def render(self, splats: Splats, camera: Camera, background=BLACK, probe: Tensor | None = None, pairs: int | None = None) -> Tensor:
+    def render(self, splats: Splats, camera: Camera, background=BLACK, probe: Tensor | None = None, known=None) -> Tensor:
         probe = None if probe is None else self.there(probe)
         return self.back(self.rasterizer.render(splats.map(self.there), camera, background, probe))
 
-    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Tensor:
+    def contributions(self, splats: Splats, camera: Camera, known=None) -> Tensor:
         return self.back(self.rasterizer.contributions(splats.map(self.there), camera))
 
     def shares(self, splats: Splats, camera: Camera, weight: Tensor) -> Shares:

@@ -19,9 +19,9 @@ def scene():
     return cloud(view, 3000, seed=50, degree=2, sizes_px=(0.5, 12.0)), view
 
 
-def results(splats, view, probe=None):
+def results(splats, view, probe=None, known=None):
     splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
-    image = create("cpu").render(splats, view, (0.2, 0.5, 0.1), probe)
+    image = create("cpu").render(splats, view, (0.2, 0.5, 0.1), probe, known)
     inputs = list(splats.tensors().values()) + ([] if probe is None else [probe])
     gradients = torch.autograd.grad((image**3).sum(), inputs)
     return [image.detach(), *gradients]
@@ -37,6 +37,27 @@ def test_any_number_of_threads_gives_the_same_bits(scene):
         outcomes.append(outcome + [create("cpu").contributions(splats, view), create("cpu").visible(splats, view).rows])
     for other in outcomes[1:]:
         assert all(torch.equal(a, b) for a, b in zip(outcomes[0], other, strict=True))
+
+
+def test_what_is_known_of_a_view_changes_nothing_in_any_look(scene):
+    splats, view = scene
+    rasterizer = create("cpu")
+    visible = rasterizer.visible(splats, view)
+    seen = splats[visible.rows]
+    assert 100 < len(seen) < len(splats)
+    blank = seen.sh.clone()
+    blank[::3, 0, 0], blank[1::3, 2, 1] = float("nan"), float("inf")
+    for sh in (seen.sh, -seen.sh, blank, seen.sh):  # drawn once or often, what is known stays as it was
+        look = seen.with_sh(sh)
+        assert all(torch.equal(a, b) for a, b in zip(results(look, view), results(look, view, known=visible.known), strict=True))
+        assert torch.equal(rasterizer.contributions(look, view), rasterizer.contributions(look, view, visible.known))
+
+
+def test_what_is_known_of_other_gaussians_is_refused(scene):
+    splats, view = scene
+    known = create("cpu").visible(splats, view).known
+    with pytest.raises(BadInput, match=r"3000 Gaussians were given with what is known of \d+\."):
+        create("cpu").render(splats, view, known=known)
 
 
 def test_memory_layout_does_not_matter(scene):

@@ -21,7 +21,7 @@ def scene():
 
 
 def lists_of(splats, view):
-    return backend.tile_lists(backend.arrays_of(splats), backend.NOTHING, view)
+    return backend.coloured_lists(backend.arrays_of(splats), backend.NOTHING, view)
 
 
 def alphas_of(footprints, x, y):

@@ -29,10 +29,10 @@ def splats() -> Splats:
     return cloud(VIEW, 12, seed=50, degree=2, sizes_px=(0.5, 8.0)).map(lambda tensor: tensor.to(DEVICE))
 
 
-def results(splats, probe=None, pairs=None):
+def results(splats, probe=None, known=None):
     """Picture and gradients by all parameters."""
     splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
-    image = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe, pairs)
+    image = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe, known)
     gradients = torch.autograd.grad((image**3).sum(), list(splats.tensors().values()))
     return [image.detach(), *gradients]
 
@@ -105,10 +105,10 @@ def test_pairs_that_are_known_change_nothing(splats):
     rasterizer = backend.CudaRasterizer()
     visible = rasterizer.visible(splats, VIEW)
     seen = splats[visible.rows]
-    assert visible.pairs == len(lists_of(seen, VIEW).lists.owners) > 0
+    assert visible.known == len(lists_of(seen, VIEW).lists.owners) > 0
     expected, largest = results(seen), rasterizer.contributions(seen, VIEW)
-    for room in (visible.pairs, visible.pairs + 7):
-        assert all(torch.equal(a, b) for a, b in zip(results(seen, pairs=room), expected, strict=True))
+    for room in (visible.known, visible.known + 7):
+        assert all(torch.equal(a, b) for a, b in zip(results(seen, known=room), expected, strict=True))
         assert torch.equal(rasterizer.contributions(seen, VIEW, room), largest)
 
 

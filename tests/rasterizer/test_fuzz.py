@@ -77,7 +77,7 @@ def test_no_camera_makes_a_picture_or_a_gradient_non_finite(name, view, values):
 @given(view=cameras, values=poisons)
 def test_footprints_are_finite_and_tile_lists_hold_what_they_announce(view, values):
     """The two stages between which integers are made of floats."""
-    lists = backend.tile_lists(backend.arrays_of(poisoned(values)), backend.NOTHING, view)
+    lists = backend.coloured_lists(backend.arrays_of(poisoned(values)), backend.NOTHING, view)
     drawn = np.flatnonzero(np.diff(lists.slot_starts))
     assert np.isfinite(lists.footprints[drawn]).all()
     assert (lists.footprints[drawn][:, [layout.SHARPNESS, layout.FALL, layout.HALF_WIDTH, layout.HALF_HEIGHT]] > 0).all()  # fmt: skip

@@ -1,7 +1,7 @@
 """The contract on a CPU: checks, memory, the order of the kernels, and torch's autograd."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -9,12 +9,13 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from core.errors import BadInput
 from core.rasterizer import inputs, layout
 from core.rasterizer.contract import BLACK, Colour, Visible, jacobian_limits
 from core.rasterizer.cpu.bin import SLOT, fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
-from core.rasterizer.cpu.project import find_visible, project
+from core.rasterizer.cpu.project import colour_footprints, find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
 from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
@@ -38,8 +39,9 @@ class CpuRasterizer:
         arrays = arrays_of(splats)
         flags = np.empty(len(splats), dtype=np.bool_)
         view = arguments_of(camera)
-        in_parallel(lambda *rows: find_visible(*rows, *arrays, *view, flags), len(flags), ROWS_A_BLOCK)
-        return Visible(torch.from_numpy(np.flatnonzero(flags)))
+        in_parallel(lambda *block: find_visible(*block, *arrays, *view, flags), len(flags), ROWS_A_BLOCK)
+        rows = np.flatnonzero(flags)
+        return Visible(torch.from_numpy(rows), tile_lists(arrays, rows, NOTHING, camera))
 
     def render(
         self,
@@ -47,14 +49,13 @@ class CpuRasterizer:
         camera: Camera,
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
-        pairs: int | None = None,
+        known: "TileLists | None" = None,
     ) -> Float[Tensor, "h w 3"]:
         inputs.check(splats, probe, self.name, self.device)
-        return _Render.apply(camera, background, probe, *splats.tensors().values())
+        return _Render.apply(camera, background, probe, known, *splats.tensors().values())
 
-    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
-        arrays = arrays_of(splats)
-        lists = tile_lists(arrays, NOTHING, camera)
+    def contributions(self, splats: Splats, camera: Camera, known: "TileLists | None" = None) -> Float[Tensor, " n"]:
+        lists = coloured_lists(arrays_of(splats), NOTHING, camera, known)
         strongest = np.zeros(len(lists.entries), dtype=np.float32)
         draw(lists, camera, BLACK, strongest)
         largest = np.zeros(len(splats), dtype=np.float32)
@@ -62,7 +63,7 @@ class CpuRasterizer:
         return torch.from_numpy(largest)
 
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
-        lists = tile_lists(arrays_of(splats), NOTHING, camera)
+        lists = coloured_lists(arrays_of(splats), NOTHING, camera)
         image = draw(lists, camera, BLACK)
 
         def colour_gradients(image_gradient: Tensor) -> Tensor:
@@ -76,10 +77,9 @@ class CpuRasterizer:
 
 class _Render(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, camera, background, probe, *parameters):
+    def forward(ctx, camera, background, probe, known, *parameters):
         arrays = [array_of(tensor) for tensor in parameters]
-        moved = NOTHING if probe is None else array_of(probe)
-        lists = tile_lists(arrays, moved, camera)
+        lists = coloured_lists(arrays, NOTHING if probe is None else array_of(probe), camera, known)
         image = torch.from_numpy(draw(lists, camera, background))
         ctx.camera, ctx.lists, ctx.probed = camera, lists, probe is not None
         ctx.save_for_backward(image, *parameters)
@@ -99,7 +99,7 @@ class _Render(torch.autograd.Function):
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
         *view, _ = arguments_of(ctx.camera)
         in_parallel(lambda *rows: project_backward(*rows, *arrays, *view, *slots, *outputs), len(arrays[0]), ROWS_A_BLOCK)
-        return None, None, probe_gradient, *gradients
+        return None, None, probe_gradient, None, *gradients
 
 
 # --------------------------------------------------------------------------------------------------------- forward pass
@@ -111,7 +111,7 @@ class TileLists:
 
     footprints: (N, layout.FOOTPRINT_COLUMNS) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64.
     tile_starts: (tiles + 1,) int64. entries: (pairs, 2) int32, Gaussian and slot. drawn_chunks: (pairs,) uint32, of
-    each slot.
+    each slot, zeros until they are drawn; none as long as the footprints have no colours.
     """
 
     footprints: np.ndarray
@@ -131,17 +131,30 @@ class TileLists:
         return tiles
 
 
-def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> TileLists:
-    """Project the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
-    count = len(arrays[0])
+def coloured_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera, known: TileLists | None = None) -> TileLists:
+    """The `tile_lists` of all these Gaussians, or those that are `known`, ready to be drawn once: in their colours."""
+    means, *_, sh = arrays
+    lists = tile_lists(arrays, np.arange(len(means)), probe, camera) if known is None else known
+    if len(lists.footprints) != len(means):
+        raise BadInput(f"{len(means)} Gaussians were given with what is known of {len(lists.footprints)}.", "Give those that are visible.")
+    footprints, (_, centre, *_) = np.empty_like(lists.footprints), arguments_of(camera)
+    given = means, sh, centre, lists.slot_starts, lists.footprints, footprints
+    in_parallel(lambda *block: colour_footprints(*block, *given), len(means), ROWS_A_BLOCK)
+    return replace(lists, footprints=footprints, drawn_chunks=np.zeros(len(lists.entries), dtype=np.uint32))
+
+
+def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, camera: Camera) -> TileLists:
+    """Project these rows of the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
+    count = len(rows)
     tiles = -(-camera.width // layout.TILE) * -(-camera.height // layout.TILE)
     footprints = np.empty((count, layout.FOOTPRINT_COLUMNS), dtype=np.float32)
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)
-    view = arguments_of(camera)
+    *geometry, _ = arrays
+    given = rows, *geometry, probe, *arguments_of(camera), footprints, depths, tile_counts
     block = max(ROWS_A_BLOCK, -(-count // MOST_BLOCKS))
     loads = np.zeros((-(-count // block), tiles), dtype=np.int32)
-    in_parallel(lambda begin, end: project(begin, end, *arrays, probe, *view, footprints, depths, tile_counts, loads[begin // block]), count, block)
+    in_parallel(lambda begin, end: project(begin, end, *given, loads[begin // block]), count, block)
     slot_starts = running_starts(tile_counts)
     tile_starts = running_starts(np.sum(loads, axis=0, dtype=np.int64))
     pairs = int(slot_starts[-1])
@@ -150,7 +163,7 @@ def tile_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera) -> T
     order = front_to_back(depths, tile_counts)
     lists = order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entries
     in_parallel(lambda half, _: fill_lists(half == 1, *lists), 2, 1)
-    return TileLists(footprints, slot_starts, tile_starts, entries, np.zeros(pairs, dtype=np.uint32))
+    return TileLists(footprints, slot_starts, tile_starts, entries, np.empty(0, dtype=np.uint32))
 
 
 def draw(lists: TileLists, camera: Camera, background: Colour, strongest: np.ndarray | None = None) -> np.ndarray:

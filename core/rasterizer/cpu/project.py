@@ -1,4 +1,4 @@
-"""Gaussians to footprints: culling, projection, colour. The definition is core.rasterizer.reference.
+"""Gaussians to footprints: culling, projection and, apart from them, colour. The definition is core.rasterizer.reference.
 
 Scalar code, in float64 throughout: without vectors it costs what float32 costs, and leaves only the final rounding.
 """
@@ -182,49 +182,63 @@ def find_visible(begin, end, means, quaternions, log_scales, logit_opacities, sh
 
 @kernel
 def project(
-    begin, end, means, quaternions, log_scales, logit_opacities, sh, probe, rotation, centre, lens, limits, size,
+    begin, end, rows, means, quaternions, log_scales, logit_opacities, probe, rotation, centre, lens, limits, size,
     footprints, depths, tile_counts, tile_loads,
 ):  # fmt: skip
-    """Write the footprints (N, layout.FOOTPRINT_COLUMNS) of the Gaussians `begin` to `end` and their depths (N,) float32.
+    """Write the footprints (V, layout.FOOTPRINT_COLUMNS), colours apart, and the depths (V,) float32 of the Gaussians rows[begin:end].
 
-    tile_counts: (N,) int32, the number of tiles that each touches. Of the culled only this is written, a zero.
-    tile_loads: (tiles,) int32, of these rows, to which it adds how many of the Gaussians touch each tile.
-    probe: (N, 2) float32, added to the centres (px), or empty.
+    rows: (V,) int64. tile_counts: (V,) int32, the number of tiles that each touches. Of the culled only this is written, a zero.
+    tile_loads: (tiles,) int32, of this block, to which it adds how many of the Gaussians touch each tile.
+    probe: (V, 2) float32, added to the centres (px), or empty.
     """
     columns = (size[0] + layout.TILE - 1) // layout.TILE
-    basis = np.empty(16)
-    for i in range(begin, end):
-        tile_counts[i] = 0
+    for place in range(begin, end):
+        i = rows[place]
+        tile_counts[place] = 0
         offset = subtract(row(means, i), centre)
         depth = dot(row(rotation, 2), offset)
         if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
             continue
         x, y, a, b, c, determinant = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
         if len(probe) > 0:
-            x += probe[i, 0]
-            y += probe[i, 1]
+            x += probe[place, 0]
+            y += probe[place, 1]
         level = level_of(opacity_of(logit_opacities[i]))
         reach_x, reach_y = math.sqrt(level * a), math.sqrt(level * c)
         if not meets_picture(x, y, reach_x, reach_y, size):
             continue
-        fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
-        red, green, blue = colour(sh, i, basis)
-        if not (fits(red) and fits(green) and fits(blue)):
-            continue
 
         inverse_c = 1.0 / c
         variance_in_row = determinant * inverse_c
-        footprints[i, layout.X] = x
-        footprints[i, layout.Y] = y
-        footprints[i, layout.SLOPE] = b * inverse_c
-        footprints[i, layout.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
-        footprints[i, layout.FALL] = HALF_LOG2_E * inverse_c
-        footprints[i, layout.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
-        footprints[i, layout.HALF_HEIGHT] = reach_y
-        footprints[i, layout.HALF_WIDTH] = math.sqrt(level * variance_in_row)
-        footprints[i, layout.LEAN] = b * level / reach_x
+        footprints[place, layout.X] = x
+        footprints[place, layout.Y] = y
+        footprints[place, layout.SLOPE] = b * inverse_c
+        footprints[place, layout.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
+        footprints[place, layout.FALL] = HALF_LOG2_E * inverse_c
+        footprints[place, layout.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
+        footprints[place, layout.HALF_HEIGHT] = reach_y
+        footprints[place, layout.HALF_WIDTH] = math.sqrt(level * variance_in_row)
+        footprints[place, layout.LEAN] = b * level / reach_x
+        depths[place] = depth
+        tile_counts[place] = add_to_loads(footprints, place, size, columns, tile_loads)
+
+
+@kernel
+def colour_footprints(begin, end, means, sh, centre, slot_starts, uncoloured, footprints):
+    """Write the footprints `begin` to `end` of those that touch a tile, in the colours that these harmonics show to the camera's centre.
+
+    uncoloured: as `project` wrote them. A colour that no picture holds makes a Gaussian one that is not drawn.
+    """
+    basis = np.empty(16)
+    for i in range(begin, end):
+        if slot_starts[i] == slot_starts[i + 1]:
+            continue
+        offset = subtract(row(means, i), centre)
+        fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
+        red, green, blue = colour(sh, i, basis)
+        footprints[i] = uncoloured[i]
         footprints[i, layout.RED] = max(red, 0.0)
         footprints[i, layout.GREEN] = max(green, 0.0)
         footprints[i, layout.BLUE] = max(blue, 0.0)
-        depths[i] = depth
-        tile_counts[i] = add_to_loads(footprints, i, size, columns, tile_loads)
+        if not (fits(red) and fits(green) and fits(blue)):
+            footprints[i, layout.STRENGTH] = -np.inf

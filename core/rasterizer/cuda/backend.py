@@ -56,14 +56,14 @@ class CudaRasterizer:
         camera: Camera,
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
-        pairs: int | None = None,
+        known: int | None = None,
     ) -> Float[Tensor, "h w 3"]:
         self._check(splats, probe)
-        return _Render.apply(camera, background, probe, pairs, *splats.tensors().values())
+        return _Render.apply(camera, background, probe, known, *splats.tensors().values())
 
     @torch.no_grad()
-    def contributions(self, splats: Splats, camera: Camera, pairs: int | None = None) -> Float[Tensor, " n"]:
-        prepared = prepare(self._parameters(splats), None, camera, pairs)
+    def contributions(self, splats: Splats, camera: Camera, known: int | None = None) -> Float[Tensor, " n"]:
+        prepared = prepare(self._parameters(splats), None, camera, known)
         strongest = torch.zeros(len(prepared.lists.owners), device=splats.means.device)
         draw(prepared, BLACK, strongest)
         # The largest of some numbers is the same in any order: the atomics behind this change nothing.
@@ -147,7 +147,7 @@ class Prepared:
 def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pairs: int | None = None) -> Prepared:
     """Project the Gaussians (contiguous, in the order of Splats' fields) and sort them into tiles, front to back.
 
-    pairs: see `contract.Visible`; without them the host has to wait for their number.
+    pairs: of a Gaussian and a tile that it touches, how many there are or more (`contract.Visible.known`); without it the host waits for that.
     """
     count, device = len(parameters[0]), parameters[0].device
     columns, rows = (-(-size // layout.TILE) for size in (camera.width, camera.height))

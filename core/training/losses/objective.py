@@ -1,5 +1,7 @@
 """What a step minimises: each loss with its weight, from the point of the run at which it begins to count."""
 
+from typing import Any
+
 import torch
 from jaxtyping import Float
 from torch import Generator, Tensor
@@ -62,12 +64,12 @@ class Objective:
         backward((loss, None))
         return loss.detach()
 
-    def transient(self, splats: Splats, camera: Camera, pairs: int | None, mask: Tensor | None, progress: float, step: int) -> Float[Tensor, ""]:
-        """L_regTS, at every TRANSIENT_EVERYth step. splats: the visible Gaussians in the look. pairs: see `rasterizer.Visible`."""
+    def transient(self, splats: Splats, camera: Camera, known: Any, mask: Tensor | None, progress: float, step: int) -> Float[Tensor, ""]:
+        """L_regTS, at every TRANSIENT_EVERYth step. splats: the visible Gaussians in the look. known: see `rasterizer.Visible`."""
         settings = self.settings
         if mask is None or progress < settings.mask_apply or step % TRANSIENT_EVERY:
             return self.zero
-        front = self.rasterizer.contributions(splats.detached(), camera, pairs)
+        front = self.rasterizer.contributions(splats.detached(), camera, known)
         rows = regularisers.transient_rows(splats.means, front, mask, camera)
         opacity = torch.where(rows, torch.sigmoid(splats.logit_opacities), 0).sum()
         return settings.transient_regularisation * TRANSIENT_EVERY * opacity

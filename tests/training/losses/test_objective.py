@@ -44,7 +44,8 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
     picture = trainer.objective.picture  # made to weigh so much that both show in the sum
     monkeypatch.setattr(trainer.objective, "picture", lambda *call: 1e3 * picture(*call))
     trainer.step()
-    look, embedding = trainer.model.read(*readings[0]), transfers[-1][2]  # the gauge's transfer comes first
+    look = trainer.model.read(*readings[0])
+    (embedding,) = (call[2] for call in transfers if call[2].requires_grad)  # the gauge's does not
     (by_embedding,) = torch.autograd.grad(look.embedding, bias, embedding.grad, retain_graph=True)
     ((image, target, _, progress),) = masks
     (by_loss,) = torch.autograd.grad(trainer.objective.mask(image, target, look.mask, progress), bias)

@@ -46,14 +46,8 @@ def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterat
         yield lambda: (started[0] if started else work)()
 
 
-def update(
-    model: nn.Module, optimizer: torch.optim.Adam | None, progress: float, wait_for_encoder: Callable[[], None], taken: Bool[Tensor, ""]
-) -> Bool[Tensor, ""]:
-    """One step at the rates of this moment, if the step is `taken` and all gradients are finite, which is returned.
-
-    wait_for_encoder: for the last of the gradients.
-    """
-    wait_for_encoder()
+def update(model: nn.Module, optimizer: torch.optim.Adam | None, progress: float, taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
+    """One step at the rates of this moment, if the step is `taken` and all gradients are finite, which is returned."""
     learned = taken & guards.finite((weight.grad for weight in model.parameters()), taken.device)
     if optimizer is None or guards.refused(learned):
         return learned

@@ -78,7 +78,7 @@ class Step:
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()
         sound = guards.sound(loss, picture_loss.detach(), usual)
 
-        # The gradients, then the updates: of the networks beside that of the Gaussians.
+        # The gradients, then the updates.
         def teach_encoder() -> None:
             backward((reading.embedding, embedding.grad), (mask_loss, None))
 
@@ -88,12 +88,11 @@ class Step:
                 backward((rendered_loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
-            learned_later = beside(lambda: networks.update(model, self.optimizer, progress, wait_for_encoder, taken))
             if not guards.refused(taken):
-                # The Gaussians do not wait for the encoder. Should its gradient overflow, only the networks learn nothing.
                 densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
                 gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
-            learned = learned_later()
+            wait_for_encoder()
+            learned = networks.update(model, self.optimizer, progress, taken)  # not if the encoder's gradient overflows
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
         facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)

@@ -24,6 +24,12 @@ LARGEST_GRADIENT = 1e18
 
 
 @exact_kernel
+def _count(counts, rows, begin, end):
+    for i in range(begin, end):
+        counts[rows[i]] += 1
+
+
+@exact_kernel
 def _update(values, first, second, gradient, rates, counts, corrections, rows, begin, end):
     columns = values.shape[1]
     for i in range(begin, end):
@@ -60,23 +66,25 @@ class Moved(NamedTuple):
 def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
     """One Adam step (Kingma & Ba 2015) on some rows of all these, in place; on a CPU.
 
-    counts: (N,) int32 updates of each row, this one included. rows: (V,) int64.
+    counts: (N,) int32 updates of each row, to which this one is added. rows: (V,) int64, each once.
     """
     if not len(rows):
         return  # a view of nothing
     flat = [[tensor.reshape(len(tensor), -1).numpy() for tensor in one[:-1]] + [one.rates.numpy()] for one in tensors]
-    table = corrections(1 << int(counts.max()).bit_length())  # a power of two, so that few tables are made
-    fixed = counts.numpy(), table, rows.numpy()
+    table = corrections(1 << (int(counts.max()) + 1).bit_length())  # a power of two, so that few tables are made
+    row_counts, places = counts.numpy(), rows.numpy()
 
     def update(begin: int, end: int) -> None:
+        _count(row_counts, places, begin, end)
         for arrays in flat:
-            _update(*arrays, *fixed, begin, end)
+            _update(*arrays, row_counts, table, places, begin, end)
 
     in_parallel(update, len(rows), ROWS_A_BLOCK)
 
 
 def plain_adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
     """The definition of `adam_rows`, on any device."""
+    counts[rows] += 1
     for values, first, second, gradient, rates in tensors:
         rates = rates.to(values.device)
         gradient = gradient.clamp(-LARGEST_GRADIENT, LARGEST_GRADIENT)

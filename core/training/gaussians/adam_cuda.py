@@ -23,7 +23,7 @@ def update(
     values, first, second, counts, corrections, rows, gradient, rates, taken, size, solid,
     COLUMNS: tl.constexpr, FREE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """`adam.adam_rows` for an array of COLUMNS columns, if `taken` () is true; the counts come without this update.
+    """`adam.adam_rows` for an array of COLUMNS columns, if `taken` () is true; the counts come without this update and stay so.
 
     size: of the gradient. corrections: (UPDATES, 2), by number of updates. From row `solid` on, only the first FREE columns move.
     """

@@ -83,7 +83,6 @@ class Gaussians:
         if not taken:
             return
         sky = int(torch.searchsorted(rows, self.solid))  # where the dome's begin
-        self.counts[rows] += 1
         moved = []
         for name, leaf in leaves.items():
             if leaf.grad is None or name not in rates:

@@ -29,12 +29,12 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
 
 
 @contextmanager
-def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[Callable[[], None]]:
+def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[None]:
     """Runs the encoder's backward pass, `work`, in parallel with what remains of the SH transfer's, which is run inside the block.
 
-    Yields a function that returns once `work` is done. embedding: the leaf whose gradient `work` begins with. On a CPU `work` starts on
-    another thread as soon as that gradient is there: others are then still on their way through the SH transfer's hidden layers.
-    Elsewhere, and where the embedding gets no gradient, the yielded function does the work itself.
+    embedding: the leaf whose gradient `work` begins with. On a CPU `work` starts on another thread as soon as that gradient is
+    there: others are then still on their way through the SH transfer's hidden layers. At the end of the block it is waited for or,
+    elsewhere and where the embedding gets no gradient, done.
     """
     started: list[Callable[[], None]] = []
 
@@ -43,7 +43,8 @@ def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterat
 
     # Taken off at the end: `work` holds the embedding, which holds the hook, and Python's collector does not see through torch.
     with embedding.register_post_accumulate_grad_hook(start) if embedding.device.type == "cpu" else nullcontext():
-        yield lambda: (started[0] if started else work)()
+        yield
+    (started[0] if started else work)()
 
 
 def update(model: nn.Module, optimizer: torch.optim.Adam | None, progress: float, taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:

@@ -84,14 +84,13 @@ class Step:
 
         taken = learned = sound
         if not guards.refused(sound):
-            with networks.teaching(teach_encoder, embedding) as wait_for_encoder:
+            with networks.teaching(teach_encoder, embedding):
                 backward((rendered_loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             if not guards.refused(taken):
                 densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
                 gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
-            wait_for_encoder()
             learned = networks.update(model, self.optimizer, progress, taken)  # not if the encoder's gradient overflows
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()

@@ -1,4 +1,4 @@
-"""When the encoder is taught: as soon as the embedding has its gradient, or by the one who waits."""
+"""When the encoder is taught: as soon as the embedding has its gradient, or at the end."""
 
 import torch
 
@@ -10,18 +10,16 @@ def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_th
     handed, taught_with = [], []
     monkeypatch.setattr(networks, "beside", lambda work: handed.append(work) or work)
     embedding = torch.ones(3, requires_grad=True)
-    with networks.teaching(lambda: taught_with.append(embedding.grad.clone()), embedding) as wait_for_encoder:
+    with networks.teaching(lambda: taught_with.append(embedding.grad.clone()), embedding):
         backward((2 * embedding.sum(), None))
-        assert len(handed) == 1
-    wait_for_encoder()
+        assert len(handed) == 1 and not taught_with
     assert [gradient.tolist() for gradient in taught_with] == [[2.0] * 3]
     embedding.sum().backward()
     assert len(handed) == 1  # that hook is gone
 
 
-def test_without_a_gradient_the_one_who_waits_teaches():
+def test_without_a_gradient_it_is_taught_at_the_end():
     embedding, taught_with = torch.ones(3, requires_grad=True), []
-    with networks.teaching(lambda: taught_with.append(embedding.grad), embedding) as wait_for_encoder:
-        pass
-    wait_for_encoder()
+    with networks.teaching(lambda: taught_with.append(embedding.grad), embedding):
+        assert not taught_with
     assert taught_with == [None]

@@ -44,7 +44,7 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     """Turn the calls that `trainer.step` makes on one thread into laps.
 
     The backward pass is one call; a hook on a tensor fires in it when all that was made from the tensor is through.
-    The encoder's ends where the optimizer begins, the look at whether its gradients are finite included.
+    The last one ends where Adam begins, the look at whether gradients are finite included.
     """
     outermost = True
 
@@ -61,7 +61,7 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
             result = original(*arguments, **named)
             outermost = True
             stopwatch.lap(part)
-            if hooked is not None:
+            if hooked is not None and hooked(result).requires_grad:
                 hooked(result).register_hook(lambda gradient: stopwatch.lap(part_behind))
             return result
 
@@ -70,12 +70,12 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer.rasterizer, "visible", "rasterizer forward")
     watch(trainer.gaussians, "leaves", "gather")
     watch(trainer.objective, "gauge", "mask, regularisers")
-    watch(trainer.model, "read", "encoder forward")
+    watch(trainer.model, "read", "encoder forward", lambda reading: reading.embedding, "SH transfer backward")
     watch(trainer.model, "transfer", "SH transfer forward", lambda result: result[0], "rasterizer backward")
     watch(trainer.rasterizer, "render", "rasterizer forward", lambda image: image, "picture loss")
     watch(trainer.objective, "picture", "picture loss", lambda loss: loss, "mask, regularisers")
     watch(trainer.objective, "transient", "mask, regularisers")
     watch(trainer.objective, "mask", "mask, regularisers", before="mask, regularisers")
-    watch(trainer.gaussians, "step", "Adam", before="SH transfer backward")
+    watch(trainer.gaussians, "step", "Adam", before="encoder backward" if trainer.model.encoder else "SH transfer backward")
     if trainer.optimizer is not None:
-        watch(trainer.optimizer, "step", "Adam", before="encoder backward")
+        watch(trainer.optimizer, "step", "Adam", before="Adam")

@@ -8,7 +8,7 @@ from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
 from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to
 from core.data.posed import Points
-from core.data.sfm.triangulate import CHECK_POSES, triangulate
+from core.data.sfm.triangulate import CHECK_POSES, LEAST_NEAR, triangulate
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import replacing_folder, write_json
@@ -22,7 +22,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     """The folder of the collection's points, which core.data.load reads like the scene itself; made now unless it exists.
 
     wanted: the folder; with a number if something else has it. Points are used again only for the very same training photos, masks and
-    cameras. Raises BadInput if no point is found, or nothing can be written.
+    cameras. Warns of cameras that do not fit the photos, each time. Raises BadInput if no point is found, or nothing can be written.
     """
     training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
     root = collection.root.resolve()
@@ -38,16 +38,20 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     def make(folder: Path) -> None:
         report.say(f"{collection.root} has cameras but no points: they are triangulated from {counted(len(training), 'photo')}.")
         with replacing_folder(folder) as work:
-            model = triangulate(training, work, report)
+            model, near = triangulate(training, work, report)
             if not model.num_points3D():
                 what = f"No point could be triangulated from the photos and cameras of {collection.root}"
                 raise BadInput(f"{what}.", CHECK_POSES)
             (work / "scene" / MODEL).mkdir(parents=True)
             model.write(work / "scene" / MODEL)
-            write_json(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), **same})
+            write_json(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), "near": near, **same})
         report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
 
-    return made_once(wanted, MARK, are_there, make, "Points as triangulated", report)
+    points = made_once(wanted, MARK, are_there, make, "Points as triangulated", report)
+    near = read_mark(points / MARK).get("near")
+    if isinstance(near, float) and near < LEAST_NEAR:
+        report.warn(f"Only {near:.0%} of the matches between photos agree with the cameras of the scene: expect a poor one. {CHECK_POSES}")
+    return points
 
 
 def scene_of(folder: Path) -> tuple[Path, str] | None:

@@ -25,13 +25,13 @@ LEAST_NEAR = 0.2
 CHECK_POSES = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
 
 
-def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> pycolmap.Reconstruction:
-    """A COLMAP model of the photos at their given cameras (world units), with the points they see; images are named as photos.
+def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> tuple[pycolmap.Reconstruction, float]:
+    """A COLMAP model of the photos at their given cameras (world units), with the points they see; images are named as photos. And the
+    share of all matches that agree with these cameras, in [0, 1]: below LEAST_NEAR, they do not fit the photos.
 
     Features come from the undistorted pictures, except where these show nothing of use. As the cameras are known, matches are tested
     against their epipolar lines, not against an estimate, and points seen by two photos count. work: an empty folder.
-    Photos that cannot be decoded are left out; training names them. Raises BadInput for fewer than LEAST_PHOTOS. Warns of cameras that do not
-    fit the photos. Two runs agree bit for bit.
+    Photos that cannot be decoded are left out; training names them. Raises BadInput for fewer than LEAST_PHOTOS. Two runs agree bit for bit.
     """
     with quiet():
         cameras = write_pictures(posed, work, report)
@@ -51,11 +51,9 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
         options.random_seed = SEED
         options.num_threads = 1  # several would add up in another order each time; 30,000 observations take it 1.5 s
         model = pycolmap.triangulate_points(known, work / DATABASE, work / PHOTOS, work / "model", options=options)
-    if near < LEAST_NEAR and model.num_points3D():
-        report.warn(f"Only {near:.0%} of the matches between photos agree with the cameras of the scene: expect a poor one. {CHECK_POSES}")
     for image in model.images.values():
         image.name = cameras[image.name][0].name
-    return model
+    return model, near
 
 
 def partners(cameras: list[Camera]) -> list[tuple[int, int]]:

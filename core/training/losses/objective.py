@@ -57,7 +57,7 @@ class Objective:
         return regularisers.residual_loss(residual, self.settings.sh_regularisation)
 
     def gauge(self, model: AppearanceModel, gaussians: Gaussians, generator: Generator) -> Float[Tensor, ""]:
-        """The gauge. Its backward pass is here, too: it only touches the networks, and the encoder is still busy."""
+        """The gauge. Its backward pass is here, too: it reaches nothing but the networks."""
         if not self.settings.gauge:
             return self.zero
         loss = self.settings.gauge * gauge(model, gaussians, generator)

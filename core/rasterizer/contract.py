@@ -45,8 +45,8 @@ class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
 
     known: what the backend knows of them by now, in a form of its own. Given to `render` with exactly these Gaussians, in whatever look, and
-    this view, it saves finding that out again: on a CPU their tile lists, on a GPU how many Gaussians touch how many tiles, for which the host
-    would have to wait. The reference knows nothing.
+    this view, it saves finding that out again: on a CPU their tile lists; on a GPU how many pairs of a Gaussian and a tile that it touches there
+    are at most, for which the host would have to wait. The reference knows nothing.
     """
 
     rows: Int[Tensor, " v"]
@@ -80,7 +80,7 @@ class Rasterizer(Protocol):
         """The picture: a linear blend of the splats over the background, not clamped at 1; differentiable in every tensor of `splats`.
 
         probe: zeros that are added to the projected centres (px); its gradient dL/d(centre) drives density control.
-        known: what `visible` says of these Gaussians; None if it was not asked. With it, centres stay where it saw them, whatever the probe.
+        known: what `visible` says of these Gaussians; None if it was not asked. With it, a backend may count on a probe of zeros.
         """
 
     def contributions(self, splats: Splats, camera: Camera, known: Any = None) -> Float[Tensor, " n"]:

@@ -20,14 +20,11 @@ MOST_DEGREES = 75.0  # between the directions in which partners look; SIFT match
 # COLMAP's own points have one nearer by 29, 6, 5 %, and they lie farther from COLMAP's by 10, 8, 45 % (medians).
 RATIO = 0.85
 EPIPOLAR_PX = 2.0  # how far a match may lie off the line on which the other camera's ray is seen
-# Share of matches that lie so near. Right cameras: 34 (plaza) to 95 % (fountain). Poses inverted, in other axes or of other photos: at most 18 %.
-LEAST_NEAR = 0.2
-CHECK_POSES = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
 
 
 def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> tuple[pycolmap.Reconstruction, float]:
     """A COLMAP model of the photos at their given cameras (world units), with the points they see; images are named as photos. And the
-    share of all matches that agree with these cameras, in [0, 1]: below LEAST_NEAR, they do not fit the photos.
+    share of all matches that agree with these cameras, in [0, 1].
 
     Features come from the undistorted pictures, except where these show nothing of use. As the cameras are known, matches are tested
     against their epipolar lines, not against an estimate, and points seen by two photos count. work: an empty folder.

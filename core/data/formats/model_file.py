@@ -148,7 +148,7 @@ def _whole(data: bytes, walk: Callable[[bytes, int], int]) -> bool:
         for _ in range(count):
             position = walk(data, position)
         return position == len(data)
-    except (struct.error, ValueError, KeyError):
+    except (struct.error, ValueError, OverflowError):
         return False
 
 

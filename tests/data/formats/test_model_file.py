@@ -22,6 +22,19 @@ def test_truncated_binary_models_are_refused(tmp_path, part, share):
         load_collection(root)
 
 
+@pytest.mark.parametrize(
+    ("part", "place", "number"), [("cameras", 12, 99), ("cameras", 12, 2**32 - 1), ("images", 0, 2**62), ("points3D", 51, 2**62)]
+)
+def test_numbers_that_no_binary_model_holds_are_refused(tmp_path, part, place, number):
+    """A camera model that does not exist, and counts of images and of a point's photos that no file can hold."""
+    root = SmallScene().write(tmp_path / "scene")
+    path = root / "sparse" / "0" / f"{part}.bin"
+    data, size = path.read_bytes(), 4 if part == "cameras" else 8
+    path.write_bytes(data[:place] + number.to_bytes(size, "little") + data[place + size :])
+    with pytest.raises(BadInput, match=f"{part}.bin is truncated or damaged"):
+        load_collection(root)
+
+
 @pytest.mark.parametrize("part", ["cameras", "images", "points3D"])
 def test_damaged_text_models_are_refused(tmp_path, part):
     scene = SmallScene()

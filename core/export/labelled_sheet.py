@@ -18,29 +18,19 @@ def labelled_sheet(
     columns: Sequence[str], rows: Sequence[tuple[str, Sequence[UInt8[np.ndarray, "_ _ 3"]]]]
 ) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """The sheet, RGB. columns: the titles. rows: text and tiles, one tile a column, of one size."""
-    width = max(tiles[0].shape[1] for _, tiles in rows) + GAP_PX
-    parts = [line_of_text(width, columns)]
+    step = max(tiles[0].shape[1] for _, tiles in rows) + GAP_PX
+    parts = [line_of_text(step, columns)]
     for text, tiles in rows:
-        parts.append(_side_by_side(tiles, width))
-        parts.append(line_of_text(width * len(columns), (text,)))
+        parts.append(np.concatenate([np.pad(tile, ((0, GAP_PX), (0, step - tile.shape[1]), (0, 0))) for tile in tiles], axis=1))
+        parts.append(line_of_text(step * len(columns), (text,)))
     return np.concatenate(parts)
-
-
-def _side_by_side(tiles: Sequence[np.ndarray], step: int) -> np.ndarray:
-    height, width = tiles[0].shape[:2]
-    canvas = np.zeros((height + GAP_PX, step * len(tiles), 3), dtype=np.uint8)
-    for column, picture in enumerate(tiles):
-        canvas[:height, column * step : column * step + width] = picture
-    return canvas
 
 
 def line_of_text(step: int, texts: Sequence[str]) -> UInt8[np.ndarray, "label_h sheet_w 3"]:
     """One line, white on black: each text at the start of its own `step` pixels, smaller if it is too long for them, and at last cut."""
-    canvas = np.zeros((LABEL_PX, step * len(texts), 3), dtype=np.uint8)
-    for column, text in enumerate(texts):
-        window = np.zeros((LABEL_PX, step, 3), dtype=np.uint8)
+    windows = np.zeros((len(texts), LABEL_PX, step, 3), dtype=np.uint8)
+    for window, text in zip(windows, texts, strict=True):
         (usual_px, _), _ = cv2.getTextSize(text, FONT, SIZES[1], 1)
         size = np.clip(SIZES[1] * (step - 2 * MARGIN_PX) / max(usual_px, 1), *SIZES)
         cv2.putText(window, text, (MARGIN_PX, 15), FONT, size, TEXT, 1, cv2.LINE_AA)
-        canvas[:, column * step : (column + 1) * step] = window
-    return canvas
+    return np.concatenate(windows, axis=1)

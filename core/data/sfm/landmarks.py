@@ -51,7 +51,7 @@ class Landmarks:
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 return Landmarks(**{field.name: arrays[field.name] for field in fields(Landmarks)})
-        except (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, BadZipFile):
+        except (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, BadZipFile):
             return None
 
 

@@ -40,9 +40,9 @@ def test_a_file_that_is_missing_or_damaged_is_none(known, tmp_path):
     assert Landmarks.load(path) is None
     known.save(path)
     whole = path.read_bytes()
-    flags = whole.index(b"PK\x01\x02") + 8  # of the first entry in the zip's table; 0x20 is patched data, which Python refuses
-    patched = whole[:flags] + bytes([whole[flags] | 0x20]) + whole[flags + 1 :]
-    for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20, patched):
+    flags = whole.index(b"PK\x01\x02") + 8  # of the first entry in the zip's table; 1 is encrypted, 0x20 patched data, which Python refuses
+    encrypted, patched = (whole[:flags] + bytes([whole[flags] | flag]) + whole[flags + 1 :] for flag in (1, 0x20))
+    for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20, encrypted, patched):
         path.write_bytes(damaged)
         assert Landmarks.load(path) is None
 

@@ -4,9 +4,9 @@ From a folder to a Collection: `load` finds out the kind; `formats` reads what i
 Collection of that. `placing` fits cameras to the photos, `split` and `split_table` say what is held out, `found_file` finds misnamed
 photos, `given_masks` adds masks.
 
-What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `kept_cameras` with `reconstruct` (`features`, `likely_pairs`,
-`mapping`; `kept_matches` lets a stopped search go on; `originals` remembers the photos as they were), points by `kept_points` with
-`triangulate`. `made` recognises what was made before. A photo from outside is found by `locate` among the `landmarks` of a collection.
+What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `kept_cameras` with `reconstruct` (`usable`, `features`,
+`likely_pairs`, `mapping`; `kept_matches` lets a stopped search go on; `originals` remembers the photos as they were), points by `kept_points`
+with `triangulate`. `made` recognises what was made before. A photo from outside is found by `locate` among the `landmarks` of a collection.
 
 From a photo to pixels, in `photos`: `folder` lists files, `names` says what else they may be called, `lookalikes` tells which are one
 picture, `file` (with `heif`) reads headers, `pixels` decodes, undistorts (`distortion`) and fills holes (`fill`). `pycolmap_loaded` keeps

@@ -65,6 +65,11 @@ class Posed:
     notes: list[str] = field(default_factory=list)
 
 
+def in_utf_8(name: str) -> bool:
+    """Whether a photo's name is in UTF-8. COLMAP, which triangulates the points of scenes without any, takes no other."""
+    return name.encode("utf-8", "replace").decode() == name
+
+
 def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """(P,) bool: which of the points (P, 3) have usable coordinates; and a note on the others."""
     finite = (np.abs(positions) < LARGEST_COORDINATE).all(axis=1)  # so that NaN fails it

@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 
 from core.data.photos.folder import list_photos
-from core.data.posed import Fault, Posed, PosedPhoto, from_camera_to_world
+from core.data.posed import Fault, Posed, PosedPhoto, from_camera_to_world, in_utf_8
 from core.errors import BadInput
 from core.words import Note, Reasons
 
@@ -50,7 +50,7 @@ def read_nerf_osr(root: Path) -> Posed:
     masks = {split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")} for split in photos}
     for split, place in used:
         name = f"{split}/{place.as_posix()}" if several else place.as_posix()
-        if name.encode("utf-8", "replace").decode() != name:  # COLMAP, which triangulates, takes only UTF-8
+        if not in_utf_8(name):
             faults.add("whose name is not in UTF-8, not used", name)
             continue
         role = None if held_out is None else "train" if split == TRAINING else "test"

@@ -20,7 +20,7 @@ from core.data.formats.point_file import read_points_file
 from core.data.found_file import SHRUNKEN, with_files_found
 from core.data.photos.folder import SUFFIXES
 from core.data.photos.names import is_file, rows_that_mean
-from core.data.posed import Fault, Points, Posed, PosedPhoto, from_camera_to_world, usable_points
+from core.data.posed import Fault, Points, Posed, PosedPhoto, from_camera_to_world, in_utf_8, usable_points
 from core.data.split import in_both
 from core.errors import BadInput
 from core.words import Note, Reasons, list_names, name_them
@@ -179,6 +179,11 @@ class _Reading:
             folder = Path(os.path.commonpath([photo.path.parent for photo in photos]))
             photos = [replace(photo, name=photo.path.relative_to(folder).as_posix()) for photo in photos]
         points = self.points(facts, photos)
+        if points is None:
+            for photo in photos:
+                if not in_utf_8(photo.name):
+                    self.faults.add("whose name is not in UTF-8, not used", photo.name)
+            photos = [photo for photo in photos if in_utf_8(photo.name)]
         anew = SHRUNKEN if not any(is_file(photo.path) for photo in photos) else ()  # else what was taken out would come back
         photos, found = with_files_found(photos, [self.root / name for name in ("images", ".", *anew)])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"

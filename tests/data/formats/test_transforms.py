@@ -1,5 +1,6 @@
 """transforms.json and Blender's siblings: the same cameras as of a COLMAP model, and a line for everything that is wrong."""
 
+import os
 import re
 import shutil
 from pathlib import Path
@@ -184,6 +185,16 @@ def test_photos_elsewhere(scene, tmp_path):
     paths = [str(tmp_path / "elsewhere" / "photo_0.png"), *(f"../elsewhere/photo_{number}.png" for number in (1, 2, 3))]
     changed(scene, lambda facts: [frame.update(file_path=path) for frame, path in zip(facts["frames"], paths, strict=True)])
     assert [photo.name for photo in load_collection(scene).photos] == SmallScene().names
+
+
+def test_names_that_are_not_in_utf_8_are_used_where_points_are_given_and_else_told(scene):
+    latin = os.fsdecode(b"b\xe9.png")  # Python writes it as b\udce9.png
+    (scene / "images" / "photo_1.png").rename(scene / "images" / latin)
+    changed(scene, lambda facts: facts["frames"][1].update(file_path=f"images/{latin}"))
+    assert latin in [photo.name for photo in load_collection(scene).photos]
+    collection = load_collection(changed(scene, lambda facts: facts.pop("ply_file_path")))  # COLMAP has to triangulate them
+    assert [photo.name for photo in collection.photos] == ["photo_0.png", "photo_2.png", "photo_3.png"]
+    assert notes_with(collection, f"1 photo whose name is not in UTF-8, not used: {latin}")
 
 
 # --- what is wrong

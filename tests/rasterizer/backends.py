@@ -12,7 +12,6 @@ from core.rasterizer.shares import Shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
-EVERY_BACKEND = list(BACKENDS)
 FAST_BACKENDS = [name for name in BACKENDS if name != "reference"]
 # What Triton's interpreter takes half a minute and more for: 3 ms a splat and tile. On a GPU all scenes are drawn.
 TOO_LARGE = {"three_thousand_on_one_pixel", "many_tiles"}

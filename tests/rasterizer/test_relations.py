@@ -52,6 +52,7 @@ def test_poison_leaves_the_neighbours_alone(backend):
     tensors = scene.splats.tensors().values()
     healthy = torch.stack([tensor.reshape(len(tensor), -1).isfinite().all(dim=1) for tensor in tensors]).all(dim=0)
     assert 0 < healthy.sum() < len(healthy)
+    assert healthy[backend.rasterizer.visible(scene.splats, scene.camera).rows].all()
     results = []
     for splats in (scene.splats, scene.splats[healthy]):
         splats = splats.map(lambda tensor: tensor.clone().requires_grad_())

@@ -106,9 +106,9 @@ def random_degree_3() -> Scene:
 
 @scene
 def needles() -> Scene:
-    """Axis ratios up to a million: the determinant of the 2D covariance as a difference of products would be noise."""
+    """Axis ratios up to a million, up to sixty pictures long: differences of products, as in the 2D covariance's determinant, would be noise."""
     view = camera()
-    splats = cloud(view, 40, seed=10, sizes_px=(3.0, 60.0))
+    splats = cloud(view, 40, seed=10, sizes_px=(3.0, 3000.0))
     splats.log_scales[:, 1:] = splats.log_scales[:, :1] - torch.linspace(0, 1, 40)[:, None] * np.log(1e6)
     return Scene(splats, view, margin=2e-3)
 

@@ -17,6 +17,7 @@ from core.rasterizer.cuda.blend_backward import (
     SUM_RED,
 )
 from core.rasterizer.cuda.geometry import (
+    BLUR_PX2,
     LEAST_LOG_SCALE,
     MOST_LOG_SCALE,
     axes_of,
@@ -31,7 +32,7 @@ from core.rasterizer.cuda.geometry import (
     slopes_of,
 )
 from core.rasterizer.cuda.harmonics import basis, direction_gradient
-from core.rasterizer.cuda.vectors import add, constants_3, dot, load_3, scaled, store_3, subtract, unit
+from core.rasterizer.cuda.vectors import add, constants_3, cross, dot, load_3, scaled, store_3, subtract, unit
 from core.rasterizer.cuda.view import FOCAL_X, FOCAL_Y, ROTATION
 
 BLOCK, WARPS = 64, 2  # Gaussians a program, one a thread
@@ -79,7 +80,16 @@ def where_3(condition, a):
 
 @triton.jit
 def ellipse_backward(view, offset, depth, quaternion, log_scale, sums, drawn):
-    """From the sums over the pixels to dL/d of offset, quaternion, log scales and centre (px)."""
+    """From the sums over the pixels to dL/d of offset, quaternion, log scales and centre (px).
+
+    With A = c / det and m = b / c as in core.rasterizer.cpu.project_backward, whose sums cancel in float32 for a needle. Here the rows V_x, `across`,
+    and V_y, `down`, of V = J W R S enter by q = V_y / c and by
+
+        r = V_x - m V_y = q x (V_x x V_y) + blur V_x / c
+
+    alone: dA = -2 A^2 r dV_x + 2 m A^2 r dV_y, dm = q dV_x + (r / c - m q) dV_y, d(1 / c) = -2 q / c dV_y. An axis that is stretched adds to its
+    own entries of V, and one that turns to those of another: what comes of either is a `pull`, which is symmetric.
+    """
     axis_x, axis_y = constants_3(view, ROTATION), constants_3(view, ROTATION + 3)
     axis_z = constants_3(view, ROTATION + 6)
     fx, fy = tl.load(view + FOCAL_X), tl.load(view + FOCAL_Y)
@@ -90,42 +100,39 @@ def ellipse_backward(view, offset, depth, quaternion, log_scale, sums, drawn):
     across, down = projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
     _, b, c, determinant = covariance(across, down)
 
-    # log(alpha) = ... - A e^2 / 2 - dy^2 / (2 c), with e = dx - m dy, A = c / det and m = b / c.
+    # log(alpha) = ... - A e^2 / 2 - dy^2 / (2 c), with e = dx - m dy.
     inverse_c = 1.0 / c
     precision, lean = c / determinant, b * inverse_c
     to_x = precision * tl.load(sums + SUM_GE, mask=drawn, other=0.0)
     to_y = inverse_c * tl.load(sums + SUM_GY, mask=drawn, other=0.0) - lean * to_x
-    to_precision = -0.5 * tl.load(sums + SUM_GEE, mask=drawn, other=0.0)
+    spread = precision * precision * -0.5 * tl.load(sums + SUM_GEE, mask=drawn, other=0.0)  # A^2 dL/dA
     to_lean = precision * tl.load(sums + SUM_GEY, mask=drawn, other=0.0)
     to_inverse_c = -0.5 * tl.load(sums + SUM_GYY, mask=drawn, other=0.0)
-    # dA = -A^2 (da - 2 m db + m^2 dc): in this form the determinant appears in A alone.
-    spread = precision * precision * to_precision
-    to_a = -spread
-    to_b = 2.0 * lean * spread + inverse_c * to_lean
-    to_c = -lean * lean * spread - inverse_c * (lean * to_lean + inverse_c * to_inverse_c)
 
-    # The covariance is V V' + blur with rows `across` and `down` of V.
-    to_across = add(scaled(2.0 * to_a, across), scaled(to_b, down))
-    to_down = add(scaled(2.0 * to_c, down), scaled(to_b, across))
+    q = scaled(inverse_c, down)
+    r = add(cross(q, cross(across, down)), scaled(inverse_c * BLUR_PX2, across))
+    by = spread, to_lean, to_inverse_c
+    stretches = pull(r, q, 0, 0, by), pull(r, q, 1, 1, by), pull(r, q, 2, 2, by)
+    turns = (
+        pull(r, q, 1, 2, by) * (scales[1] / scales[2] - scales[2] / scales[1]),
+        pull(r, q, 2, 0, by) * (scales[2] / scales[0] - scales[0] / scales[2]),
+        pull(r, q, 0, 1, by) * (scales[0] / scales[1] - scales[1] / scales[0]),
+    )
     to_log_scale = (
-        log_scale_gradient(log_scale[0], to_across[0] * across[0] + to_down[0] * down[0]),
-        log_scale_gradient(log_scale[1], to_across[1] * across[1] + to_down[1] * down[1]),
-        log_scale_gradient(log_scale[2], to_across[2] * across[2] + to_down[2] * down[2]),
+        log_scale_gradient(log_scale[0], stretches[0]),
+        log_scale_gradient(log_scale[1], stretches[1]),
+        log_scale_gradient(log_scale[2], stretches[2]),
     )
-    to_x_gradient = combined(scales, to_across, axes)
-    to_y_gradient = combined(scales, to_down, axes)
-    to_axes = (
-        scaled(scales[0], add(scaled(to_across[0], x_gradient), scaled(to_down[0], y_gradient))),
-        scaled(scales[1], add(scaled(to_across[1], x_gradient), scaled(to_down[1], y_gradient))),
-        scaled(scales[2], add(scaled(to_across[2], x_gradient), scaled(to_down[2], y_gradient))),
-    )
-    to_quaternion = quaternion_gradient(unit_quaternion, inverse_norm, to_axes)
+    to_quaternion = quaternion_gradient(unit_quaternion, inverse_norm, turns)
 
-    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth.
+    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth, which shrinks all axes.
+    to_across = subtract(scaled(to_lean, q), scaled(2.0 * spread, r))
+    to_down = subtract(scaled(2.0 * lean * spread + inverse_c * to_lean, r), scaled(lean * to_lean + 2.0 * inverse_c * to_inverse_c, q))
+    in_depth = projected_axes(axis_z, axes, scales)
     to_slope_x, to_slope_y = fx * to_x, fy * to_y
-    to_slope_x -= tl.where(clamped_x == slope_x, fx * inverse_depth * dot(to_x_gradient, axis_z), 0.0)
-    to_slope_y -= tl.where(clamped_y == slope_y, fy * inverse_depth * dot(to_y_gradient, axis_z), 0.0)
-    to_depth = dot(to_x_gradient, x_gradient) + dot(to_y_gradient, y_gradient)
+    to_slope_x -= tl.where(clamped_x == slope_x, fx * inverse_depth * dot(to_across, in_depth), 0.0)
+    to_slope_y -= tl.where(clamped_y == slope_y, fy * inverse_depth * dot(to_down, in_depth), 0.0)
+    to_depth = stretches[0] + stretches[1] + stretches[2]
     to_depth += to_slope_x * slope_x + to_slope_y * slope_y
     in_picture = add(scaled(to_slope_x, axis_x), scaled(to_slope_y, axis_y))
     to_offset = scaled(inverse_depth, subtract(in_picture, scaled(to_depth, axis_z)))
@@ -133,11 +140,10 @@ def ellipse_backward(view, offset, depth, quaternion, log_scale, sums, drawn):
 
 
 @triton.jit
-def combined(scales, weights, axes):
-    """The sum of the axes, each times its scale and its weight."""
-    first = scaled(scales[0] * weights[0], axes[0])
-    second = scaled(scales[1] * weights[1], axes[1])
-    return add(add(first, second), scaled(scales[2] * weights[2], axes[2]))
+def pull(r, q, i: tl.constexpr, j: tl.constexpr, by):
+    """dL/d(axis i's entries of V) times axis j's. by: A^2 dL/dA, dL/dm and dL/d(1 / c)."""
+    spread, to_lean, to_inverse_c = by
+    return to_lean * (q[i] * r[j] + r[i] * q[j]) - 2.0 * (spread * r[i] * r[j] + to_inverse_c * q[i] * q[j])
 
 
 @triton.jit
@@ -147,23 +153,15 @@ def log_scale_gradient(log_scale, gradient):
 
 
 @triton.jit
-def quaternion_gradient(unit_quaternion, inverse_norm, to_axes):
-    """From dL/d(columns of the rotation matrix) to dL/d(quaternion), its normalisation included."""
+def quaternion_gradient(unit_quaternion, inverse_norm, turns):
+    """From dL/d(turns about the ellipsoid's own axes, radians) to dL/d(quaternion), its normalisation included: its change dq turns by 2 q* dq."""
     w, x, y, z = unit_quaternion
-    first, second, third = to_axes
-    to_w = 2 * (x * (second[2] - third[1]) + y * (third[0] - first[2]) + z * (first[1] - second[0]))
-    to_x = 2 * (w * (second[2] - third[1]) + y * (second[0] + first[1]) + z * (third[0] + first[2]))
-    to_x -= 4 * x * (second[1] + third[2])
-    to_y = 2 * (w * (third[0] - first[2]) + x * (second[0] + first[1]) + z * (third[1] + second[2]))
-    to_y -= 4 * y * (first[0] + third[2])
-    to_z = 2 * (w * (first[1] - second[0]) + x * (third[0] + first[2]) + y * (third[1] + second[2]))
-    to_z -= 4 * z * (first[0] + second[1])
-    radial = w * to_w + x * to_x + y * to_y + z * to_z
+    first, second, third = scaled(2.0 * inverse_norm, turns)
     return (
-        inverse_norm * (to_w - w * radial),
-        inverse_norm * (to_x - x * radial),
-        inverse_norm * (to_y - y * radial),
-        inverse_norm * (to_z - z * radial),
+        -x * first - y * second - z * third,
+        w * first - z * second + y * third,
+        z * first + w * second - x * third,
+        x * second - y * first + w * third,
     )
 
 

@@ -11,7 +11,7 @@ from core.bench import FIGURES
 @click.argument("scene", type=click.Path(path_type=Path), required=False)
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Measure this run; nothing is trained.")
 @click.option("--only", "names", type=click.Choice(FIGURES), multiple=True, help="Only this figure; repeatable.")
-@click.option("--full", is_flag=True, help="Presets up to 3,000 steps, three seeds, every threshold: an hour, not minutes.")
+@click.option("--full", is_flag=True, help="Presets up to 3,000 steps, three seeds, more views and repeats: an hour, not minutes.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), default="bench", show_default=True, help="Folder of the figures.")
 @click.option("--force", is_flag=True, help="Replace the figures that OUTPUT holds.")
 def bench(scene, run_folder, names, full, output, force) -> None:

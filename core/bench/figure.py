@@ -146,7 +146,7 @@ class Figure:
             if not defaults:
                 continue
             over = f"{self.quantity(panel.y).label} over {self.quantity(panel.x).label}"
-            # One choice may stand on several curves, measured once a curve: it is as good as the best of these.
+            # One choice may stand on several curves, such as of several runs: it is as good as the best of these.
             better = min((self.beaten_by(point, panel) for point in defaults), key=len)
             name = f"{defaults[0].curve}: {defaults[0].label}" if len(defaults) == 1 else "the default"
             if not better:

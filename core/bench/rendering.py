@@ -1,4 +1,4 @@
-"""Rendering: the error of a picture over the time it takes, for every backend and everything it can trade.
+"""Rendering: the error of a picture over the time it takes, for every backend and everything that the definition can trade.
 
 Error is measured twice. Against the definition in float64, with the contract's thresholds, because that is the picture
 which every 3DGS viewer shows; and against the sum without thresholds, because that is what the thresholds themselves
@@ -14,7 +14,7 @@ from torch import Tensor
 import core.rasterizer
 from core.bench.errors import LIMIT, errors
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
-from core.bench.levers import UNTHRESHOLDED, Levers, draw, recompiled
+from core.bench.levers import UNTHRESHOLDED, Levers, draw
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
 from core.rasterizer.contract import ALPHA_MIN, STOP_TRANSMITTANCE
@@ -31,11 +31,10 @@ QUANTITIES = (
 PANELS = tuple(Panel("milliseconds", quantity.name) for quantity in QUANTITIES[1:])
 NOTES = (
     "Errors are against the float64 reference with the contract's thresholds, and against the sum without any.",
-    "`reference`: the definition blended tile by tile. Other backends were compiled anew for other thresholds.",
+    "`reference`: the definition blended tile by tile. Other backends have the contract's thresholds compiled in.",
 )
 ALPHAS = {"1/1020": 0.25, "1/255": 1.0, "4/255": 4.0, "16/255": 16.0}  # times ALPHA_MIN
 STOPS = (1e-6, STOP_TRANSMITTANCE, 1e-3, 1e-2)
-COARSER_ALPHA, COARSER_STOP = 4.0, 1e-2  # that kernels are compiled for in the small setting: it takes them 10 s each
 TILES_PX = (8, 16, 32, 64)
 DEFINITION = "reference"
 MOST_PAIRS = 50_000_000  # of a pixel and a Gaussian: what the backend `reference`, which looks at all, does in seconds
@@ -43,10 +42,7 @@ MOST_PAIRS = 50_000_000  # of a pixel and a Gaussian: what the backend `referenc
 
 @dataclass(frozen=True)
 class Way:
-    """One way to draw: the definition with levers, or a backend, compiled anew where its thresholds are not the contract's.
-
-    backend: a key of BACKENDS as it stands, or None for the definition tile by tile.
-    """
+    """One way to draw. backend: a key of BACKENDS, whose one lever is the SH degree, or None for the definition tile by tile."""
 
     backend: str | None
     levers: Levers
@@ -57,10 +53,6 @@ class Way:
         if self.backend is None:
             return timed(lambda: [draw(splats, camera, levers) for camera in cameras], budget)
         shown = splats.up_to_degree(levers.sh_degree)
-        thresholds = levers.alpha_min, levers.stop_transmittance
-        if thresholds != (ALPHA_MIN, STOP_TRANSMITTANCE):
-            pictures, seconds = recompiled(self.backend, *thresholds, shown, cameras, budget)
-            return [torch.from_numpy(picture) for picture in pictures], seconds
         rasterizer = core.rasterizer.create(self.backend)
         if self.backend == DEFINITION:
             shown = shown.map(torch.Tensor.double)
@@ -80,14 +72,11 @@ class Choice:
 
 
 @torch.no_grad()
-def rendering_figure(splats: Splats, cameras: list[Camera], name: str, title: str, seed: int, report: Report, budget: float, full: bool) -> Figure:
-    """All backends on a CPU and levers on these splats (float32) and cameras. budget: see `stopwatch.timed`.
-
-    full: kernels compiled with all thresholds, not only with one coarser one each.
-    """
+def rendering_figure(splats: Splats, cameras: list[Camera], name: str, title: str, seed: int, report: Report, budget: float) -> Figure:
+    """All backends on a CPU and levers on these splats (float32) and cameras. budget: see `stopwatch.timed`."""
     exact = [draw(splats, camera, Levers(sh_degree=splats.degree)) for camera in cameras]
     unthresholded = [draw(splats, camera, UNTHRESHOLDED) for camera in cameras]
-    chosen = list(choices(splats, cameras, full))
+    chosen = list(choices(splats, cameras))
     measured: dict[Way, dict[str, Spread]] = {}  # a way that lies on several curves is measured once
     points = []
     for number, choice in enumerate(chosen):
@@ -101,24 +90,24 @@ def rendering_figure(splats: Splats, cameras: list[Camera], name: str, title: st
     return Figure(name, title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
 
 
-def choices(splats: Splats, cameras: list[Camera], full: bool) -> Iterator[Choice]:
-    """The definition over precision, tiles, thresholds and SH degree, each alone; each backend on a CPU over the last two."""
+def choices(splats: Splats, cameras: list[Camera]) -> Iterator[Choice]:
+    """The definition over precision, tiles, thresholds and SH degree, each alone; each other backend on a CPU over the SH degree."""
     plain = Levers(sh_degree=splats.degree)
-    yield Choice(f"{DEFINITION}: precision", "float64", Way(None, plain))
-    yield Choice(f"{DEFINITION}: precision", "float32", Way(None, replace(plain, dtype=torch.float32)))
-    for tile in TILES_PX:
-        yield Choice(f"{DEFINITION}: tile", f"{tile} px", Way(None, replace(plain, tile_px=tile)))
-    if len(splats) * max(camera.width * camera.height for camera in cameras) <= MOST_PAIRS:
-        yield Choice(f"{DEFINITION}: tile", "no tiles", Way(DEFINITION, plain))
-    kernels = (name for name in core.rasterizer.BACKENDS if name != DEFINITION and name not in core.rasterizer.ON_GPU)
-    for backend in (DEFINITION, *kernels):
-        tiled = None if backend == DEFINITION else backend
-        every = full or tiled is None
-        alphas = {label: share for label, share in ALPHAS.items() if every or share in (1.0, COARSER_ALPHA)}
-        stops = [stop for stop in STOPS if every or stop in (STOP_TRANSMITTANCE, COARSER_STOP)]
-        found = [("alpha threshold", f"alpha {label}", replace(plain, alpha_min=share * ALPHA_MIN)) for label, share in alphas.items()]
-        found += [("early stop", f"stop {stop:g}", replace(plain, stop_transmittance=stop)) for stop in stops]
-        found += [("SH degree", f"degree {degree}", replace(plain, sh_degree=degree)) for degree in range(splats.degree + 1)]
-        for curve, label, levers in found:
-            is_default = backend == "cpu" and levers == plain  # what `auto` stands for on a CPU
-            yield Choice(f"{backend}: {curve}", label, Way(tiled, levers), is_default)
+    degrees = {f"degree {degree}": replace(plain, sh_degree=degree) for degree in range(splats.degree + 1)}
+    curves = {
+        "precision": {"float64": plain, "float32": replace(plain, dtype=torch.float32)},
+        "tile": {f"{side} px": replace(plain, tile_px=side) for side in TILES_PX},
+        "alpha threshold": {f"alpha {label}": replace(plain, alpha_min=share * ALPHA_MIN) for label, share in ALPHAS.items()},
+        "early stop": {f"stop {stop:g}": replace(plain, stop_transmittance=stop) for stop in STOPS},
+        "SH degree": degrees,
+    }
+    for curve, found in curves.items():
+        for label, levers in found.items():
+            yield Choice(f"{DEFINITION}: {curve}", label, Way(None, levers))
+        if curve == "tile" and len(splats) * max(camera.width * camera.height for camera in cameras) <= MOST_PAIRS:
+            yield Choice(f"{DEFINITION}: {curve}", "no tiles", Way(DEFINITION, plain))
+    for backend in core.rasterizer.BACKENDS:
+        if backend != DEFINITION and backend not in core.rasterizer.ON_GPU:
+            for label, levers in degrees.items():
+                is_default = backend == "cpu" and levers == plain  # what `auto` stands for on a CPU
+                yield Choice(f"{backend}: SH degree", label, Way(backend, levers), is_default)

@@ -86,9 +86,9 @@ def bench(
 
     with room_in(output), scratch("bench") as work:  # made now, not after minutes
         if "rendering" in names:
-            finish(_fixed_rendering(size, full, report))
+            finish(_fixed_rendering(size, report))
             if trained is not None:
-                finish(_rendering_of(trained, size, full, report))
+                finish(_rendering_of(trained, size, report))
         if trained is not None:
             courses = _courses_of([trained.folder])
             title, notes = f"Training {courses[0].name}", ELSEWHERE
@@ -185,18 +185,18 @@ def _follows_a_look(trained: TrainedRun, report: Report) -> bool:
     return trained.model.sh_transfer is not None
 
 
-def _fixed_rendering(size: Size, full: bool, report: Report) -> Figure:
+def _fixed_rendering(size: Size, report: Report) -> Figure:
     splats, cameras = small_scene.rendering_scene()
     title = f"Rendering the built-in scene: {_words(splats, cameras)}"
-    return rendering_figure(splats, cameras, "rendering", title, 0, report, size.budget, full)
+    return rendering_figure(splats, cameras, "rendering", title, 0, report, size.budget)
 
 
-def _rendering_of(trained: TrainedRun, size: Size, full: bool, report: Report) -> Figure:
+def _rendering_of(trained: TrainedRun, size: Size, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
     title = f"Rendering {trained.folder.name}: {_words(splats, cameras)}"
-    return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget, full)
+    return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget)
 
 
 def _words(splats: Splats, cameras: list[Camera]) -> str:

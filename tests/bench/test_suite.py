@@ -87,7 +87,7 @@ def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypa
     asked = []
     monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments))
     trained = load_run(small_run)
-    suite._rendering_of(trained, replace(TINY, cameras=1), False, Report())
+    suite._rendering_of(trained, replace(TINY, cameras=1), Report())
     splats, cameras, name, title = asked[0][:4]
     assert torch.equal(splats.sh, bake(trained, find_look(trained, "neutral")).sh)
     assert (cameras[0].width, cameras[0].height) == (WIDTH, HEIGHT)

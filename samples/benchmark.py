@@ -1,6 +1,6 @@
 """Time and memory of the engine beside their targets; scenes come from samples/plaza and fixed seeds.
 
-    python samples/benchmark.py                                       # everything: two minutes on two idle cores
+    python samples/benchmark.py                                       # everything: three minutes on two idle cores
     OMP_NUM_THREADS=1 python samples/benchmark.py step --json step.json   # one measurement, one thread, and a file
 
 step, plain-step: a training step, everything on or off; its parts on one thread. rasterizer: forward + backward of a garden;

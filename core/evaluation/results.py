@@ -71,8 +71,8 @@ class Results:
 
     def to_json(self) -> dict[str, Any]:
         """The content of results.json."""
-        how = f"Adam, L1 of means over cells: {refinement.STEPS} steps of the tone and the weights that the embedding gives, or itself"
-        how += f"; where the SH transfer has hidden layers, {refinement.LATER_STEPS} more of weights and these"
+        how = f"Adam, L1 of means over cells: {refinement.STEPS} steps of the tone and the weights that the embedding gives, or of the embedding "
+        how += f"where it gives none; where the SH transfer has hidden layers, {refinement.LATER_STEPS} more of weights and these"
         refined = any("refined" in by_look for view in self.views for by_look in view.scores.values())
         return {
             "wegs": core.__version__,

@@ -25,7 +25,10 @@ COLUMNS = {
     "psnr": history.HELD_OUT,
     "ssim": "held_out_ssim",
 }
-NOTES = ("A few held-out photos, each in the look that its whole photo gives, unrefined. Seconds without these checks.",)
+NOTES = (
+    "A few held-out photos, each in the look that its whole photo gives, unrefined. Seconds without these checks.",
+    "Nothing is rounded to 8 bits, and SSIM is padded, as in the loss: `wegs eval` has other figures.",
+)
 
 
 @dataclass(frozen=True)

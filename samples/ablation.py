@@ -5,7 +5,8 @@
     python samples/ablation.py SCENE --split val.tsv --only "no mask" --only "mask by MLP"     # to choose by, not to publish
 
 Each variant (samples/measurements/variants.py) is the base preset with a few settings changed; one that changes nothing is the full model.
-One run after the other; what is finished is stored in the output folder and not trained again, what was killed goes on.
+One run after the other; what is finished is stored in the output folder and not trained again, what was killed goes on. Runs there with other
+settings are replaced, so each preset wants a folder of its own.
 Prints a Markdown table for each scene and protocol, and writes it as SCENE.md, and all figures run by run as SCENE.csv.
 """
 

@@ -36,6 +36,7 @@ from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run
 from core.report import QUIET, Report
 from core.system.atomic import write_bytes
 from core.training.on_disk import run_folders
+from core.words import counted
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -148,8 +149,8 @@ def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | N
     means = {which: sum(values) / len(values) for which, values in found.items()}
     nearest = max(seen, key=means.__getitem__)
     return (
-        f"{Path(style).name}: {means['own']:.2f} dB from the truth in {len(found['own'])} views; the nearest of {len(seen)} looks of "
-        f"training photos ({nearest}) {means[nearest]:.2f}, neutral {means['neutral']:.2f}, "
+        f"{Path(style).name}: {means['own']:.2f} dB from the truth in {counted(len(found['own']), 'view')}; the nearest of "
+        f"{counted(len(seen), 'look')} of training photos ({nearest}) {means[nearest]:.2f}, neutral {means['neutral']:.2f}, "
         f"fitted to the truth {means.get('fitted', means['own']):.2f}"
     )
 

@@ -102,7 +102,7 @@ def test_nearness_to_a_truth(folder):
     style.write_bytes((root / "photo_2.png").read_bytes())  # a held-out photo, its own truth
     (known / "photo_2.png").write_bytes(style.read_bytes())
     words = lights.nearness(live, str(style))
-    assert words.startswith("own.png: ") and "in 1 views; the nearest of 4 looks of training photos" in words
+    assert words.startswith("own.png: ") and "in 1 view; the nearest of 4 looks of training photos" in words
     own, fitted = (float(words.split(mark)[1].split()[0]) for mark in ("own.png: ", "fitted to the truth "))
     assert fitted >= own - 0.1  # fitted by L1, told in dB
     assert len(lights.sheet(live, (str(style),), live.collection.view("photo_2.png"))[0]) == 4  # the truth beside it

@@ -11,6 +11,7 @@ from core.system.atomic import MadeMeanwhile
 from core.words import list_names
 
 CONFIG = "config.json"  # of a run
+ORIGINALS = "photos.json"  # of a scene made of plain photos: these files
 # What other layers write into a run. Named here, as core.training.on_disk.run_folders, which deletes it all when a run is replaced, cannot import
 # them. EVALUATED: by protocol.
 LOOKS, PICTURES, CURVES = "appearance", "pictures", "curves"
@@ -90,8 +91,9 @@ def is_of_run(folder: Path) -> bool:
 
 
 def is_of_wegs(folder: Path) -> bool:
-    """Whether the folder is a run, or holds the frames of an interpolation."""
-    return is_of_run(folder) or all(any(folder.glob(pattern)) for pattern in FADE[:2])
+    """Whether the folder is a run, a scene made of plain photos, or holds the frames of an interpolation."""
+    is_scene = (folder / ORIGINALS).is_file() and (folder / "sparse").is_dir()
+    return is_scene or is_of_run(folder) or all(any(folder.glob(pattern)) for pattern in FADE[:2])
 
 
 def stamp(path: Path) -> list[int]:

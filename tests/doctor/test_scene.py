@@ -206,6 +206,15 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place)
     assert found.figure == f"3 in {tmp_path / place}, more than the 2 in {tmp_path}" and found.advice.startswith("Give that folder")
 
 
+def test_the_scene_made_of_photos_of_which_some_are_gone_holds_no_photos_elsewhere(tmp_path):
+    save_photos(tmp_path, 2)
+    scene = tmp_path / "runs" / "photos-scene"
+    save_photos(scene / "images", 3)
+    (scene / "sparse").mkdir()
+    write_json(scene / originals.FILES, {})
+    assert "photos elsewhere" not in examined(tmp_path)[0]
+
+
 def mark_as_made(scene, placed, total, focal_px):
     """As if `placed` of `total` photos of 160 x 120 px had got a place."""
     lens = {"model": "SIMPLE_PINHOLE", "width": WIDTH, "height": HEIGHT, "params": [focal_px, WIDTH / 2, HEIGHT / 2]}

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from core.data.made import read_mark, stamp
+from core.data.made import ORIGINALS, read_mark, stamp
 from core.data.photos.distortion import colmap_camera
 from core.data.photos.folder import list_photos
 from core.data.placing import is_usual
 from core.scene.lens import Lens
 
 # In the scene's folder:
-FILES = "photos.json"  # the files it was made of, each with its stamp
+FILES = ORIGINALS  # the files it was made of, each with its stamp
 NAMES = "names.json"  # what it calls the photo of each file that could be read
 LENSES = "lenses.json"  # the lens through which each of its photos was taken, before it was undistorted
 LENS = {"model", "width", "height", "params"}  # what is known of a lens

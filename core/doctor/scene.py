@@ -158,7 +158,7 @@ def _photos(collection: Collection, report: Report) -> list[Finding]:
 
 def _photo_findings(unusable: dict[str, str], flat: list[str], total: int) -> list[Finding]:
     """unusable: photos with their faults, and what to do about each."""
-    fix = next(iter(unusable.values()), "")
+    fix = " ".join(dict.fromkeys(unusable[photo] for photo in sorted(unusable)))
     return [
         _named("unusable photos", sorted(unusable), total, "cannot be used; training leaves them out", fix),
         _named("photos of one colour", sorted(flat), total, "black, white or covered: nothing to learn from", "Remove them."),

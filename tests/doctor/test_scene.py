@@ -189,6 +189,8 @@ def test_photos_too_small_to_find_cameras_by_are_told(tmp_path):
     unusable = findings["unusable photos"]
     assert unusable.figure == "1 of 3 (1.png (is 16 x 12 px, too small to find features in))" and unusable.advice == "Use a larger photo."
     assert "(1 pair to match" in findings["scene"].meaning
+    (tmp_path / "0.png").write_bytes(b"")
+    assert examined(tmp_path)[0]["unusable photos"].advice == "Copy it again, or convert it to JPEG or PNG. Use a larger photo."
 
 
 def test_one_photo_is_too_few_to_find_cameras(tmp_path):

@@ -162,7 +162,8 @@ def _unknown(trained: TrainedRun, word: str) -> BadInput:
     if Path(word).is_dir():
         return BadInput(f"{word} is a folder, not a photo.", "Give one of its photos.")
     if lost := _left_out(trained, word):
-        return BadInput(f"{lost.name} was left out when the cameras were found.", f"Give its path, as of a photo from outside: {lost}")
+        path = str(lost) if lost.is_file() else f"no longer {lost}"
+        return BadInput(f"{lost.name} was left out when the cameras were found.", f"Give its path, as of a photo from outside: {path}")
     trained.collection.check_meant(word)
     photos = [photo.name for photo in trained.collection.photos]
     names = {name.lower(): name for name in (*photos, *saved_look.names(trained.folder))}

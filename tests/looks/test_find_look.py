@@ -71,15 +71,20 @@ def test_a_view_is_called_as_a_look_is(trained):
 
 def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
     names = [*(photo.name for photo in trained.collection.photos), "lost.jpg"]
-    write_json(tmp_path / originals.FILES, {f"/photos/{name}": [1, 1] for name in (*names, "garbled.jpg")})
-    write_json(tmp_path / originals.NAMES, {f"/photos/{name}": name for name in names})
+    for name in ("lost.jpg", "garbled.jpg"):
+        (tmp_path / name).touch()
+    write_json(tmp_path / originals.FILES, {f"{tmp_path}/{name}": [1, 1] for name in (*names, "garbled.jpg")})
+    write_json(tmp_path / originals.NAMES, {f"{tmp_path}/{name}": name for name in names})
     made = replace(trained, collection=replace(trained.collection, root=tmp_path))
     for word, name in (("lost.jpg", "lost.jpg"), ("lost", "lost.jpg"), ("elsewhere/lost.jpg", "lost.jpg"), ("garbled.jpg", "garbled.jpg")):
         said = f"{name} was left out when the cameras were found."
-        with pytest.raises(BadInput, match=f"{said} Give its path, as of a photo from outside: /photos/{name}"):
+        with pytest.raises(BadInput, match=f"{said} Give its path, as of a photo from outside: {tmp_path}/{name}"):
             find_look(made, word)
         with pytest.raises(BadInput, match=f"{said} Choose another, such as photo_0.png"):
             find_view(made, word)
+    (tmp_path / "lost.jpg").unlink()
+    with pytest.raises(BadInput, match=f"a photo from outside: no longer {tmp_path}/lost.jpg"):
+        find_look(made, "lost.jpg")
     with pytest.raises(BadInput, match="lust.jpg is neither a photo file"):
         find_look(made, "lust.jpg")
     Path(tmp_path / originals.NAMES).unlink()  # by a version that did not keep it: nothing can be told

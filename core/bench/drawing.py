@@ -8,6 +8,8 @@ import math
 import warnings
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from core.bench.figure import Figure, Panel, Point, Quantity, number
 
 if TYPE_CHECKING:
@@ -17,6 +19,8 @@ DPI = 130
 PANEL_INCHES = 5.4, 4.2
 MARGIN_INCHES = 1.0  # for title and footer
 LEGEND_INCHES = 2.2  # where no cell is free for it
+# Where a label may stand: its shift in pt, and which part of it is shifted.
+BESIDE = (((8, 5), "left"), ((8, -11), "left"), ((-8, 5), "right"), ((-8, -11), "right"), ((0, 9), "center"), ((0, -16), "center"))
 MARKER_PX = 4  # from the middle of a point to where a label may begin
 NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 and 5 name hardly anything
 # Paul Tol's `bright` and `muted` qualitative colours (personal.sron.nl/~pault): told apart by colour-blind readers too.
@@ -109,7 +113,7 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
     axis.set_title(f"{y.label} over {x.label}", loc="left", fontsize=10, color=INK)
     axis.set_xlabel(x.label + "  (better: left)")
     axis.set_ylabel(y.label + f"  (better: {better})")
-    axis.margins(0.08)
+    axis.margins(0.12 if panel.labelled else 0.08, 0.08)
 
 
 def _floor(quantity: Quantity, points: list[Point]) -> float:
@@ -150,7 +154,7 @@ def _scale(axis: "Axes", which: str, quantity: Quantity) -> None:
 
 
 def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
-    """Write the choices beside defaults, the front and the ends of curves, in this order, where there is room."""
+    """Write the choices beside defaults, the front and the ends of curves, in this order, where there is room and no other point is nearer."""
     from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Bbox
 
@@ -169,12 +173,15 @@ def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
         at = _place(point, x), _place(point, y, floor)
         if at in written:
             continue
-        for shift, align in (((8, 5), "left"), ((8, -11), "left"), ((-8, 5), "right"), ((-8, -11), "right")):
+        for shift, align in BESIDE:
             style = {"fontsize": 7.5, "color": INK, "path_effects": [withStroke(linewidth=2.5, foreground="white")]}
             label = axis.annotate(point.label, at, shift, textcoords="offset points", ha=align, zorder=6, **style)
             box = label.get_window_extent(renderer)
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 + 20 and frame.y0 <= box.y0 and box.y1 <= frame.y1
-            if inside and not any(box.overlaps(other) for other in taken):
+            centre = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
+            nearest = min(middles, key=lambda middle: math.dist(middle, centre))
+            is_its_own = np.array_equal(nearest, axis.transData.transform(at))
+            if inside and is_its_own and not any(box.overlaps(other) for other in taken):
                 taken.append(box)
                 written.add(at)
                 break

@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -122,6 +124,24 @@ def test_the_picture_shows_every_curve_in_its_colour_and_the_front(tmp_path):
         # Lines are drawn at 0.9 of full cover over white, and their rims are smoothed: near is enough, absence is not.
         near = (np.abs(pixels.astype(int) - wanted).max(axis=2) < 30).sum()
         assert near > 20, colour
+
+
+def test_no_label_stands_nearer_to_another_point(monkeypatch):
+    from core.bench import drawing
+
+    def checked(axis, figure, panel):
+        label_points(axis, figure, panel)
+        middles = {one.label: axis.transData.transform([one.values[name].median for name in (panel.x, panel.y)]) for one in figure.points}
+        for text in axis.texts:
+            if text.get_text() in middles:
+                box = text.get_window_extent()
+                nearest[text.get_text()] = min(middles, key=lambda name: math.dist(middles[name], ((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2)))
+
+    label_points, nearest = drawing._label_points, {}
+    monkeypatch.setattr(drawing, "_label_points", checked)
+    steps = point("128 steps", 0.55, 1, quality=1.08), point("160 steps", 0.91, 1, quality=1.7), point("192 steps", 1.27, 1, "a", True, 1.77)
+    files.draw_png(replace(figure(point("0 steps", 0.015, 1, quality=0), *steps), panels=(Panel("seconds", "quality"),)))
+    assert nearest == {name: name for name in ("0 steps", "128 steps", "160 steps", "192 steps")}
 
 
 def test_values_below_zero_stay_where_they_are():

@@ -10,7 +10,7 @@ from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import check_folder, write_bytes, write_json, write_text
+from core.system.atomic import check_folder, check_named_as_folder, write_bytes, write_json, write_text
 
 SUFFIXES = (".csv", ".json", ".png")
 
@@ -20,6 +20,7 @@ def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
 
     Asked before the minutes of measuring.
     """
+    check_named_as_folder(folder, SUFFIXES, "figures go into a folder, several files each")
     check_folder(folder)
     old = figure_files(folder, names)
     if old and not force:

@@ -13,7 +13,7 @@ from core.looks.trained import bake, blend, drawn
 from core.pipeline.baking import ONE_LOOK
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
-from core.system.atomic import check_apart, check_fillable, filling
+from core.system.atomic import check_apart, check_fillable, check_named_as_folder, filling
 from core.words import counted
 
 
@@ -36,8 +36,8 @@ def interpolate(
     """
     if steps < 2:
         raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
-    if output is not None and output.suffix.lower() in (".mp4", ".gif", ".ply", *SUFFIXES):
-        raise BadSetting(f"-o {output}: a fade is a folder of frames, with video.mp4 among them.", f"Type: -o {output.with_suffix('')}")
+    if output is not None:
+        check_named_as_folder(output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them")
     trained = open_run(folder, report)
     photo = find_view(trained, view)
     output = output or Path(f"{_short(first)}-to-{_short(last)}")

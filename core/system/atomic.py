@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from core.errors import FULL, BadInput, WegsError, command, disk_full, not_made
+from core.errors import FULL, BadInput, BadSetting, WegsError, command, disk_full, not_made
 from core.system.lock import taken
 
 TEMPORARY = ".wegs-"  # in the names of temporary folders
@@ -32,6 +32,12 @@ def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     if not os.access(there, os.W_OK):
         raise BadInput(f"The folder {there} may not be written in.", fix)
+
+
+def check_named_as_folder(output: Path, suffixes: tuple[str, ...], what: str) -> None:
+    """Raise BadSetting for an -o with one of the `suffixes` of files. what: words for what is made of it, a folder."""
+    if output.suffix.lower() in suffixes and not output.is_dir():
+        raise BadSetting(f"-o {output}: {what}.", f"Type: {command('-o', output.with_suffix(''))}")
 
 
 def files_in(folder: Path) -> list[Path]:

@@ -12,7 +12,7 @@ import pytest
 
 from core.bench import files
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
-from core.errors import BadInput
+from core.errors import BadInput, BadSetting
 from core.report import Report
 
 WORK = Quantity("seconds", "s", "log")
@@ -159,6 +159,8 @@ def test_figures_are_not_replaced_unasked(tmp_path):
         files.check_free(tmp_path, ("other", "test"), force=False)
     files.check_free(tmp_path, ("other", "test"), force=True)
     files.check_free(tmp_path, ("other",), force=False)
+    with pytest.raises(BadSetting, match="figures go into a folder"):
+        files.check_free(tmp_path / "a.png", ("other",), force=False)
 
 
 def test_the_table_has_a_column_for_each_quantity_and_says_what_it_was_made_on():

@@ -13,7 +13,7 @@ from core.data.collection import Collection
 from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, is_of_run, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
-from core.system.atomic import check_folder, remove, swept
+from core.system.atomic import check_folder, check_named_as_folder, remove, swept
 from core.system.lock import taken
 from core.training.decisions import Decision
 from core.training.on_disk import checkpoint, history, mask_files, viewer_files
@@ -80,7 +80,7 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     """The folder of a new run, not yet made: `output`, or the first free one of runs/SCENE, runs/SCENE-2, ...
 
     Raises BadInput for an output that exists, unless it is empty or, with `force`, a run, and where nothing may be
-    written.
+    written; BadSetting for one that is named as a .ply.
     """
     if output is None:
         number = 1
@@ -89,6 +89,7 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
             number += 1
         check_folder(path)
         return path
+    check_named_as_folder(output, (".ply",), "a run is a folder, with a .ply in it")
     check_folder(output)
     if output.exists() and any(output.iterdir()):
         if not is_run(output):

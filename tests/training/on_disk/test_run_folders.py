@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import BadInput
+from core.errors import BadInput, BadSetting
 from core.training.on_disk import run_folders
 from tests.small import small_settings
 
@@ -66,6 +66,13 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
     for name in ("file", "home"):
         with pytest.raises(BadInput, match=name):
             run_folders.choose_folder(Path(name), "plaza", force=True)
+
+
+def test_a_run_is_not_named_as_the_file_in_it(here):
+    with pytest.raises(BadSetting, match="-o my scene.PLY: a run is a folder, with a .ply in it. Type: -o 'my scene'"):
+        run_folders.choose_folder(Path("my scene.PLY"), "plaza")
+    begin(Path("old.ply"))
+    assert run_folders.choose_folder(Path("old.ply"), "plaza", force=True) == Path("old.ply")
 
 
 @pytest.mark.parametrize("text", ['{"learning_rate": 1}', "[1]", "", "\0"])

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from core.data.photos.names import names_without_suffixes
+from core.data.photos.names import composed, names_without_suffixes
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -100,9 +100,9 @@ class Collection:
     def all_called(self, name: str) -> list[Photo]:
         """The photo called `name`, or those called so without their suffix (or two: structure from motion makes a.png.jpg of a.png), or else those
         called so without their folders, too."""
-        exactly = [photo for photo in self.photos if photo.name == name]
-        nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(photo.name)]
-        return nearly or [photo for photo in self.photos if name in names_without_suffixes(Path(photo.name).name)]
+        exactly, name = [photo for photo in self.photos if photo.name == name], composed(name)
+        nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(composed(photo.name))]
+        return nearly or [photo for photo in self.photos if name in names_without_suffixes(composed(Path(photo.name).name))]
 
     def check_meant(self, name: str) -> None:
         """Raise BadInput if several photos may be called `name`."""

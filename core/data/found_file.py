@@ -5,10 +5,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from unicodedata import normalize
 
 from core.data.photos.folder import SUFFIXES, list_photos
-from core.data.photos.names import is_file
+from core.data.photos.names import composed, is_file
 from core.data.posed import PosedPhoto
 from core.words import Note, name_them
 
@@ -63,4 +62,4 @@ def _by_key(folder: Path) -> dict[str, list[Path]]:
 
 
 def _key(name: str) -> str:
-    return normalize("NFC", name).casefold()
+    return composed(name).casefold()

@@ -59,3 +59,10 @@ def test_a_photo_is_called_by_its_name_or_what_of_it_is_clear(tmp_path):
         "2019.05.jpg"
     ]
     assert [called(word) for word in ("1", "1.jpg", "2019", "c/2")] == [None] * 4
+
+
+def test_a_photo_that_macos_named_is_called_as_one_types(tmp_path):
+    collection = small_collection(tmp_path)
+    collection = replace(collection, photos=(replace(collection.photos[0], name="a/e\N{COMBINING ACUTE ACCENT}te.jpg"), *collection.photos[1:]))
+    for word in ("éte.jpg", "éte", "a/éte", collection.photos[0].name):
+        assert collection.called(word) is collection.photos[0]

@@ -4,6 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from unicodedata import normalize
 
 from core.data.photos.folder import SUFFIXES
 
@@ -12,6 +13,11 @@ def names_without_suffixes(name: str) -> list[str]:
     """What a photo may be called: its name, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
     stem = without_suffix(name)
     return [name, stem, *([without_suffix(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
+
+
+def composed(name: str) -> str:
+    """The name with letters such as é as one sign: names that macOS wrote may have them as two, which nobody types."""
+    return normalize("NFC", name)
 
 
 def without_suffix(name: str) -> str:

@@ -2,8 +2,9 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 
 from core.data.photos.folder import SUFFIXES, list_photos
@@ -17,28 +18,33 @@ SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original proj
 def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> tuple[list[PosedPhoto], list[Note]]:
     """The photos, where a missing file is replaced by one of nearly the same name; and a note that names these.
 
-    folders: where to look besides the folder that the photo names.
+    folders: where to look besides the folder that the photo names, and in the subfolders of these that its name has.
     """
     missing = [photo for photo in photos if not is_file(photo.path)]
     if not missing:
         return list(photos), []
     there = {photo.path for photo in photos} - {photo.path for photo in missing}
-    found = nearly_named([photo.path for photo in missing], folders, there)
+    folders = tuple(folders)
+    places = {photo.path: [folder / below for folder in folders for below in (Path(photo.name).parent, ".")] for photo in missing}
+    found = nearly_named(places, there)
     names = [f"{photo.name} ({_named_beside(found[photo.path], photo.path)})" for photo in missing if photo.path in found]
     notes = name_them("found under another name or in another folder", names, harmless=True)
     return [replace(photo, path=found.get(photo.path, photo.path)) for photo in photos], notes
 
 
 def _named_beside(path: Path, missing: Path) -> str:
-    """The name of the file, with its folder if that is another one."""
-    return path.name if path.parent == missing.parent else f"{path.parent.name}/{path.name}"
+    """The name of the file, with its folders up to the first that is another one, if any is."""
+    if path.parent == missing.parent:
+        return path.name
+    same = list(takewhile(lambda folders: folders[0].name == folders[1].name, zip(path.parents, missing.parents, strict=False)))
+    return "/".join(path.parts[-2 - len(same) :])
 
 
-def nearly_named(paths: Iterable[Path], folders: Iterable[Path], others: Iterable[Path] = ()) -> dict[Path, Path]:
-    """The photo that each of these missing files must be, where there is just one: in the file's own folder, or else in `folders`, the
+def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] = ()) -> dict[Path, Path]:
+    """The photo that each of these missing files must be, where there is just one: in the file's own folder, or else in its `places`, the
     only photo whose name differs in nothing but case, Unicode form or suffix, unless it is meant twice or one of the `others`."""
-    folders, known, found = tuple(folders), {}, {}
-    for path in paths:
+    known, found = {}, {}
+    for path, folders in places.items():
         name = _key(path.name.replace("\\", "/").rsplit("/", 1)[-1])  # some were written on Windows
         stem, suffix = os.path.splitext(name)
         for folder in (path.parent, *folders):

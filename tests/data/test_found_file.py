@@ -59,6 +59,23 @@ def test_other_folders_of_photos(tmp_path, folder):
     assert {photo.path.parent for photo in collection.photos} == {root / "dense" / "images"} and len(collection.photos) == 3
 
 
+@pytest.mark.parametrize("before, folder, shown", [("/home/me/images/", "images", "scene/images"), ("images/", "images_4", "images_4")])
+def test_photos_of_several_cameras_with_equal_names(tmp_path, before, folder, shown):
+    scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
+    names = "left/0.png", "left/1.png", "right/0.png", "right/1.png"
+    for number, name in enumerate(names):
+        (scene / folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (scene / "images" / f"photo_{number}.png").rename(scene / folder / name)
+
+    def change(facts):
+        for frame, name in zip(facts["frames"], names, strict=True):
+            frame["file_path"] = before + name
+
+    collection = load_collection(changed(scene, change))
+    assert [photo.path for photo in collection.photos] == [scene / folder / name for name in names]
+    assert notes_with(collection, f"left/0.png ({shown}/left/0.png), ")
+
+
 def test_a_transforms_json_of_another_computer(tmp_path):
     scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
 

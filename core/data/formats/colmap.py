@@ -160,7 +160,7 @@ def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
         return sum(is_file(folder / name) for name in names)
 
     def alike(folder: Path) -> int:
-        return len(nearly_named([folder / name for name in names], [folder]))
+        return len(nearly_named({folder / name: [folder] for name in names}))
 
     for folders, count in ((usual, exact), (usual, alike), (originals, exact), (originals, alike)):
         counts = {folder: count(folder) for folder in folders}

@@ -8,6 +8,7 @@ import os
 import shutil
 import struct
 import tempfile
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -35,7 +36,7 @@ def photos_in_model(folder: Path) -> int:
         if (binary := folder / "images.bin").is_file():
             with binary.open("rb") as file:
                 return struct.unpack("<Q", file.read(8))[0]
-        with (folder / "images.txt").open(encoding="utf-8", errors="replace") as file:
+        with (folder / "images.txt").open(encoding="utf-8-sig", errors="replace") as file:
             return sum(not line.startswith("#") for line in file) // 2  # a photo's pose, then its points
     return 0
 
@@ -90,6 +91,9 @@ def _read(folder: Path, suffix: str, points: Path | bytes) -> pycolmap.Reconstru
     lies beside them."""
     with tempfile.TemporaryDirectory() as place:
         for file in (*(folder / (part + suffix) for part in NEEDED), points):
+            if isinstance(file, Path) and suffix == ".txt" and _is_marked(file):
+                Path(place, file.name).write_bytes(file.read_bytes().removeprefix(BOM_UTF8))
+                continue
             if isinstance(file, bytes):
                 Path(place, POINTS + suffix).write_bytes(file)
                 continue
@@ -100,11 +104,17 @@ def _read(folder: Path, suffix: str, points: Path | bytes) -> pycolmap.Reconstru
         return pycolmap.Reconstruction(place)
 
 
+def _is_marked(file: Path) -> bool:
+    """Whether a text begins with the mark of UTF-8 that programs of Windows write, which pycolmap would read as a word."""
+    with file.open("rb") as start:
+        return start.read(len(BOM_UTF8)) == BOM_UTF8
+
+
 def _names_with_spaces(path: Path) -> dict[int, str]:
     """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. BadInput if an image has one line,
     not two: pycolmap would skip every other image."""
     names = {}
-    with open(path, encoding="utf-8", errors="replace") as file:
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
         for line in file:
             words = line.split(maxsplit=9)
             if len(words) < 10 or not words[0].isdecimal():
@@ -121,7 +131,7 @@ def _without_tracks(path: Path) -> bytes:
     """The content of a whole file of points, without their tracks."""
     data = path.read_bytes()
     if path.suffix == ".txt":
-        return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.splitlines())
+        return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.removeprefix(BOM_UTF8).splitlines())
     rows, start = [data[:8]], 8
     while start < len(data):
         rows += data[start : start + TRACK_BYTE], bytes(8)

@@ -86,3 +86,13 @@ def test_a_text_model_whose_last_photo_has_one_line_is_refused(tmp_path):
         load_collection(root)
     images.write_text("\n\n".join(poses) + "\n\n")
     assert len(load_collection(root).photos) == len(poses)
+
+
+@pytest.mark.parametrize("names", [None, ["a 0.png", "a 1.png", "a 2.png", "a 3.png"]])
+def test_a_text_model_may_begin_with_the_mark_that_windows_writes(tmp_path, names):
+    scene = SmallScene() if names is None else SmallScene(names=names)
+    root = scene.write(tmp_path / "scene")
+    for path in scene.in_text(root).glob("*.txt"):
+        lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
+    check_geometry(load_collection(root), scene)

@@ -57,7 +57,7 @@ def train(
         if masks is not None:
             collection = with_masks_in(collection, masks)
         tell_collection(collection, report)
-        return _train(Trainer.of_new_run(collection, settings, folder), report)
+        return _train(Trainer.of_new_run(collection, settings, folder, report), report)
 
 
 def resume(folder: Path | None, report: Report = QUIET) -> Path:
@@ -81,7 +81,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     if not before.root.is_dir():
         raise run_config.scene_gone(folder, before, f"{folder} cannot go on")
     collection = with_same_masks(load_collection(before.read_from, settings.all_photos), before)
-    trainer = Trainer(collection, settings, folder)
+    trainer = Trainer(collection, settings, folder, report)
     names = {sized.photo.name for sized in trainer.photos}
     if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
         what = f"The photos in {before.root} are not those that {folder} began with; changed, split otherwise or gone: {list_names(changed)}"

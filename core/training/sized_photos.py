@@ -17,6 +17,7 @@ from core.data.collection import Photo
 from core.data.photos.file import fault_of
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput, BadSetting
+from core.report import QUIET, Report
 from core.scene.camera import Camera
 from core.system import memory
 from core.system.device import CPU
@@ -111,11 +112,14 @@ class SizedPhotos(Sequence[SizedPhoto]):
     encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it.
     """
 
-    def __init__(self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False):
+    def __init__(
+        self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False, report: Report = QUIET
+    ):
         self.device = device
         self.photos: list[SizedPhoto] = []
         damaged = Reasons()
-        for photo in photos:
+        for number, photo in enumerate(photos, 1):
+            report.progress("Photos", number, len(photos), photo.name)
             try:
                 self.photos.append(load_sized_photo(photo, sizes, device, transparent_is_empty))
             except BadInput as problem:

@@ -15,6 +15,7 @@ from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
 from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
+from core.report import QUIET, Report
 from core.system import device
 from core.system.threads import threads_for_blocks
 from core.training import decisions, guards, held_out, networks, schedule
@@ -66,9 +67,10 @@ class Trainer:
     """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed.
 
     settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for a resumed run.
+    report: hears how far photos are decoded.
     """
 
-    def __init__(self, collection: Collection, settings: Settings, folder: Path):
+    def __init__(self, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET):
         torch.manual_seed(settings.seed)
         self.collection, self.folder = collection, folder
         self.generator = torch.Generator().manual_seed(settings.seed)
@@ -77,7 +79,7 @@ class Trainer:
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
-        self.photos = SizedPhotos(collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings))
+        self.photos = SizedPhotos(collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings), report)
         if not len(self.photos):
             what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
@@ -104,9 +106,9 @@ class Trainer:
         self.foreseen: Visible | None = None  # by the next step
 
     @classmethod
-    def of_new_run(cls, collection: Collection, settings: Settings, folder: Path) -> "Trainer":
+    def of_new_run(cls, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET) -> "Trainer":
         """A trainer whose run folder is made, too, with the settings as they were decided."""
-        trainer = cls(collection, settings, folder)
+        trainer = cls(collection, settings, folder, report)
         run_folders.create(folder, collection, trainer.settings, trainer.decisions)
         return trainer
 

@@ -30,6 +30,7 @@ def line_of_text(step: int, texts: Sequence[str]) -> UInt8[np.ndarray, "label_h 
     """One line, white on black: each text at the start of its own `step` pixels, smaller if it is too long for them, and at last cut."""
     windows = np.zeros((len(texts), LABEL_PX, step, 3), dtype=np.uint8)
     for window, text in zip(windows, texts, strict=True):
+        text = text.encode(errors="replace").decode()  # OpenCV ends the program at bytes of a file name that are no letters
         (usual_px, _), _ = cv2.getTextSize(text, FONT, SIZES[1], 1)
         size = np.clip(SIZES[1] * (step - 2 * MARGIN_PX) / max(usual_px, 1), *SIZES)
         cv2.putText(window, text, (MARGIN_PX, 15), FONT, size, TEXT, 1, cv2.LINE_AA)

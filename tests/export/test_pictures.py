@@ -54,6 +54,10 @@ def test_a_long_text_is_written_smaller_before_it_is_cut():
     assert reach(text, 60) == 59
 
 
+def test_bytes_of_a_file_name_that_are_no_letters_are_drawn_as_question_marks():
+    assert np.array_equal(line_of_text(200, ["lat\udce9n.jpg"]), line_of_text(200, ["lat?n.jpg"]))
+
+
 def test_large_frames_are_shrunk_on_the_sheet():
     sheet = contact_sheet("noon to dusk", [np.full((300, 2 * TILE_PX, 3), 9, np.uint8)] * 2)
     assert sheet.shape == (LABEL_PX + 150, 2 * TILE_PX, 3)

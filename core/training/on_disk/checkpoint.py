@@ -39,6 +39,14 @@ def how_to_go_on(folder: Path) -> str:
     return command("wegs", "train", "--resume", "-o", folder)
 
 
+def check_name(path: Path, fix: str) -> None:
+    """Raise BadInput for a path that is not in UTF-8: safetensors reads no other."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise BadInput(f"The name {path} is not in UTF-8, so no checkpoint could be read there.", fix) from None
+
+
 def save(folder: Path, checkpoint: Checkpoint) -> Path:
     """Write FOLDER/checkpoint_STEP.safetensors under a temporary name, rename it, and drop all others."""
     path = folder / f"checkpoint_{checkpoint.facts['step']:06d}.safetensors"
@@ -90,6 +98,7 @@ def load(path: Path) -> Checkpoint:
 
 
 def _read(path: Path, with_tensors: bool) -> Checkpoint:
+    check_name(path, "Rename the folder.")
     try:
         with safe_open(path, framework="pt") as file:
             facts = json.loads((file.metadata() or {})["wegs"])

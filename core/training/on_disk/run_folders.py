@@ -83,12 +83,13 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     written; BadSetting for one that is named as a .ply.
     """
     if output is None:
-        number = 1
+        scene_name, number = scene_name.encode(errors="surrogateescape").decode(errors="replace"), 1
         # A link to nothing takes its name as well; a folder that a killed training left empty does not.
         while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")) and not swept(path, Path.rmdir):
             number += 1
         check_folder(path)
         return path
+    checkpoint.check_name(output, "Choose another -o.")
     check_named_as_folder(output, (".ply",), "a run is a folder, with a .ply in it")
     check_folder(output)
     if output.exists() and any(output.iterdir()):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import BadInput, BadSetting
-from core.training.on_disk import run_folders
+from core.training.on_disk import checkpoint, run_folders
 from tests.small import small_settings
 
 
@@ -66,6 +66,14 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
     for name in ("file", "home"):
         with pytest.raises(BadInput, match=name):
             run_folders.choose_folder(Path(name), "plaza", force=True)
+
+
+def test_no_run_gets_a_name_from_which_no_checkpoint_is_read(here):
+    assert run_folders.choose_folder(None, "caf\udce9") == Path("runs/caf\ufffd")
+    with pytest.raises(BadInput, match="is not in UTF-8.* Choose another -o"):
+        run_folders.choose_folder(Path("caf\udce9"), "plaza")
+    with pytest.raises(BadInput, match="is not in UTF-8.* Rename the folder"):
+        checkpoint.load(Path("caf\udce9/checkpoint_000100.safetensors"))
 
 
 def test_a_run_is_not_named_as_the_file_in_it(here):

@@ -64,6 +64,8 @@ def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Non
     height, width = (side - side % 2 for side in frames[0].shape[:2])  # the codec stores colour at half the size
     with replacing(path) as temporary:
         file = str(temporary.absolute())  # FFmpeg takes anything before a colon for a protocol
+        if file != file.encode(errors="replace").decode():  # OpenCV would end the program
+            raise WegsError(f"{path} could not be written: its path is not in UTF-8.", "Use the frames instead.")
         for codec in VIDEO_CODECS:
             writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*codec), min(len(frames) / VIDEO_SECONDS, MOST_FPS), (width, height))
             if writer.isOpened():

@@ -58,6 +58,14 @@ def test_bytes_of_a_file_name_that_are_no_letters_are_drawn_as_question_marks():
     assert np.array_equal(line_of_text(200, ["lat\udce9n.jpg"]), line_of_text(200, ["lat?n.jpg"]))
 
 
+def test_no_film_is_written_into_a_folder_whose_name_is_not_in_utf_8(tmp_path):
+    folder = tmp_path / "fad\udce9"
+    folder.mkdir()
+    with pytest.raises(WegsError, match="is not in UTF-8. Use the frames"):
+        write_video(folder / "video.mp4", [np.zeros((20, 30, 3), np.uint8)])
+    assert not list(folder.iterdir())
+
+
 def test_large_frames_are_shrunk_on_the_sheet():
     sheet = contact_sheet("noon to dusk", [np.full((300, 2 * TILE_PX, 3), 9, np.uint8)] * 2)
     assert sheet.shape == (LABEL_PX + 150, 2 * TILE_PX, 3)

@@ -35,8 +35,8 @@ def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
 
 
 def check_named_as_folder(output: Path, suffixes: tuple[str, ...], what: str) -> None:
-    """Raise BadSetting for an -o with one of the `suffixes` of files. what: words for what is made of it, a folder."""
-    if output.suffix.lower() in suffixes and not output.is_dir():
+    """Raise BadSetting for a new -o with one of the `suffixes` of files. what: words for what is made of it, a folder."""
+    if output.suffix.lower() in suffixes and not output.exists():
         raise BadSetting(f"-o {output}: {what}.", f"Type: {command('-o', output.with_suffix(''))}")
 
 

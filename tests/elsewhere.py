@@ -126,7 +126,7 @@ def kernels():
         for work in _watching:
             work.triton[self.fn.__name__] += 1
             work.launches[self.fn.__name__] += 1
-        original(self, *(arg.kept if isinstance(arg, Elsewhere) else arg for arg in args), **kwargs)
+        original(self, *tree_map(lambda arg: arg.kept if isinstance(arg, Elsewhere) else arg, args), **kwargs)
 
     GridExecutor.__call__ = launch
     try:

@@ -16,7 +16,7 @@ from core.evaluation import lpips
 from core.evaluation.lpips import Lpips
 from core.looks.trained import load_run
 from core.system import device
-from core.training.gaussians import gaussians
+from core.training.gaussians import densify, gaussians
 from core.training.gaussians.adam import plain_adam_rows
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
@@ -39,7 +39,8 @@ def on_device(monkeypatch):
     rasterizer = Moving(core.rasterizer.create("cpu"), fetched, lambda tensor: tensor.to(DEVICE))
     monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
     monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
-    monkeypatch.setattr(gaussians, "adam_rows", plain_adam_rows)  # a GPU has a kernel of its own
+    monkeypatch.setattr(gaussians, "adam_rows", plain_adam_rows)  # a GPU has kernels of its own
+    monkeypatch.setattr(densify, "gather", densify.plain_gather)
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread

@@ -94,11 +94,12 @@ class Enc2(nn.Module):
         initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and those of
         a single photo or of equal ones not by the inverse of nothing.
         """
+        summaries = summaries.cpu()  # the signs of principal components are the library's choice, and a run is to be the same on a GPU
         centre = summaries.mean(dim=0)
         _, strengths, directions = torch.linalg.svd(summaries - centre, full_matrices=False)
         kept = min(len(strengths), len(self.embedding.bias))
         deviations = strengths[:kept] / len(summaries) ** 0.5
-        weight = torch.zeros_like(self.embedding.weight)
+        weight = summaries.new_zeros(self.embedding.weight.shape)
         least = torch.maximum(WEAK_COMPONENT * deviations[0], ALIKE * centre.norm())
         weight[:kept] = directions[:kept] / (deviations + least + 1e-6)[:, None]
         self.embedding.weight.copy_(weight)
@@ -126,7 +127,7 @@ class PhotoEncoder(nn.Module):
         if settings.appearance != "off" and settings.embedding == "encoder":
             self.enc2 = Enc2(settings.embedding_size, settings.colour_bands)
 
-    def forward(self, photo: Float[Tensor, "3 h w"], masked: bool) -> tuple[Float[Tensor, " e"] | None, Float[Tensor, "1 h4 w4"] | None]:
+    def forward(self, photo: Float[Tensor, "3 h w"], masked: bool = True) -> tuple[Float[Tensor, " e"] | None, Float[Tensor, "1 h4 w4"] | None]:
         """Embedding and mask (1 = static, at 1/4 of the photo's size, rounded up), each None if it is not built.
 
         photo: shrunk, [0, 1]. masked: whether the mask steers the embedding; if not, it is encoded with M := 1.

@@ -16,6 +16,7 @@ from core.appearance.sh_transfer import SHTransfer
 from core.config import Settings
 from core.errors import BadInput, BadSetting
 from core.scene.splats import Splats
+from core.system.cuda_graph import Replayed
 from core.system.threads import one_torch_thread
 
 TABLE_SPREAD = 1.0  # of GLO embeddings at the start, that of an encoder's
@@ -52,6 +53,7 @@ class AppearanceModel(nn.Module):
         self.sh_transfer = None
         if (with_appearance and settings.embedding == "encoder") or (with_masks and settings.mask == "attention"):
             self.encoder = PhotoEncoder(settings)
+            self.encode = Replayed(self.encoder)
         if with_appearance and settings.embedding == "glo":
             size = len(self.photo_names), settings.embedding_size
             self.embedding_table = nn.Parameter(TABLE_SPREAD * torch.randn(size))
@@ -85,7 +87,7 @@ class AppearanceModel(nn.Module):
         embedding = mask = None
         with one_torch_thread():  # a few ms of work: more threads cost more than they save, and would round differently
             if self.encoder is not None:
-                embedding, mask = self.encoder(picture, masked=True)
+                embedding, mask = self.encode(picture)
                 if embedding is not None and row is None:
                     embedding = self.reach.nearest(embedding)
             if self.embedding_table is not None and row is not None:

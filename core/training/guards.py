@@ -64,11 +64,19 @@ def fault(facts: StepFacts, usual: float) -> str | None:
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:
     """Whether no number in these tensors, all on the device `where`, is NaN or infinite."""
     given = [tensor for tensor in tensors if tensor is not None and tensor.numel()]
-    if where.type == "cpu":  # a sum is NaN or infinite where a number is, and takes a third of the time
-        sizes = [tensor.sum() for tensor in given]
-    else:
-        sizes = list(torch._foreach_norm(given, math.inf)) if given else []  # one kernel for all
-    return torch.stack(sizes).abs().amax() < math.inf if sizes else torch.ones((), dtype=torch.bool, device=where)
+    if not given:
+        return torch.ones((), dtype=torch.bool, device=where)
+    if where.type != "cpu":
+        return _finite_at_once(given)
+    # A sum is NaN or infinite where a number is, and takes a third of the time of comparing each.
+    return torch.stack([tensor.sum() for tensor in given]).abs().amax() < math.inf
+
+
+def _finite_at_once(tensors: list[Tensor]) -> Bool[Tensor, ""]:
+    """The same in one kernel for all: that of torch's GradScaler, which would scale them, too, and scales by one here."""
+    found = tensors[0].new_zeros(())
+    torch._amp_foreach_non_finite_check_and_unscale_(tensors, found, torch.ones_like(found))
+    return found == 0
 
 
 def refused(sound: Bool[Tensor, ""]) -> bool:

@@ -47,10 +47,12 @@ def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterat
     (started[0] if started else work)()
 
 
-def update(model: nn.Module, optimizer: torch.optim.Adam | None, progress: float, taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
+def update(optimizer: torch.optim.Adam | None, progress: float, taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
     """One step at the rates of this moment, if the step is `taken` and all gradients are finite, which is returned."""
-    learned = taken & guards.finite((weight.grad for weight in model.parameters()), taken.device)
-    if optimizer is None or guards.refused(learned):
+    if optimizer is None:
+        return taken
+    learned = taken & guards.finite((weight.grad for group in optimizer.param_groups for weight in group["params"]), taken.device)
+    if guards.refused(learned):
         return learned
     for group in optimizer.param_groups:
         group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)

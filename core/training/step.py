@@ -46,7 +46,8 @@ class Step:
         """
         settings, model, objective = self.settings, self.model, self.objective
         progress = done / settings.steps
-        model.zero_grad()
+        if self.optimizer is not None:
+            self.optimizer.zero_grad()
         camera, photo = self.photos.target(index, schedule.shrink_factor(settings, progress))
         gain, background = draw_gain(settings, self.generator), background_of_step(transparent_is_empty(settings), self.generator)
 
@@ -56,7 +57,7 @@ class Step:
             return model.read(shown, index), target.over(background)
 
         read_later = beside(read_photo)
-        gauge_loss_later = beside(lambda: objective.gauge(model, gaussians, self.generator))
+        gauge_loss_later = beside(lambda: objective.gauge(gaussians, self.generator))
         visible = foreseen or self.rasterizer.visible(gaussians.splats, camera)
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
@@ -91,7 +92,7 @@ class Step:
             if not guards.refused(taken):
                 densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
                 gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
-            learned = networks.update(model, self.optimizer, progress, taken)  # not if the encoder's gradient overflows
+            learned = networks.update(self.optimizer, progress, taken)  # not if the encoder's gradient overflows
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
         facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)

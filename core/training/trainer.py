@@ -17,7 +17,7 @@ from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
 from core.report import QUIET, Report
 from core.system import device
-from core.system.threads import threads_for_blocks
+from core.system.threads import one_torch_thread, threads_for_blocks
 from core.training import decisions, guards, held_out, networks, schedule
 from core.training.background import background_of_figures
 from core.training.gaussians import densify
@@ -90,7 +90,7 @@ class Trainer:
         if self.model.encoder is not None:
             self.model.encoder.start_apart(sized.encoder_input for sized in self.photos)
         self.optimizer = networks.optimizer_of(self.model, settings)
-        self.objective = Objective(settings, self.rasterizer, self.device)
+        self.objective = Objective(settings, self.rasterizer, self.model, self.device)
         self.one_step = Step(settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
@@ -134,9 +134,13 @@ class Trainer:
                     self.save()
                 yield report
 
-    @threads_for_blocks()
     def step(self) -> StepReport:
         """One photo, one update of everything."""
+        # What starts a GPU's kernels is Python, of which only one thread can run at a time.
+        with threads_for_blocks() if self.device.type == "cpu" else one_torch_thread():
+            return self._step()
+
+    def _step(self) -> StepReport:
         progress = self.done / self.settings.steps
         index = self._next_photo()
         self.order.pop()

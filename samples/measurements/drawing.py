@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from core import rasterizer
+from core.kernels.chosen_rows import chosen_rows
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system.threads import one_torch_thread
@@ -29,7 +30,7 @@ def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatc
     lap = stopwatch.lap if stopwatch else lambda part: None
     visible = backend.visible(scene, camera)
     rows = visible.rows
-    leaves = scene.map(lambda tensor: tensor.index_select(0, rows).requires_grad_())
+    leaves = Splats(**{name: copy.requires_grad_() for name, copy in chosen_rows(scene.tensors(), rows).items()})
     lap("visible, lists, gather")
     image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), known=visible.known)
     lap("rasterizer forward")

@@ -12,13 +12,14 @@ from core.appearance import positional_encoding_cuda
 from core.appearance.model import AppearanceModel
 from core.config import LEAST, Settings, preset
 from core.export.ply import read_ply
+from core.kernels import chosen_rows_cuda
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.backend import prepare
 from core.rasterizer.layout import FOOTPRINT_COLUMNS, SLOT_COLUMNS
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training.gaussians import adam_cuda
-from core.training.losses import photometric_cuda
+from core.training.gaussians import adam_cuda, density_statistics_cuda
+from core.training.losses import photometric_cuda, residual_cuda
 from core.training.trainer import Trainer
 from samples.measurements import peer
 from samples.measurements.drawing import draw
@@ -32,8 +33,9 @@ PAPER_GAUSSIANS, PAPER_STEPS_TIMED = 300_000, 1000  # strewn over the sample, in
 WARM_UP, TIMES, STEPS = 5, 25, 50
 KERNEL_MODULES = (
     *(project, bin, blend_forward, blend_backward, project_backward),
-    *(adam_cuda, photometric_cuda, positional_encoding_cuda),
+    *(chosen_rows_cuda, adam_cuda, density_statistics_cuda, photometric_cuda, residual_cuda, positional_encoding_cuda),
 )
+PICTURES_ALIKE = 1e-4
 MISSING = "gsplat is not installed: `pip install gsplat` compiles it on this machine"
 Line = tuple[str, str, str]
 
@@ -72,8 +74,9 @@ def measure_picture(place: Place) -> Iterable[Line]:
     yield what, "1.5x faster than gsplat", against(medians["ours"], medians["theirs"])
     with torch.no_grad():
         difference = (backend.render(scene, camera) - peer.picture(other, scene, camera)).abs()
-    found = f"largest {float(difference.max()):.1e}, mean {float(difference.mean()):.1e}"
-    yield "picture against gsplat's, constants equal", "within 1e-4", found
+    beyond = (difference > PICTURES_ALIKE).any(dim=2)  # where an alpha stands at its threshold: gsplat rounds by fast-math
+    found = f"mean {float(difference.mean()):.1e}; {int(beyond.sum())} of {beyond.numel():,} pixels beyond, by {float(difference.max()):.1e} at most"
+    yield "picture against gsplat's, constants equal", f"within {PICTURES_ALIKE:.0e}", found
 
 
 def measure_baked(place: Place) -> Iterable[Line]:

@@ -253,7 +253,7 @@ def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypa
     outside = torch.full((6,), 1.5) + 50 * directions[0] + 7 * directions[4]
 
     def given(embedding, photo=None):
-        monkeypatch.setattr(model.encoder, "forward", lambda picture, masked: (embedding, None))
+        monkeypatch.setattr(model.encoder, "forward", lambda picture, masked=True: (embedding, None))
         return model.read(torch.rand(3, 8, 8), photo).embedding
 
     assert torch.equal(given(outside), outside)  # before anything was met

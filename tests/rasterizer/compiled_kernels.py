@@ -16,10 +16,11 @@ from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
 from core.appearance import positional_encoding_cuda
+from core.kernels import chosen_rows_cuda
 from core.kernels.triton_launch import FUSED, UNFUSED
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
-from core.training.gaussians import adam_cuda
-from core.training.losses import photometric_cuda
+from core.training.gaussians import adam_cuda, density_statistics_cuda
+from core.training.losses import photometric_cuda, residual_cuda
 
 PLAIN = {"COEFFICIENTS": 1, "PROBED": False}  # a look of degree 0, drawn and not trained
 KERNELS = [  # with the options that they are launched with, and what differs from CONSTANTS
@@ -29,27 +30,41 @@ KERNELS = [  # with the options that they are launched with, and what differs fr
     (bin.list_tiles, {"num_warps": bin.WARPS, **UNFUSED}, {}),
     (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS, **UNFUSED}, {}),
     (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS, **UNFUSED}, {"RECORD": True}),
-    (blend_backward.blend_backward, {"num_warps": blend_backward.WARPS, **UNFUSED}, {}),
+    (blend_backward.blend_backward, {"num_warps": blend_backward.WARPS, **FUSED}, {}),
     (blend_backward.add_up, {"num_warps": 1, **UNFUSED}, {}),
     (project_backward.project_backward, {"num_warps": project_backward.WARPS, **UNFUSED}, {}),
     (project_backward.project_backward, {"num_warps": project_backward.WARPS, **UNFUSED}, PLAIN),
-    (adam_cuda.update, FUSED, {}),
+    (chosen_rows_cuda.take_rows, FUSED, {}),
+    (adam_cuda.update, {"num_warps": adam_cuda.WARPS, **FUSED}, {}),
+    (density_statistics_cuda.add_view, FUSED, {}),
     (positional_encoding_cuda.encode_places, FUSED, {}),
     (photometric_cuda.blur_products_down, FUSED, {}),
     (photometric_cuda.blur_down, FUSED, {}),
     (photometric_cuda.compare, FUSED, {}),
     (photometric_cuda.combine, FUSED, {}),
+    (residual_cuda.weigh_residual, FUSED, {}),
 ]
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
     **dict.fromkeys(("count", "columns", "width", "height", "size", "solid"), "i32"),
     **dict.fromkeys(("background_red", "background_green", "background_blue", "share", "scale"), "fp32"),
+    **dict.fromkeys(("half_width", "half_height", "loss_scale", "size_scale"), "fp32"),
+    **dict.fromkeys(("sources", "copies", "values", "first", "second", "gradients"), ("*fp32",) * 6),  # of each parameter
     **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots", "rows"), "*i64"),
     **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts", "visible"), "*i32"),
     "slot_tiles": "*i16",
+    "blended_slots": "*u8",
     "taken": "*i1",
 }
-CONSTANTS = {"COEFFICIENTS": 16, "COLUMNS": 48, "FREE": 3, "OCTAVES": 4, "PROBED": True, "RECORD": False}
+CONSTANTS = {
+    "COEFFICIENTS": 16,
+    "COLUMNS": (3, 4, 3, 1, 48, 16),
+    "FREE": (0, 0, 0, 0, 3, 16),
+    "ROWS": adam_cuda.ROWS,
+    "OCTAVES": 4,
+    "PROBED": True,
+    "RECORD": False,
+}
 
 
 def name_of(kernel, changes: dict) -> str:
@@ -62,8 +77,13 @@ def compiled(kernel, options: dict, changes: dict, capability: int) -> dict[str,
     constants = {name: value for name, value in {**CONSTANTS, **changes, "BLOCK": block}.items() if name in kernel.arg_names}
     signature = {name: "constexpr" if name in constants else TYPES.get(name, "*fp32") for name in kernel.arg_names}
     target = GPUTarget("cuda", capability, 32)
+    arrays = [(place,) for place, name in enumerate(kernel.arg_names) if str(signature[name]).startswith("*")]
+    arrays += [
+        (place, each) for place, name in enumerate(kernel.arg_names) if isinstance(signature[name], tuple) for each in range(len(signature[name]))
+    ]
+    aligned = {array: [["tt.divisibility", 16]] for array in arrays}  # bytes: torch's arrays begin so, and a launch looks
     with contextlib.redirect_stdout(io.StringIO()) as log:
-        triton.compile(ASTSource(kernel, signature, constants), target=target, options=options)
+        triton.compile(ASTSource(kernel, signature, constants, aligned), target=target, options=options)
     registers = re.search(r"Used (\d+) registers", log.getvalue())
     spilled = re.search(r"(\d+) bytes spill stores", log.getvalue())
     return {"registers": int(registers.group(1)), "spilled": int(spilled.group(1))}

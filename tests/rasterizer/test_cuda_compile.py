@@ -15,21 +15,23 @@ ROOT = Path(__file__).parents[2]
 # other's waiting: at 64 registers 32 warps do, at 128 half as many. The most that Triton 3.6, 3.7.1 and 3.9 take on any
 # of the six, rounded up.
 MOST_REGISTERS = {
-    "find_visible": 64,
-    "project": 80,
+    "find_visible": 80,
+    "project": 88,
     "list_tiles": 48,
     "blend_forward": 64,
-    "blend_backward": 136,
-    "add_up": 32,
-    "update": 40,
-    "encode_places": 64,
+    "blend_backward": 112,
+    "add_up": 64,
+    "take_rows": 48,
+    "update": 32,
+    "add_view": 24,
+    "encode_places": 32,
     "blur_products_down": 64,
     "blur_down": 40,
     "compare": 80,
     "combine": 80,
-    "project_backward": 120,
+    "weigh_residual": 32,
+    "project_backward": 104,
 }
-MOST_SPILLED = 24  # bytes: ptxas gives some registers up to come below a step of occupancy (sm_80)
 USUAL = (75, 90)  # the oldest and one with 228 kB of shared memory; the others differ little and are for -m slow
 GENERATIONS = (75, 80, 86, 89, 90, 100)
 
@@ -43,4 +45,4 @@ def test_kernels_compile_and_spill_nothing(capability):
     found = json.loads(result.stdout)[f"sm_{capability}"]
     assert {kernel.split()[0] for kernel in found} == MOST_REGISTERS.keys()
     for kernel, taken in found.items():  # variants, behind the name, keep to its bound
-        assert taken["registers"] <= MOST_REGISTERS[kernel.split()[0]] and taken["spilled"] <= MOST_SPILLED, (kernel, taken)
+        assert taken["registers"] <= MOST_REGISTERS[kernel.split()[0]] and not taken["spilled"], (kernel, taken)

@@ -23,16 +23,17 @@ pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="the kernels a
 # Triton's interpreter draws a quarter of the size, one tile, of few Gaussians in a second.
 SIZES = {"steps": 60, "coarse_until": 1.0, "max_gaussians": 40, "sky_gaussians": 12, "held_out_checks": 0, "densify_rounds": 0}
 
-MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 365, 75  # of a step, and of L_regTS, which draws once more every tenth; 365 and 71 as of now
+MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 328, 75  # of a step, and of L_regTS, which draws once more every tenth; 328 and 73 as of now
 
 
 @pytest.fixture
 def trainer(tmp_path, monkeypatch):
     """In the middle of a run on DEVICE by the kernels of a GPU, everything on."""
     from core.appearance import positional_encoding_cuda
+    from core.kernels import chosen_rows_cuda
     from core.rasterizer.cuda.backend import CudaRasterizer
-    from core.training.gaussians import adam_cuda
-    from core.training.losses import photometric_cuda
+    from core.training.gaussians import adam_cuda, density_statistics_cuda
+    from core.training.losses import photometric_cuda, residual_cuda
 
     rasterizer = CudaRasterizer()
     rasterizer.device = DEVICE.type
@@ -43,7 +44,10 @@ def trainer(tmp_path, monkeypatch):
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     # The kernels that tensors on a GPU go to.
     monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", positional_encoding_cuda.encoded_places)
+    monkeypatch.setattr("core.training.gaussians.gaussians.chosen_rows", chosen_rows_cuda.chosen_rows)
     monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
+    monkeypatch.setattr("core.training.gaussians.densify.gather", density_statistics_cuda.gather)
+    monkeypatch.setattr("core.training.losses.regularisers.residual_loss", residual_cuda.residual_loss)
     monkeypatch.setattr("core.training.losses.objective.photometric", photometric_cuda.photometric_cuda)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread
     with elsewhere(), kernels():

@@ -56,7 +56,7 @@ def test_a_finite_picture_loss_has_a_finite_gradient(spoilt, level, function):
 def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
     mask = torch.full((1, 3, 4), level).requires_grad_()
     photo = torch.zeros(3, 9, 11)
-    mask_loss.mask_loss(mask, picture(spoilt), photo, 0.05).backward()
+    mask_loss.CellLoss(0.05)(mask, *mask_loss.cells_of(mask, picture(spoilt), photo))[0].backward()
     assert torch.isfinite(mask.grad).all()
     weights = mask_weights.pixel_weights(mask, 9, 11, mean)
     assert torch.isfinite(weights).all() and (weights <= 1).all()

@@ -13,7 +13,7 @@ from core.training import networks
 from core.training.gaussians.gaussians import learning_rates
 from core.training.jitter import draw_gain, jittered
 from core.training.losses import regularisers
-from core.training.losses.gauge import gauge
+from core.training.losses.gauge import Gauge
 from core.training.losses.photometric import Target
 from core.training.on_disk.mask_files import write_masks
 from tests.small import small_settings
@@ -69,8 +69,8 @@ def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(t
 
 def test_the_gauge_is_the_mean_over_gaussians_of_the_squared_residual(trainer_of, monkeypatch):
     trainer = trainer_of()
-    monkeypatch.setattr(trainer.model, "transfer", lambda sh, *_: (sh, torch.full_like(sh, 2.0)))
-    assert float(gauge(trainer.model, trainer.gaussians, trainer.generator)) == 4 * 3 * 2.0**2
+    monkeypatch.setattr(trainer.model.sh_transfer, "forward", lambda sh, *_: torch.full_like(sh, 2.0))
+    assert float(Gauge(trainer.model)(trainer.gaussians, trainer.generator)) == 4 * 3 * 2.0**2
 
 
 def test_gains_stop_at_their_largest_and_the_encoder_is_shown_nothing_above_one():
@@ -140,7 +140,7 @@ def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(traine
         used.append(learning_rates(trainer.settings, progress))
         for name, rates in used[-1].items():
             torch.testing.assert_close(rates, used[0][name] * slowed.get(name, 1.0) ** progress)
-        networks.update(trainer.model, trainer.optimizer, progress, torch.tensor(True))
+        networks.update(trainer.optimizer, progress, torch.tensor(True))
         for group in trainer.optimizer.param_groups:
             assert group["lr"] == pytest.approx(group["rate"] * 0.1**progress)
     assert used[0]["means"].tolist() == pytest.approx([0.1] * 3)

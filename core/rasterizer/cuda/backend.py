@@ -1,6 +1,7 @@
 """The contract on a GPU: checks, memory, the order of the kernels, and torch's autograd."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -8,7 +9,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput, BadSetting
-from core.kernels.triton_launch import UNFUSED, blocks, interpreted
+from core.kernels.triton_launch import FUSED, UNFUSED, blocks, interpreted
 from core.rasterizer import inputs, layout
 from core.rasterizer.contract import BLACK, Colour, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
@@ -24,6 +25,13 @@ BYTES_A_PAIR = 42 + 4 * layout.SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
 MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, as kernels find their place with 32 bits
+
+
+class Known(NamedTuple):
+    """What is known of Gaussians in a view. pairs: of a Gaussian and a tile that it touches, how many there are or more. view: see `view_of`."""
+
+    pairs: int
+    view: Tensor
 
 
 class CudaRasterizer:
@@ -43,12 +51,13 @@ class CudaRasterizer:
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         parameters = self._parameters(splats)
         found = torch.empty(2, len(splats), dtype=torch.int32, device=splats.means.device)
+        view = view_of(camera, found.device)
         project.find_visible[blocks(len(splats), project.BLOCK)](
-            *parameters, view_of(camera, found.device), found, len(splats),
+            *parameters, view, found, len(splats),
             COEFFICIENTS=splats.sh.shape[1], BLOCK=project.BLOCK, num_warps=project.WARPS, **UNFUSED,
         )  # fmt: skip
         count, pairs = found.sum(dim=1).cpu().tolist()  # the one time that the host waits for the device
-        return Visible(torch.nonzero_static(found[0], size=count).squeeze(1), pairs)
+        return Visible(torch.nonzero_static(found[0], size=count).squeeze(1), Known(pairs, view))
 
     def render(
         self,
@@ -56,13 +65,13 @@ class CudaRasterizer:
         camera: Camera,
         background: Colour = BLACK,
         probe: Float[Tensor, "n 2"] | None = None,
-        known: int | None = None,
+        known: Known | None = None,
     ) -> Float[Tensor, "h w 3"]:
         self._check(splats, probe)
         return _Render.apply(camera, background, probe, known, *splats.tensors().values())
 
     @torch.no_grad()
-    def contributions(self, splats: Splats, camera: Camera, known: int | None = None) -> Float[Tensor, " n"]:
+    def contributions(self, splats: Splats, camera: Camera, known: Known | None = None) -> Float[Tensor, " n"]:
         prepared = prepare(self._parameters(splats), None, camera, known)
         strongest = torch.zeros(len(prepared.lists.owners), device=splats.means.device)
         draw(prepared, BLACK, strongest)
@@ -79,7 +88,8 @@ class CudaRasterizer:
         tiles[lists.entry_slots] = torch.repeat_interleave(lists.tile_starts.diff())
 
         def colour_gradients(image_gradient: Tensor) -> Tensor:
-            return gradients_of_slots(prepared, tile_ends, image, image_gradient)[:, layout.SUM_COLOUR]
+            gradients, blended_slots = gradients_of_slots(prepared, tile_ends, image, image_gradient)
+            return torch.where(blended_slots[:, None] != 0, gradients[:, layout.SUM_COLOUR], 0)
 
         return shares_of_slots(camera, weight, len(splats), lists.owners, tiles, colour_gradients)
 
@@ -98,9 +108,9 @@ class CudaRasterizer:
 
 class _Render(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, camera, background, probe, pairs, *parameters):
+    def forward(ctx, camera, background, probe, known, *parameters):
         parameters = [tensor.contiguous() for tensor in parameters]
-        prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera, pairs)
+        prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera, known)
         image, ctx.tile_ends = draw(prepared, background)
         ctx.prepared, ctx.probed = prepared, probe is not None
         ctx.save_for_backward(image, *parameters)
@@ -112,10 +122,11 @@ class _Render(torch.autograd.Function):
         image, *parameters = ctx.saved_tensors
         prepared, lists = ctx.prepared, ctx.prepared.lists
         count, device = len(parameters[0]), image.device
-        slot_gradients = gradients_of_slots(prepared, ctx.tile_ends, image.detach(), image_gradient.contiguous())
+        of_slots = gradients_of_slots(prepared, ctx.tile_ends, image.detach(), image_gradient.contiguous())
         sums = torch.empty(count, layout.SLOT_COLUMNS, device=device)
-        if count:  # a grid cannot be empty
-            blend_backward.add_up[(count,)](lists.order, lists.slot_starts, slot_gradients, sums, num_warps=1, **UNFUSED)
+        blend_backward.add_up[blocks(count, blend_backward.BLOCK)](
+            lists.order, lists.slot_starts, *of_slots, sums, count, BLOCK=blend_backward.BLOCK, num_warps=1, **UNFUSED
+        )
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
         probe_gradient = torch.empty(count if ctx.probed else 0, 2, device=device)
         project_backward.project_backward[blocks(count, project_backward.BLOCK)](
@@ -144,14 +155,14 @@ class Prepared:
     columns: int
 
 
-def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pairs: int | None = None) -> Prepared:
+def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, known: Known | None = None) -> Prepared:
     """Project the Gaussians (contiguous, in the order of Splats' fields) and sort them into tiles, front to back.
 
-    pairs: of a Gaussian and a tile that it touches, how many there are or more (`contract.Visible.known`); without it the host waits for that.
+    known: as `contract.Visible` has it; without it the host waits for the number of pairs.
     """
     count, device = len(parameters[0]), parameters[0].device
     columns, rows = (-(-size // layout.TILE) for size in (camera.width, camera.height))
-    view = view_of(camera, device)
+    view = view_of(camera, device) if known is None else known.view
     footprints = torch.empty(count, layout.FOOTPRINT_COLUMNS, device=device)
     depths = torch.empty(count, device=device)
     tile_counts = torch.empty(count, dtype=torch.int32, device=device)
@@ -160,9 +171,9 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, pair
         COEFFICIENTS=parameters[-1].shape[1], PROBED=probe is not None, BLOCK=project.BLOCK, num_warps=project.WARPS, **UNFUSED,
     )  # fmt: skip
     order, slot_starts = front_to_back(depths, tile_counts)
-    slots = int(slot_starts[-1]) if pairs is None else pairs
-    if pairs is not None:
-        slot_starts.clamp_(max=pairs)  # no kernel writes beyond its memory, should the caller have drawn something else
+    slots = int(slot_starts[-1]) if known is None else known.pairs
+    if known is not None:
+        slot_starts.clamp_(max=slots)  # no kernel writes beyond its memory, should the caller have drawn something else
     inputs.check_lists(count, slots, BYTES_A_PAIR, memory_budget(device), camera)
     lists = tile_lists(order, slot_starts, footprints, view, columns, rows, slots)
     return Prepared(camera, view, footprints, tile_counts, lists, columns)
@@ -185,15 +196,17 @@ def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None
     return image, tile_ends
 
 
-def gradients_of_slots(prepared: Prepared, tile_ends: Tensor, image: Tensor, image_gradient: Tensor) -> Tensor:
-    """(slots, SLOT_COLUMNS), zero behind the last Gaussian blended: see `blend_backward`. tile_ends, image: as `draw` made them."""
+def gradients_of_slots(prepared: Prepared, tile_ends: Tensor, image: Tensor, image_gradient: Tensor) -> tuple[Tensor, Tensor]:
+    """(slots, SLOT_COLUMNS) gradients and (slots,) which of them are set, not 0: see `blend_backward`. tile_ends, image: as `draw` made them."""
     lists, (height, width, _) = prepared.lists, image.shape
-    slot_gradients = torch.zeros(len(lists.owners), layout.SLOT_COLUMNS, device=image.device)
+    slot_gradients = torch.empty(len(lists.owners), layout.SLOT_COLUMNS, device=image.device)
+    blended_slots = torch.zeros(len(lists.owners), dtype=torch.uint8, device=image.device)
     blend_backward.blend_backward[(len(tile_ends),)](
         lists.tile_starts, tile_ends, lists.entry_splats, lists.entry_slots, prepared.footprints,
-        image, image_gradient, slot_gradients, prepared.columns, width, height, num_warps=blend_backward.WARPS, **UNFUSED,
+        image, image_gradient, slot_gradients, blended_slots, prepared.columns, width, height,
+        num_warps=blend_backward.WARPS, **FUSED,
     )  # fmt: skip
-    return slot_gradients
+    return slot_gradients, blended_slots
 
 
 def memory_budget(device: torch.device) -> float:

@@ -19,7 +19,7 @@ from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.footprint import touched_columns, touched_rows
 from core.rasterizer.cuda.view import HEIGHT, WIDTH
 
-BLOCK, WARPS = 128, 4  # Gaussians a program, one a thread
+BLOCK, WARPS = 32, 1  # Gaussians a program, one a thread: it takes as many rounds as the one with the most tiles
 TILES_OF_16_BITS = 2**15 - 1
 
 

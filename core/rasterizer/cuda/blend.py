@@ -37,19 +37,25 @@ def coverage(footprints, splat, x, y):
     e = tl.fma(-tl.load(at + footprint.SLOPE), dy, x - tl.load(at + footprint.X))
     across = tl.load(at + footprint.SHARPNESS) * e
     along = tl.fma(-tl.load(at + footprint.FALL) * dy, dy, tl.load(at + footprint.STRENGTH))
-    exponent = tl.fma(-across, across, along)
+    exponent = tl.fma(negative(across), across, along)
     return tl.where(exponent >= LOG2_ALPHA_MIN, tl.exp2(exponent), 0.0), e, dy
 
 
 @triton.jit
 def blended(light, alpha):
-    """A splat over what is left of the light: (goes on, weight, the light behind it).
+    """A splat over what is left of the light: (alpha or 0 where the pixel is finished, weight, the light behind it, 1 - alpha).
 
     light is negative once its pixel is finished (or lies outside the picture), so that it then fails the test against STOP
     for good.
     """
-    # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.
-    left_over = light * (1.0 - alpha)
-    goes_on = left_over >= STOP
-    weight = tl.where(goes_on, alpha * light, 0.0)
-    return goes_on, weight, tl.where(goes_on, left_over, -tl.abs(light))
+    left = 1.0 - alpha
+    behind = light * left  # not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers
+    goes_on = behind >= STOP
+    shown = tl.where(goes_on, alpha, 0.0)
+    return shown, shown * light, tl.where(goes_on, behind, negative(tl.abs(light))), left
+
+
+@triton.jit
+def negative(x):
+    """-x, which Triton writes as 0 - x: an instruction of its own, where a sign costs none."""
+    return x * -1.0

@@ -31,7 +31,7 @@ def blend_forward(
         while entry < stop:
             splat = tl.load(entry_splats + entry)
             alpha, _, _ = coverage(footprints, splat, x, y)
-            _, weight, light = blended(light, tl.minimum(alpha, ALPHA_MAX))
+            _, weight, light, _ = blended(light, tl.minimum(alpha, ALPHA_MAX))
             at = footprints + splat * footprint.COLUMNS
             red = tl.fma(weight, tl.load(at + footprint.RED), red)
             green = tl.fma(weight, tl.load(at + footprint.GREEN), green)

@@ -3,7 +3,7 @@
 import triton
 import triton.language as tl
 
-from core.rasterizer.cuda.vectors import add, load_3, scaled
+from core.rasterizer.cuda.vectors import add, load_3, load_4, scaled, store_3, store_4
 from core.scene import harmonics
 
 SH_0, SH_1 = tl.constexpr(harmonics.SH_0), tl.constexpr(harmonics.SH_1)
@@ -69,25 +69,56 @@ def direction_gradient(to_basis, direction, COEFFICIENTS: tl.constexpr):
 
 
 @triton.jit
+def load_sh(sh, row, known, COEFFICIENTS: tl.constexpr):
+    """The coefficients of Gaussian `row`, a tuple of (red, green, blue), zeros where `known` is false.
+
+    Rows are far apart, so that every load of a warp touches as many lines of the cache as it has lanes: the fewer loads, the better.
+    """
+    coefficients = ()
+    if COEFFICIENTS % 4 == 0:
+        for k in tl.static_range(0, COEFFICIENTS, 4):
+            at = row * (3 * COEFFICIENTS) + 3 * k
+            a, b, c = load_4(sh, at, known), load_4(sh, at + 4, known), load_4(sh, at + 8, known)
+            coefficients = coefficients + ((a[0], a[1], a[2]), (a[3], b[0], b[1]), (b[2], b[3], c[0]), (c[1], c[2], c[3]))
+    else:
+        for k in tl.static_range(COEFFICIENTS):
+            coefficients = coefficients + (load_3(sh, row * COEFFICIENTS + k, known),)
+    return coefficients
+
+
+@triton.jit
+def store_sh(sh, row, terms, colour, known, COEFFICIENTS: tl.constexpr):
+    """Write every term times the colour as the coefficients of Gaussian `row`."""
+    red, green, blue = colour
+    if COEFFICIENTS % 4 == 0:
+        for k in tl.static_range(0, COEFFICIENTS, 4):
+            at = row * (3 * COEFFICIENTS) + 3 * k
+            store_4(sh, at, (terms[k] * red, terms[k] * green, terms[k] * blue, terms[k + 1] * red), known)
+            store_4(sh, at + 4, (terms[k + 1] * green, terms[k + 1] * blue, terms[k + 2] * red, terms[k + 2] * green), known)
+            store_4(sh, at + 8, (terms[k + 2] * blue, terms[k + 3] * red, terms[k + 3] * green, terms[k + 3] * blue), known)
+    else:
+        for k in tl.static_range(COEFFICIENTS):
+            store_3(sh, row * COEFFICIENTS + k, scaled(terms[k], colour), known)
+
+
+@triton.jit
 def colour(sh, row, direction, known, COEFFICIENTS: tl.constexpr):
     """SH + 0.5 of Gaussian `row` (red, green, blue), before the clamp at zero: not finite if a coefficient is not."""
-    terms = basis(direction, COEFFICIENTS)
+    terms, coefficients = basis(direction, COEFFICIENTS), load_sh(sh, row, known, COEFFICIENTS)
     half = 0.0 * direction[0] + 0.5
     red, green, blue = half, half, half
     for k in tl.static_range(COEFFICIENTS):
-        coefficient = load_3(sh, row * COEFFICIENTS + k, known)
-        red += terms[k] * coefficient[0]
-        green += terms[k] * coefficient[1]
-        blue += terms[k] * coefficient[2]
+        red += terms[k] * coefficients[k][0]
+        green += terms[k] * coefficients[k][1]
+        blue += terms[k] * coefficients[k][2]
     return red, green, blue
 
 
 @triton.jit
 def is_finite(sh, row, known, COEFFICIENTS: tl.constexpr):
     """Whether every coefficient of Gaussian `row` is a finite number."""
-    total = tl.zeros_like(row).to(tl.float32)
+    coefficients, total = load_sh(sh, row, known, COEFFICIENTS), tl.zeros_like(row).to(tl.float32)
     for k in tl.static_range(COEFFICIENTS):
-        coefficient = load_3(sh, row * COEFFICIENTS + k, known)
         # 0 times NaN or infinity is NaN, and stays so in the sum.
-        total += 0.0 * coefficient[0] + 0.0 * coefficient[1] + 0.0 * coefficient[2]
+        total += 0.0 * coefficients[k][0] + 0.0 * coefficients[k][1] + 0.0 * coefficients[k][2]
     return total == 0.0

@@ -31,11 +31,11 @@ from core.rasterizer.cuda.geometry import (
     scales_of,
     slopes_of,
 )
-from core.rasterizer.cuda.harmonics import basis, direction_gradient
-from core.rasterizer.cuda.vectors import add, constants_3, cross, dot, load_3, scaled, store_3, subtract, unit
+from core.rasterizer.cuda.harmonics import basis, direction_gradient, load_sh, store_sh
+from core.rasterizer.cuda.vectors import add, constants_3, cross, dot, scaled, store_3, subtract, unit
 from core.rasterizer.cuda.view import FOCAL_X, FOCAL_Y, ROTATION
 
-BLOCK, WARPS = 64, 2  # Gaussians a program, one a thread
+BLOCK, WARPS = 32, 1  # Gaussians a program, one a thread
 
 
 @triton.jit(do_not_specialize=["count"])
@@ -175,11 +175,10 @@ def colour_backward(row, offset, sh, footprints, sums, to_sh, known, drawn, COEF
     red = tl.where(tl.load(at + footprint.RED, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_RED, mask=drawn), 0.0)
     green = tl.where(tl.load(at + footprint.GREEN, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_GREEN, mask=drawn), 0.0)
     blue = tl.where(tl.load(at + footprint.BLUE, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_BLUE, mask=drawn), 0.0)
-    to_basis = ()
+    store_sh(to_sh, row, terms, (red, green, blue), known, COEFFICIENTS)
+    coefficients, to_basis = load_sh(sh, row, drawn, COEFFICIENTS), ()
     for k in tl.static_range(COEFFICIENTS):
-        coefficient = load_3(sh, row * COEFFICIENTS + k, drawn)
-        store_3(to_sh, row * COEFFICIENTS + k, scaled(terms[k], (red, green, blue)), known)
-        to_basis = to_basis + (dot(coefficient, (red, green, blue)),)
+        to_basis = to_basis + (dot(coefficients[k], (red, green, blue)),)
     to_direction = direction_gradient(to_basis, direction, COEFFICIENTS)
     radial = dot(to_direction, direction)
     return scaled(inverse_distance, subtract(to_direction, scaled(radial, direction)))

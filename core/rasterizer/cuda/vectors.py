@@ -59,3 +59,20 @@ def store_3(array, row, a, known):
 def constants_3(array, at):
     """Three numbers that are the same in all lanes."""
     return tl.load(array + at), tl.load(array + at + 1), tl.load(array + at + 2)
+
+
+@triton.jit
+def load_4(array, at, known):
+    """Four numbers that lie beside each other, from `at` on, zeros where `known` is false: one instruction where `at` is a multiple of 4."""
+    numbers = tl.load(array + at[:, None] + tl.arange(0, 4)[None, :], mask=known[:, None], other=0.0)
+    even, odd = tl.split(tl.reshape(numbers, (at.shape[0], 2, 2)))
+    first, third = tl.split(even)
+    second, fourth = tl.split(odd)
+    return first, second, third, fourth
+
+
+@triton.jit
+def store_4(array, at, a, known):
+    """Write four numbers beside each other, as `load_4` reads them."""
+    numbers = tl.reshape(tl.join(tl.join(a[0], a[2]), tl.join(a[1], a[3])), (at.shape[0], 4))
+    tl.store(array + at[:, None] + tl.arange(0, 4)[None, :], numbers, mask=known[:, None])

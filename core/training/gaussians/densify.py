@@ -26,8 +26,10 @@ def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: in
 
     probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter.
     """
-    if rows.device.type != "cpu":
-        plain_gather(gaussians, rows, probe_gradient, width, height, taken)
+    if rows.device.type == "cuda":
+        from core.training.gaussians import density_statistics_cuda  # Triton, which a machine without a GPU need not have
+
+        density_statistics_cuda.gather(gaussians, rows, probe_gradient, width, height, taken)
     elif taken:
         tensors = probe_gradient, rows, gaussians.gradient_sum, gaussians.seen
         _gather(*(tensor.numpy() for tensor in tensors), np.float32(width / 2), np.float32(height / 2))

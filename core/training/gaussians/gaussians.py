@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from core.config import Settings
+from core.kernels.chosen_rows import chosen_rows
 from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 from core.training import schedule
@@ -68,7 +69,7 @@ class Gaussians:
 
     def leaves(self, rows: Tensor) -> dict[str, Tensor]:
         """Copies of the chosen rows that gather gradients."""
-        return {name: tensor.index_select(0, rows).requires_grad_() for name, tensor in self.parameters.items()}
+        return {name: copy.requires_grad_() for name, copy in chosen_rows(self.parameters, rows).items()}
 
     def step(self, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor) -> None:
         """One Adam step of the chosen rows, ascending, from the gradients gathered by their leaves; what has no rate stays.

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from core.training.losses.regularisers import mask_regulariser
 
@@ -19,27 +19,35 @@ BRIGHTEST = 2.0  # of a render or a photo in training, far above what exposure j
 RIDGE = 1e-4  # of colours in [0, 1] squared: where they vary by less than a hundredth they say nothing about a tone
 
 
-def mask_loss(
-    mask: Float[Tensor, "1 h w"],
-    image: Float[Tensor, "H W 3"],
-    photo: Float[Tensor, "3 H W"],
-    regularisation: float,
-) -> Float[Tensor, ""]:
-    """The mask may hide a place only where the error there pays for it. Image and photo are detached.
+def cells_of(
+    mask: Float[Tensor, "1 h w"], image: Float[Tensor, "H W 3"], photo: Float[Tensor, "3 H W"]
+) -> tuple[Float[Tensor, "3 h w"], Float[Tensor, "3 h w"]]:
+    """Image and photo averaged down to the mask's cells, detached."""
+    pictures = image.detach().permute(2, 0, 1), photo
+    return tuple(F.interpolate(each[None], size=mask.shape[-2:], mode="area")[0] for each in pictures)
 
-    Both are averaged down to the mask's cells, the image is brought into the photo's tone, and what is left between their
+
+class CellLoss(nn.Module):
+    """The mask may hide a place only where the error there pays for it.
+
+    Of image and photo as `cells_of` gives them. The image is brought into the photo's tone, and what is left between their
     chromaticities is the error: a passer-by changes it, shade and detail that is not learned yet hardly do. It counts in units of STRANGE,
     or of the photo's own large errors if these are larger; only what exceeds them pays. A place is best hidden by
     1 - M = TYPICAL_ERROR * (error / yardstick - 1) / (2 * regularisation). Where the photo is
     black (or says nothing, as under a given mask) there is no error.
     """
-    pictures = image.detach().permute(2, 0, 1), photo
-    shown, wanted = (F.interpolate(each[None], size=mask.shape[-2:], mode="area")[0].clamp(0, BRIGHTEST) for each in pictures)
-    tints = chromaticity(torch.stack([retoned(shown, wanted), wanted]))
-    error = (tints[0] - tints[1]).abs().mean(dim=0, keepdim=True)
-    error = smoothed(torch.where(wanted.amax(dim=0, keepdim=True) > 0, error, 0))
-    excess = (error / quantile(error, USUAL).clamp_min(STRANGE) - 1).clamp(0, LARGEST_EXCESS)
-    return TYPICAL_ERROR * (mask * excess).mean() + regularisation * mask_regulariser(mask)
+
+    def __init__(self, regularisation: float):
+        super().__init__()
+        self.regularisation = regularisation
+
+    def forward(self, mask: Float[Tensor, "1 h w"], shown: Float[Tensor, "3 h w"], wanted: Float[Tensor, "3 h w"]) -> tuple[Float[Tensor, ""]]:
+        shown, wanted = shown.clamp(0, BRIGHTEST), wanted.clamp(0, BRIGHTEST)
+        tints = chromaticity(torch.stack([retoned(shown, wanted), wanted]))
+        error = (tints[0] - tints[1]).abs().mean(dim=0, keepdim=True)
+        error = smoothed(torch.where(wanted.amax(dim=0, keepdim=True) > 0, error, 0))
+        excess = (error / quantile(error, USUAL).clamp_min(STRANGE) - 1).clamp(0, LARGEST_EXCESS)
+        return (TYPICAL_ERROR * (mask * excess).mean() + self.regularisation * mask_regulariser(mask),)
 
 
 def chromaticity(colours: Float[Tensor, "2 3 h w"]) -> Float[Tensor, "2 3 h w"]:

@@ -11,11 +11,12 @@ from core.config import Settings
 from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.system.cuda_graph import Replayed
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses import mask_weights, regularisers
 from core.training.losses.backward import backward
-from core.training.losses.gauge import gauge
-from core.training.losses.mask_loss import mask_loss
+from core.training.losses.gauge import Gauge
+from core.training.losses.mask_loss import CellLoss, cells_of
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
@@ -24,9 +25,11 @@ TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_re
 class Objective:
     """The losses of a view, as the settings have them. progress: of the run, in [0, 1). What does not count yet is zero."""
 
-    def __init__(self, settings: Settings, rasterizer: Rasterizer, device: torch.device):
+    def __init__(self, settings: Settings, rasterizer: Rasterizer, model: AppearanceModel, device: torch.device):
         self.settings, self.rasterizer = settings, rasterizer
         self.zero = torch.zeros((), device=device)
+        self.cell_loss = Replayed(CellLoss(settings.mask_regularisation))
+        self.gauge_loss = Gauge(model)
 
     def picture(self, image: Tensor, target: Target, mask: Tensor | None, progress: float, mask_mean: float) -> Float[Tensor, ""]:
         """The picture against its photo, where the mask lets it. mask_mean: see `mask_weights.pixel_weights`."""
@@ -48,7 +51,8 @@ class Objective:
             return photometric_of_mask(image, target, shown, settings.ssim_weight) + penalty
         if target.valid is not None:  # the target is zero there
             image = torch.where(target.valid[..., None], image, 0)
-        return mask_loss(mask, image, target.planes, settings.mask_regularisation)
+        (loss,) = self.cell_loss(mask, *cells_of(mask, image, target.planes))
+        return loss
 
     def residual(self, residual: Float[Tensor, "v c 3"] | None) -> tuple[Tensor, Tensor | None, Tensor]:
         """L_regSH, its gradient and the residual's size, as `regularisers.residual_loss` has them."""
@@ -56,11 +60,11 @@ class Objective:
             return self.zero, None, self.zero
         return regularisers.residual_loss(residual, self.settings.sh_regularisation)
 
-    def gauge(self, model: AppearanceModel, gaussians: Gaussians, generator: Generator) -> Float[Tensor, ""]:
+    def gauge(self, gaussians: Gaussians, generator: Generator) -> Float[Tensor, ""]:
         """The gauge. Its backward pass is here, too: it reaches nothing but the networks."""
         if not self.settings.gauge:
             return self.zero
-        loss = self.settings.gauge * gauge(model, gaussians, generator)
+        loss = self.settings.gauge * self.gauge_loss(gaussians, generator)
         backward((loss, None))
         return loss.detach()
 

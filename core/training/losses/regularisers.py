@@ -30,6 +30,15 @@ def residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tuple[Floa
 
     The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's.
     """
+    if residual.dtype == torch.float32 and residual.device.type == "cuda":
+        from core.training.losses import residual_cuda  # Triton, which is there with a GPU only
+
+        return residual_cuda.residual_loss(residual, weight)
+    return plain_residual_loss(residual, weight)
+
+
+def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
+    """`residual_loss` in plain torch: what the kernel has to equal."""
     leaf = residual.detach().requires_grad_()
     loss = weight * residual_norm(leaf)
     loss.backward()

@@ -31,15 +31,15 @@ def aged_gaussians(oldest: int) -> Gaussians:
     return gaussians
 
 
-def stepped(gaussians: Gaussians, step, taken: bool = True) -> dict[str, torch.Tensor]:
+def stepped(gaussians: Gaussians, step, taken: bool = True, rates: dict = RATES, rows: torch.Tensor = ROWS) -> dict[str, torch.Tensor]:
     """All tensors after a step with the same gradients each time, of which some are beyond all bounds."""
     torch.manual_seed(1)
-    rows = ROWS.to(gaussians.counts.device)
+    rows = rows.to(gaussians.counts.device)
     leaves = gaussians.leaves(rows)
     for leaf in leaves.values():
         leaf.grad = torch.randn(leaf.shape).to(leaf.device)
-        leaf.grad[0], leaf.grad[1] = 3e38, -2 * LARGEST_GRADIENT
-    step(gaussians, rows, leaves, RATES, torch.tensor(taken, device=rows.device))
+        leaf.grad[:1], leaf.grad[1:2] = 3e38, -2 * LARGEST_GRADIENT
+    step(gaussians, rows, leaves, rates, torch.tensor(taken, device=rows.device))
     return {name: tensor.cpu() for name, tensor in gaussians.tensors().items()}
 
 
@@ -60,3 +60,24 @@ def test_both_agree_and_leave_unseen_rows_and_the_domes_shape_alone():
 def test_a_step_that_is_not_taken_changes_nothing():
     found = stepped(aged_gaussians(oldest=5).to(torch.device(DEVICE)), adam_cuda.step, taken=False)
     assert all(torch.equal(tensor, found[name]) for name, tensor in aged_gaussians(oldest=5).tensors().items())
+
+
+def test_what_does_not_learn_yet_stays_as_it_is():
+    rates = {name: RATES[name] for name in ("sh", "latents")}
+    expected = stepped(aged_gaussians(oldest=99), Gaussians.step, rates=rates)
+    found = stepped(aged_gaussians(oldest=99).to(torch.device(DEVICE)), adam_cuda.step, rates=rates)
+    for name, tensor in aged_gaussians(oldest=99).tensors().items():
+        torch.testing.assert_close(found[name], expected[name], rtol=1e-6, atol=5e-7)
+        assert torch.equal(found[name], tensor) == name.endswith(("means", "logit_opacities", "gradient_sum", "seen")), name
+
+
+def test_a_view_of_nothing_changes_nothing():
+    found = stepped(aged_gaussians(oldest=5).to(torch.device(DEVICE)), adam_cuda.step, rows=ROWS[:0])
+    assert all(torch.equal(tensor, found[name]) for name, tensor in aged_gaussians(oldest=5).tensors().items())
+
+
+@pytest.mark.parametrize("count", [1, adam_cuda.ROWS, adam_cuda.ROWS + 1])
+def test_programs_that_are_not_full_keep_to_their_rows(count):
+    expected = stepped(aged_gaussians(oldest=99), Gaussians.step, rows=ROWS[:count])
+    found = stepped(aged_gaussians(oldest=99).to(torch.device(DEVICE)), adam_cuda.step, rows=ROWS[:count])
+    torch.testing.assert_close(found, expected, rtol=1e-6, atol=5e-7)

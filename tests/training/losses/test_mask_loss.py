@@ -25,13 +25,18 @@ def with_stranger(photo: torch.Tensor) -> torch.Tensor:
     return photo
 
 
+def loss_of(mask: torch.Tensor, image: torch.Tensor, photo: torch.Tensor, regularisation: float) -> torch.Tensor:
+    (loss,) = mask_loss.CellLoss(regularisation)(mask, *mask_loss.cells_of(mask, image, photo))
+    return loss
+
+
 def best_mask(image: torch.Tensor, photo: torch.Tensor) -> torch.Tensor:
     """(h, w): the mask that the loss asks for; image as (3, H, W)."""
     mask = torch.full((1, HEIGHT // CELL, WIDTH // CELL), 0.95, requires_grad=True)
     optimizer = torch.optim.SGD([mask], lr=5e3)
     for _ in range(60):
         optimizer.zero_grad()
-        mask_loss.mask_loss(mask, image.permute(1, 2, 0), photo, SETTLED).backward()
+        loss_of(mask, image.permute(1, 2, 0), photo, SETTLED).backward()
         optimizer.step()
         with torch.no_grad():
             mask.clamp_(0, 1)
@@ -86,7 +91,7 @@ def test_a_photo_that_is_not_learned_yet_is_judged_by_its_own_errors():
 def test_the_gradient_is_right():
     generator = torch.Generator().manual_seed(0)
     mask, image, photo = (torch.rand(shape, generator=generator).double() for shape in ((1, 3, 4), (12, 16, 3), (3, 12, 16)))
-    assert torch.autograd.gradcheck(lambda mask: mask_loss.mask_loss(mask, image, photo, 0.1), mask.requires_grad_())
+    assert torch.autograd.gradcheck(lambda mask: loss_of(mask, image, photo, 0.1), mask.requires_grad_())
 
 
 def test_quantiles_are_torchs():

@@ -1,0 +1,13 @@
+"""Chosen rows of tensors that belong together."""
+
+import torch
+from torch import Tensor
+
+
+def chosen_rows(tensors: dict[str, Tensor], rows: Tensor) -> dict[str, Tensor]:
+    """Copies of the chosen rows of each tensor, without a gradient's way back. tensors: as long as each other, by name. rows: (V,) int64."""
+    if rows.device.type == "cuda" and all(tensor.dtype == torch.float32 and tensor.is_contiguous() for tensor in tensors.values()):
+        from core.kernels import chosen_rows_cuda  # Triton, which a machine without a GPU need not have
+
+        return chosen_rows_cuda.chosen_rows(tensors, rows)
+    return {name: tensor.detach().index_select(0, rows) for name, tensor in tensors.items()}

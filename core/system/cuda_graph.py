@@ -25,7 +25,7 @@ class Replayed:
         self.recordings: dict[tuple, _Recording] = {}
 
     def __call__(self, *given: Tensor) -> Results:
-        if given[0].device.type != "cuda" or not torch.is_grad_enabled():
+        if not (can_record(given[0].device) and torch.is_grad_enabled()):
             return self.network(*given)
         shapes = tuple(tensor.shape for tensor in given)
         if shapes not in self.recordings:
@@ -35,6 +35,11 @@ class Replayed:
         return tuple(next(results) if exists else None for exists in recording.exists)
 
 
+def can_record(device: torch.device) -> bool:
+    """Whether kernels on this device can be recorded."""
+    return device.type == "cuda"
+
+
 class _Recording:
     """The graphs, and the tensors that they read and write.
 
@@ -42,36 +47,37 @@ class _Recording:
     """
 
     def __init__(self, network: nn.Module, given: tuple[Tensor, ...]):
+        self.network = network
         self.given = [tensor.detach().clone().requires_grad_(tensor.requires_grad) for tensor in given]
         # In the same memory, but strangers to autograd, which would wait for the stream that a weight was first used on.
-        weights = {name: weight.detach().requires_grad_() for name, weight in network.named_parameters()}
-        inputs = [*self.given, *weights.values()]
-        learned = [tensor for tensor in inputs if tensor.requires_grad]
-
-        def forward() -> Results:
-            return functional_call(network, weights, tuple(self.given))
-
-        def backward(results: Results) -> tuple[Tensor | None, ...]:
-            taught = [result for result in results if result is not None and result.requires_grad]
-            return torch.autograd.grad(taught, learned, [each for each in self.result_gradients if each is not None], allow_unused=True)
-
+        self.weights = {name: weight.detach().requires_grad_() for name, weight in network.named_parameters()}
         before, aside = torch.cuda.current_stream(), torch.cuda.Stream()
         aside.wait_stream(before)
         with torch.cuda.stream(aside):
             for _ in range(WARM_UP):
-                results = forward()
-                self.exists = [result is not None for result in results]
-                existing = [result for result in results if result is not None]
-                self.result_gradients = [torch.zeros_like(result) if result.requires_grad else None for result in existing]
-                backward(results)
+                self._warm_up()
         before.wait_stream(aside)
         self.forward_graph, self.backward_graph = torch.cuda.CUDAGraph(), torch.cuda.CUDAGraph()
         with torch.cuda.graph(self.forward_graph):
-            results = forward()
+            results = self._forward()
         with torch.cuda.graph(self.backward_graph, pool=self.forward_graph.pool()):
-            found = iter(backward(results))
+            found = iter(self._backward(results))
         self.results = [result.detach() for result in results if result is not None]
-        self.gradients = [next(found) if tensor.requires_grad else None for tensor in inputs]
+        self.gradients = [next(found) if tensor.requires_grad else None for tensor in (*self.given, *self.weights.values())]
+
+    def _forward(self) -> Results:
+        return functional_call(self.network, self.weights, tuple(self.given))
+
+    def _backward(self, results: Results) -> tuple[Tensor | None, ...]:
+        taught = [result for result in results if result is not None and result.requires_grad]
+        learned = [tensor for tensor in (*self.given, *self.weights.values()) if tensor.requires_grad]
+        return torch.autograd.grad(taught, learned, [each for each in self.result_gradients if each is not None], allow_unused=True)
+
+    def _warm_up(self) -> None:
+        results = self._forward()
+        self.exists = [result is not None for result in results]
+        self.result_gradients = [torch.zeros_like(result) if result.requires_grad else None for result in results if result is not None]
+        self._backward(results)
 
 
 class _Replay(torch.autograd.Function):

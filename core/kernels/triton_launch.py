@@ -2,8 +2,8 @@
 
 import triton
 
-# Explicit, as the default differs between versions of Triton. UNFUSED, for the rasterizer: a fused multiply-add where the source
-# says tl.fma, and nowhere else; core.rasterizer.cuda says why.
+# Explicit, as the default differs between versions of Triton. UNFUSED: a fused multiply-add where the source says tl.fma, and
+# nowhere else; core.rasterizer.cuda says why.
 UNFUSED = {"enable_fp_fusion": False}
 FUSED = {"enable_fp_fusion": True}
 

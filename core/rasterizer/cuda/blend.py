@@ -49,10 +49,10 @@ def blended(light, alpha):
     for good.
     """
     left = 1.0 - alpha
-    behind = light * left  # not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers
-    goes_on = behind >= STOP
+    rest = light * left  # not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers
+    goes_on = rest >= STOP
     shown = tl.where(goes_on, alpha, 0.0)
-    return shown, shown * light, tl.where(goes_on, behind, negative(tl.abs(light))), left
+    return shown, shown * light, tl.where(goes_on, rest, negative(tl.abs(light))), left
 
 
 @triton.jit

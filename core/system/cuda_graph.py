@@ -16,8 +16,8 @@ Results = tuple[Tensor | None, ...]
 class Replayed:
     """`network` as it is, but on a GPU, where gradients are asked for, from graphs for each set of shapes; so is its backward pass.
 
-    network: of tensors alone, whose values it does not wait for; it gives a tuple, and its weights keep their places in memory. Results are
-    overwritten by the next call.
+    network: of tensors alone, whose values it does not wait for; it gives a tuple, and its weights keep their places in memory. The gradients
+    of weights lie where the next backward pass writes its own: they are to be used, and set to None, before.
     """
 
     def __init__(self, network: nn.Module):
@@ -31,7 +31,7 @@ class Replayed:
         if shapes not in self.recordings:
             self.recordings[shapes] = _Recording(self.network, given)
         recording = self.recordings[shapes]
-        results = iter(_Replay.apply(recording, *given, *self.network.parameters()))
+        results = iter(_Replay.apply(recording, *given, *recording.weights))
         return tuple(next(results) if exists else None for exists in recording.exists)
 
 
@@ -43,14 +43,16 @@ def can_record(device: torch.device) -> bool:
 class _Recording:
     """The graphs, and the tensors that they read and write.
 
-    given: inputs. results: those that exist, with result_gradients, None for one without. gradients: of inputs and weights, None likewise.
+    given: inputs. results: those that are not None, as `exists` says, with result_gradients, None for one without. gradients: of inputs and
+    weights, None likewise.
     """
 
     def __init__(self, network: nn.Module, given: tuple[Tensor, ...]):
         self.network = network
         self.given = [tensor.detach().clone().requires_grad_(tensor.requires_grad) for tensor in given]
+        self.weights = list(network.parameters())
         # In the same memory, but strangers to autograd, which would wait for the stream that a weight was first used on.
-        self.weights = {name: weight.detach().requires_grad_() for name, weight in network.named_parameters()}
+        self.aliases = {name: weight.detach().requires_grad_() for name, weight in network.named_parameters()}
         before, aside = torch.cuda.current_stream(), torch.cuda.Stream()
         aside.wait_stream(before)
         with torch.cuda.stream(aside):
@@ -63,14 +65,17 @@ class _Recording:
         with torch.cuda.graph(self.backward_graph, pool=self.forward_graph.pool()):
             found = iter(self._backward(results))
         self.results = [result.detach() for result in results if result is not None]
-        self.gradients = [next(found) if tensor.requires_grad else None for tensor in (*self.given, *self.weights.values())]
+        self.gradients = [next(found) if tensor.requires_grad else None for tensor in self._inputs()]
+
+    def _inputs(self) -> tuple[Tensor, ...]:
+        return *self.given, *self.aliases.values()
 
     def _forward(self) -> Results:
-        return functional_call(self.network, self.weights, tuple(self.given))
+        return functional_call(self.network, self.aliases, tuple(self.given))
 
     def _backward(self, results: Results) -> tuple[Tensor | None, ...]:
         taught = [result for result in results if result is not None and result.requires_grad]
-        learned = [tensor for tensor in (*self.given, *self.weights.values()) if tensor.requires_grad]
+        learned = [tensor for tensor in self._inputs() if tensor.requires_grad]
         return torch.autograd.grad(taught, learned, [each for each in self.result_gradients if each is not None], allow_unused=True)
 
     def _warm_up(self) -> None:
@@ -87,7 +92,7 @@ class _Replay(torch.autograd.Function):
         for place, tensor in zip(recording.given, inputs):
             place.copy_(tensor)
         recording.forward_graph.replay()
-        results = tuple(result.detach() for result in recording.results)
+        results = tuple(result.clone() for result in recording.results)
         ctx.mark_non_differentiable(*(result for result, gradient in zip(results, recording.result_gradients) if gradient is None))
         return results
 

@@ -13,14 +13,15 @@ BLOCK = 128  # Gaussians a program, one a thread
 @triton.jit(do_not_specialize=["count"])
 def add_view(gradient_sum, seen, rows, probe_gradient, taken, count, half_width, half_height, BLOCK: tl.constexpr):
     """`densify.plain_gather` for `count` rows, each there once. half_width, half_height: of the picture, px."""
-    at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    known = (at < count) & (tl.load(taken) != 0)
-    row = tl.load(rows + at, mask=known, other=0)
-    x = tl.load(probe_gradient + 2 * at, mask=known, other=0.0) * half_width
-    y = tl.load(probe_gradient + 2 * at + 1, mask=known, other=0.0) * half_height
-    total = tl.load(gradient_sum + row, mask=known, other=0.0) + tl.sqrt_rn(x * x + y * y)
-    tl.store(gradient_sum + row, total, mask=known)
-    tl.store(seen + row, tl.load(seen + row, mask=known, other=0.0) + 1.0, mask=known)
+    if tl.load(taken) != 0:
+        at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+        known = at < count
+        row = tl.load(rows + at, mask=known, other=0)
+        x = tl.load(probe_gradient + 2 * at, mask=known, other=0.0) * half_width
+        y = tl.load(probe_gradient + 2 * at + 1, mask=known, other=0.0) * half_height
+        total = tl.load(gradient_sum + row, mask=known, other=0.0) + tl.sqrt_rn(x * x + y * y)
+        tl.store(gradient_sum + row, total, mask=known)
+        tl.store(seen + row, tl.load(seen + row, mask=known, other=0.0) + 1.0, mask=known)
 
 
 def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int, taken: Tensor) -> None:

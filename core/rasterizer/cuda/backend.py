@@ -20,8 +20,8 @@ from core.scene.camera import Camera
 from core.scene.splats import Splats
 
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
-# and in the backward pass the slot.
-BYTES_A_PAIR = 42 + 4 * layout.SLOT_COLUMNS
+# and in the backward pass the slot, and whether it was blended.
+BYTES_A_PAIR = 43 + 4 * layout.SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
 MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, as kernels find their place with 32 bits

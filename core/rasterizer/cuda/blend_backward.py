@@ -67,7 +67,7 @@ def blend_backward(
 
 @triton.jit
 def over_pixels(g, ge, gee, gy, gey, gyy, red, green, blue, lane):
-    """The sums over all pixels, each in the lanes for which `column_of` says so, in this order.
+    """The sums over all pixels, each in the lanes for which `column_of` says so, in this order, which is the slots'.
 
     At every halving of the warp a lane keeps one value of two and hands on the other: twelve shuffles, where nine sums by themselves take 45.
     """

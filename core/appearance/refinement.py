@@ -16,8 +16,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from core.appearance.colouring import EVEN, Colouring, Weights
+from core.appearance.strangeness import LARGEST_EXCESS, excess
 from core.scene.camera import Camera
-from core.scene.cells import cell_sums
+from core.scene.cells import cell_of_pixels, cell_sums, grid
 from core.system.threads import threads_for_blocks
 
 STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; a rate falls to zero along half a cosine
@@ -103,10 +104,11 @@ def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colo
     """The best look after 0, 1, ... `steps_of(seen)` steps from `start`. photo: of the camera that sees the view.
 
     It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are lit. L1,
-    because passers-by would pull harder on a squared error. All sky together counts no more than the place, whose look a photo that is
-    mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the start included. The result is
-    the same for any number of threads, which torch's own matrix products do not ensure on every processor.
+    because passers-by would pull harder on a squared error; what looks strange in `start` counts less. All sky together counts no more than the
+    place, whose look a photo that is mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the
+    start included. The result is the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
+    photo = without_strangers(seen, start, photo)
     cells, weight = seen.in_cells(photo.weight), photo.weight[..., None]
     pixels, wanted = cell_sums(weight)[:, 0], cell_sums(photo.picture * weight)
     weights = torch.ones_like(pixels) if cells.sky is None else _weights(cells.sky, pixels)
@@ -118,6 +120,20 @@ def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colo
     best = yield from _as_a_whole(seen, start, misfit)
     if seen.hidden:
         yield from _place_by_place(seen, best, misfit, cells.unseen)
+
+
+@torch.no_grad()
+def without_strangers(seen: Refinable, look: Colouring, photo: Shown) -> Shown:
+    """The photo, of which pixels count less the stranger their cell is in this look, down to nothing: who stands before the place would be painted
+    onto it.
+    """
+    weight, (rows, columns) = photo.weight[..., None], grid(photo.camera)
+    with threads_for_blocks():
+        share = cell_sums(weight).clamp_min(1e-6)
+        sums = seen.in_cells(photo.weight).sums(look), cell_sums(photo.picture * weight)
+        shown, wanted = ((each / share).T.reshape(3, rows, columns) for each in sums)
+        static = 1 - excess(shown, wanted) / LARGEST_EXCESS
+    return Shown(photo.camera, photo.picture, photo.weight * static.flatten()[cell_of_pixels(photo.camera, weight.device)])
 
 
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:

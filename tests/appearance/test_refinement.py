@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import LARGEST_PX, LATER_STEPS, LEAST_SKY, STEPS, Shown, _weights, refinement, steps_of
+from core.appearance.refinement import LARGEST_PX, LATER_STEPS, LEAST_SKY, STEPS, Shown, _weights, refinement, steps_of, without_strangers
 from core.scene.camera import Camera
 from core.scene.cells import CELL_PX
 from tests.flat_view import FlatView
@@ -42,6 +42,18 @@ def test_invalid_pixels_do_not_count():
     valid[:, 2:] = False
     _, colour = refined(picture, torch.full((3,), 0.8), valid)
     assert (colour - 0.4).abs().max() < 0.01
+
+
+def test_who_stands_before_the_place_counts_less_and_another_light_does_not():
+    side, begin = 16 * CELL_PX, Colouring(torch.full((3,), 0.4))
+    other_light = torch.tensor([0.3, 0.2, 0.1]).expand(side, side, 3)
+    assert (without_strangers(FlatView((side, side)), begin, shown(other_light)).weight == 1).all()
+    picture, stranger = other_light.clone(), slice(4 * CELL_PX, 7 * CELL_PX)
+    picture[stranger, stranger] = torch.tensor([0.1, 0.1, 0.5])
+    weight = without_strangers(FlatView((side, side)), begin, shown(picture)).weight
+    assert weight[stranger, stranger].mean() < 0.05
+    weight[3 * CELL_PX : 8 * CELL_PX, 3 * CELL_PX : 8 * CELL_PX] = 1  # and the cells around, as errors are smoothed
+    assert (weight == 1).all()
 
 
 def test_it_begins_with_the_tone_that_was_read_and_moves_it():

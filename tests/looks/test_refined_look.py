@@ -51,6 +51,23 @@ def alike(first: Colouring, second: Colouring) -> bool:
     return first.changes.keys() == second.changes.keys() and all(torch.equal(*pair) for pair in pairs)
 
 
+def test_a_crowd_before_the_place_is_not_painted_onto_it(trained, monkeypatch):
+    """How far an orange crowd on a seventh of the photo moves what is seen in its look, with and without being found strange."""
+    sized = trained.sized_photo(trained.collection.view("0.png"))
+    clean = torch.from_numpy(sized.pixels).float() / 255
+    crowded, begin, seen = clean.clone(), find_look(trained, "0.png", refine=False), trained.seen_by(sized.camera)
+    crowded[HEIGHT // 2 : HEIGHT - 8, WIDTH // 4 : WIDTH // 2] = torch.tensor([0.9, 0.4, 0.05])
+
+    def moved() -> float:
+        looks = [refined_look.refined(trained, begin, sized.camera, pixels, None) for pixels in (clean, crowded)]
+        with torch.no_grad():
+            return float((seen.render(looks[0].colouring) - seen.render(looks[1].colouring)).abs().mean())
+
+    found = moved()
+    monkeypatch.setattr("core.appearance.refinement.without_strangers", lambda seen, look, photo: photo)
+    assert found < 0.01 and found < 0.5 * moved()
+
+
 def test_the_photo_of_a_look_is_met_more_closely(trained):
     heard = Heard()
     encoded, refined = (find_look(trained, "0.png", refine=refine, report=heard) for refine in (False, True))

@@ -1,22 +1,13 @@
-"""What teaches the mask: transients, such as passers-by, bring colours that the place does not have in any light."""
+"""What teaches the mask: a place may be hidden where the photo shows there what the place does not (core.appearance.strangeness)."""
 
-import numpy as np
-import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from core.appearance.strangeness import excess
 from core.training.losses.regularisers import mask_regulariser
 
 TYPICAL_ERROR = 0.05  # makes the weight of L_regM comparable with the picture's loss
-# The yardstick of an error, in chromaticity: what differs by less is light, or what is not learned yet. On training photos of plaza 79 %
-# of the passers-by differ by more and 27 % of the rest, on those of the Statue of Liberty 14 % of everything.
-STRANGE = 0.05
-USUAL = 0.8  # quantile of a photo's errors that is its yardstick if above STRANGE: passers-by seldom cover more than the rest
-LARGEST_EXCESS = 2.0  # an error three times the yardstick is as strange as can be
-DARK = 0.1  # brightness at which a chromaticity counts half: in the dark it is noise
-BRIGHTEST = 2.0  # of a render or a photo in training, far above what exposure jitter brings
-RIDGE = 1e-4  # of colours in [0, 1] squared: where they vary by less than a hundredth they say nothing about a tone
 
 
 def cells_of(
@@ -28,13 +19,9 @@ def cells_of(
 
 
 class CellLoss(nn.Module):
-    """The mask may hide a place only where the error there pays for it.
+    """The mask may hide a place only where the error there pays for it: see `excess`, of image and photo as `cells_of` gives them.
 
-    Of image and photo as `cells_of` gives them. The image is brought into the photo's tone, and what is left between their
-    chromaticities is the error: a passer-by changes it, shade and detail that is not learned yet hardly do. It counts in units of STRANGE,
-    or of the photo's own large errors if these are larger; only what exceeds them pays. A place is best hidden by
-    1 - M = TYPICAL_ERROR * (error / yardstick - 1) / (2 * regularisation). Where the photo is
-    black (or says nothing, as under a given mask) there is no error.
+    A place is best hidden by 1 - M = TYPICAL_ERROR * excess / (2 * regularisation).
     """
 
     def __init__(self, regularisation: float):
@@ -42,41 +29,4 @@ class CellLoss(nn.Module):
         self.regularisation = regularisation
 
     def forward(self, mask: Float[Tensor, "1 h w"], shown: Float[Tensor, "3 h w"], wanted: Float[Tensor, "3 h w"]) -> tuple[Float[Tensor, ""]]:
-        shown, wanted = shown.clamp(0, BRIGHTEST), wanted.clamp(0, BRIGHTEST)
-        tints = chromaticity(torch.stack([retoned(shown, wanted), wanted]))
-        error = (tints[0] - tints[1]).abs().mean(dim=0, keepdim=True)
-        error = smoothed(torch.where(wanted.amax(dim=0, keepdim=True) > 0, error, 0))
-        excess = (error / quantile(error, USUAL).clamp_min(STRANGE) - 1).clamp(0, LARGEST_EXCESS)
-        return (TYPICAL_ERROR * (mask * excess).mean() + self.regularisation * mask_regulariser(mask),)
-
-
-def chromaticity(colours: Float[Tensor, "2 3 h w"]) -> Float[Tensor, "2 3 h w"]:
-    """Colours over their own brightness, so that shade does not show; dark ones fade."""
-    return colours / (colours.mean(dim=1, keepdim=True) + DARK)
-
-
-def retoned(shown: Float[Tensor, "3 h w"], wanted: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
-    """`shown` in the tone of `wanted`, by the affine map of colours that suits the cells best (least squares); >= 0.
-
-    What the look has not learned of a photo's tone is no one's fault in it. Where the colours do not determine a map, it stays
-    near the identity. (Weighing down what does not fit, so that passers-by have no say, found no more of them.)
-    """
-    inputs = torch.cat([shown, torch.ones_like(shown[:1])]).flatten(1)
-    share = inputs / inputs.shape[1]
-    gram = share @ inputs.T
-    gram.diagonal().add_(RIDGE)
-    change = torch.linalg.solve_ex(gram, share @ (wanted - shown).flatten(1).T).result  # which does not wait for a GPU
-    return (shown + (change.T @ inputs).view_as(shown)).clamp_min(0)
-
-
-def smoothed(cells: Float[Tensor, "1 h w"]) -> Float[Tensor, "1 h w"]:
-    """Averaged with the eight cells around, those at the rim repeated: people cover more than one."""
-    return F.avg_pool2d(F.pad(cells[None], (1, 1, 1, 1), mode="replicate"), 3, stride=1)[0]
-
-
-def quantile(values: Float[Tensor, "..."], share: float) -> Float[Tensor, ""]:
-    """torch.quantile of finite values, in three kernels of a GPU instead of twenty."""
-    ascending = values.flatten().sort().values
-    rank = np.float32(share) * np.float32(len(ascending) - 1)
-    below = int(rank)
-    return torch.lerp(ascending[below], ascending[min(below + 1, len(ascending) - 1)], float(rank - np.float32(below)))
+        return (TYPICAL_ERROR * (mask * excess(shown, wanted)).mean() + self.regularisation * mask_regulariser(mask),)

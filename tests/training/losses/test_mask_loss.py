@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from core.appearance import strangeness
 from core.training.losses import mask_loss
 
 HEIGHT, WIDTH, CELL = 48, 64, 4
@@ -68,8 +69,8 @@ def test_another_light_hides_nothing_and_hides_no_stranger(change):
 
 @pytest.mark.parametrize("picture", [torch.zeros(3, 12, 16), torch.full((3, 12, 16), 0.7)], ids=["black", "of one colour"])
 def test_colours_that_determine_no_map_are_left_or_met(picture):
-    torch.testing.assert_close(mask_loss.retoned(picture, picture), picture)
-    moved = mask_loss.retoned(picture, picture + 0.1)
+    torch.testing.assert_close(strangeness.retoned(picture, picture), picture)
+    moved = strangeness.retoned(picture, picture + 0.1)
     assert torch.isfinite(moved).all() and float((moved - picture - 0.1).abs().max()) < 1e-3
 
 
@@ -85,7 +86,7 @@ def test_a_photo_that_is_not_learned_yet_is_judged_by_its_own_errors():
     photo = torch.rand(3, HEIGHT // CELL, WIDTH // CELL, generator=generator)
     photo = photo.repeat_interleave(CELL, dim=1).repeat_interleave(CELL, dim=2)
     mask = best_mask(place(), photo)
-    assert float((mask < 0.95).float().mean()) < 1 - mask_loss.USUAL + 0.01
+    assert float((mask < 0.95).float().mean()) < 1 - strangeness.USUAL + 0.01
 
 
 def test_the_gradient_is_right():
@@ -96,5 +97,5 @@ def test_the_gradient_is_right():
 
 def test_quantiles_are_torchs():
     values = torch.rand(7, 11, generator=torch.Generator().manual_seed(0))
-    for share in (0.0, 0.5, mask_loss.USUAL, 1.0):
-        torch.testing.assert_close(mask_loss.quantile(values, share), torch.quantile(values, share))
+    for share in (0.0, 0.5, strangeness.USUAL, 1.0):
+        torch.testing.assert_close(strangeness.quantile(values, share), torch.quantile(values, share))

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from wegs_cli.options import OutputPath
+
 
 @click.command(short_help="Write the scene in the look of a photo, as a .ply.")
 @click.option(
@@ -12,7 +14,7 @@ import click
     metavar="PHOTO",
     help="A photo file, the name of a photo of the scene, a saved look, or `neutral`.",
 )
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The .ply to write.")
+@click.option("-o", "--output", required=True, type=OutputPath(), help="The .ply to write.")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Overwrite the .ply, and a look saved under that name.")
 @click.option("--mask", type=click.Path(path_type=Path), help="Mask for PHOTO: white = use.")

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from core.bench import FIGURES
+from wegs_cli.options import OutputPath
 
 
 @click.command(short_help="Measure error against run time.")
@@ -12,7 +13,7 @@ from core.bench import FIGURES
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Measure this run; nothing is trained.")
 @click.option("--only", "names", type=click.Choice(FIGURES), multiple=True, help="Only this figure; repeatable.")
 @click.option("--full", is_flag=True, help="Presets up to 3,000 steps, three seeds, more views and repeats: an hour, not minutes.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), default="bench", show_default=True, help="Folder of the figures.")
+@click.option("-o", "--output", type=OutputPath(), default="bench", show_default=True, help="Folder of the figures.")
 @click.option("--force", is_flag=True, help="Replace the figures that OUTPUT holds.")
 def bench(scene, run_folder, names, full, output, force) -> None:
     """Plot error against run time for rendering, baking, training and refinement, each as a table, CSV, JSON and PNG.

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from wegs_cli.options import OutputPath
+
 
 @click.command(short_help="Fade from one look to another.")
 @click.argument("first")
@@ -12,7 +14,7 @@ import click
 @click.option("--view", metavar="NAME", help="Photo whose camera is used.  [default: the first held-out one]")
 @click.option("--no-refine", is_flag=True, help="Take looks as the encoder reads them; see `wegs bake`.")
 @click.option("--ply", is_flag=True, help="Also write one .ply per frame.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the frames.  [default: FIRST-to-LAST]")
+@click.option("-o", "--output", type=OutputPath(), help="Folder of the frames.  [default: FIRST-to-LAST]")
 @click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Replace the frames that OUTPUT holds.")
 def interpolate(first, last, steps, view, no_refine, ply, output, run_folder, force) -> None:

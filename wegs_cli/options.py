@@ -1,5 +1,6 @@
 """Options made from core.config: names, help, ranges, choices and defaults are written there and nowhere else."""
 
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable
@@ -16,6 +17,18 @@ FLAGS = (
     "steps", "resolution", "all_photos", "max_gaussians", "sh_degree", "appearance", "transients", "seed", "device", "backend",
 )  # fmt: skip
 SHORT = {"resolution": ("-r",)}
+
+
+class OutputPath(click.Path):
+    """What is to be written. A `..` behind a folder that is not there yet is resolved, or what it leads to would be taken for new."""
+
+    def __init__(self):
+        super().__init__(path_type=Path)
+
+    def convert(self, value, param, ctx):
+        path = super().convert(value, param, ctx)
+        climbed = [Path(*path.parts[:place]) for place, part in enumerate(path.parts) if part == ".."]
+        return path if all(folder.exists() for folder in climbed) else Path(os.path.realpath(path))
 
 
 class AutoOrWhole(click.IntRange):

@@ -169,5 +169,5 @@ def _masks(masks: dict[str, float], facts: dict) -> Finding:
     collapsed = facts["collapse_told"] or mean < COLLAPSED
     advice = "Look at masks/ in the run; raise mask_regularisation if they hide the place itself." if collapsed else ""
     figure = f"{mean:.2f} (mean), {least:.2f} (least: {name})"
-    meaning = f"share of a photo that counts as static; below {COLLAPSED} masks have collapsed and are held there"
+    meaning = f"share of a photo that counts as static; with a mean below {COLLAPSED} masks have collapsed and are held there"
     return Finding("masks", figure, meaning, advice)

@@ -1,10 +1,12 @@
 """Settings from presets, files and the command line: which beats which, and what is refused."""
 
+from pathlib import Path
+
 import pytest
 
 from core.config import PRESETS, Settings, preset
 from core.errors import BadInput, BadSetting
-from wegs_cli.options import settings_from
+from wegs_cli.options import OutputPath, settings_from
 
 NOTHING: dict = {"steps": None, "seed": None}
 
@@ -23,6 +25,15 @@ def test_what_the_command_line_replaces_in_a_file_is_not_judged(tmp_path):
         settings_from(None, path, (), {"steps": 100})
     with pytest.raises(BadSetting, match="^sky_radius="):
         settings_from(None, write_toml(tmp_path, "seed = 1\n"), ("sky_radius=-1",), {})
+
+
+def test_an_output_behind_a_folder_that_is_not_there_is_the_one_it_leads_to(tmp_path, monkeypatch):
+    (tmp_path / "runs" / "a").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "runs")
+    for typed in ("a", "../runs/a", "new/b.ply"):
+        assert OutputPath().convert(typed, None, None) == Path(typed)
+    for typed in ("none/../a", "../runs/none/../a", "none/none/../../a/"):
+        assert OutputPath().convert(typed, None, None) == (tmp_path / "runs" / "a").resolve()
 
 
 def test_without_anything_the_defaults_stand():

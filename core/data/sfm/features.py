@@ -76,6 +76,8 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
     options.sift.max_num_features = affordable(most)
+    if affordable(most) < most:
+        report.warn(f"The limit on memory leaves {affordable(most)} features a photo, not {most}: fewer points, and fewer photos find their place.")
     for done, part in _parts(names, least=2):
         _number(work, part)
         pycolmap.extract_features(

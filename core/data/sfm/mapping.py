@@ -12,7 +12,7 @@ from core.errors import BadInput
 from core.report import Report
 from core.words import counted
 
-REPEATABLE = 100  # up to this many photos one thread maps them, with the same result each time; a sixth slower than two (87 photos: 21 s)
+REPEATABLE = 100  # up to this many photos one thread maps them, with nearly always the same result; a sixth slower than two (87 photos: 21 s)
 
 
 def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:

@@ -6,7 +6,7 @@ shadow falls. What the photo does not show is held to the look of the first part
 """
 
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, pi
 from typing import Protocol, runtime_checkable
 
@@ -94,6 +94,11 @@ class Shown:
         share = means(weight[..., None])
         return Shown(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])
 
+    def in_cells(self) -> tuple[Float[Tensor, " cells"], Float[Tensor, "cells 3"]]:
+        """How much of each cell counts, px, and the sum of what it shows."""
+        weight = self.weight[..., None]
+        return cell_sums(weight)[:, 0], cell_sums(self.picture * weight)
+
 
 def steps_of(seen: Refinable) -> int:
     """How many steps a refinement takes."""
@@ -109,8 +114,7 @@ def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colo
     start included. The result is the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
     photo = without_strangers(seen, start, photo)
-    cells, weight = seen.in_cells(photo.weight), photo.weight[..., None]
-    pixels, wanted = cell_sums(weight)[:, 0], cell_sums(photo.picture * weight)
+    cells, (pixels, wanted) = seen.in_cells(photo.weight), photo.in_cells()
     weights = torch.ones_like(pixels) if cells.sky is None else _weights(cells.sky, pixels)
     compared = 3 * (weights * pixels).sum()
 
@@ -127,13 +131,12 @@ def without_strangers(seen: Refinable, look: Colouring, photo: Shown) -> Shown:
     """The photo, of which pixels count less the stranger their cell is in this look, down to nothing: who stands before the place would be painted
     onto it.
     """
-    weight, (rows, columns) = photo.weight[..., None], grid(photo.camera)
+    pixels, sums = photo.in_cells()
     with threads_for_blocks():
-        share = cell_sums(weight).clamp_min(1e-6)
-        sums = seen.in_cells(photo.weight).sums(look), cell_sums(photo.picture * weight)
-        shown, wanted = ((each / share).T.reshape(3, rows, columns) for each in sums)
+        both = seen.in_cells(photo.weight).sums(look), sums
+        shown, wanted = ((each / pixels[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera)) for each in both)
         static = 1 - excess(shown, wanted) / LARGEST_EXCESS
-    return Shown(photo.camera, photo.picture, photo.weight * static.flatten()[cell_of_pixels(photo.camera, weight.device)])
+    return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.camera, pixels.device)])
 
 
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:

@@ -257,8 +257,9 @@ FIELDS = {item.name: item for item in fields(Settings)}
 
 def no_setting(name: str) -> BadSetting:
     """The error for a name that no setting has."""
-    near = difflib.get_close_matches(name.lower(), FIELDS, n=1)
-    return BadSetting(f"There is no setting {name!r}.", f"Did you mean {near[0]}?" if near else "`wegs train --help` lists them.")
+    begin_so = [known for known in FIELDS if known.startswith(name.lower())]
+    near = difflib.get_close_matches(name.lower(), FIELDS, n=1) or begin_so
+    return BadSetting(f"There is no setting {name!r}.", f"Did you mean {', '.join(near)}?" if near else "`wegs train --help` lists them.")
 
 
 KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}

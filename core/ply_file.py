@@ -30,6 +30,8 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
         raise BadInput(f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again.") from None
     except (plyfile.PlyParseError, ValueError) as problem:
         fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
+        if not path.stat().st_size:
+            fault = "it is empty"
         raise BadInput(f"{path} is not a .ply: {fault}.", f"Give a {wanted}.") from None
     except MemoryError:
         raise BadInput(f"{path} announces more rows than fit into memory.", "Copy or export it again.") from None

@@ -7,7 +7,8 @@ import pytest
 from core import pipeline
 from core.data import load_collection
 from core.pipeline.baking import ONE_LOOK
-from core.training.tell import tell_collection
+from core.training.tell import tell_collection, tell_plan
+from core.training.trainer import Trainer
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.small import finished, small_collection, small_settings
@@ -42,6 +43,19 @@ def test_where_all_photos_are_trained_on_none_is_said_to_be_held_out(tmp_path):
     lines = told(collection.undivided())
     assert lines[0].endswith("4 photos (4 train, 0 test), 20 points")
     assert [line for line in lines if "held" in line] == ["! All photos are trained on, none is held out: there will be no held-out quality."]
+
+
+def test_points_that_there_is_no_room_for_are_told(tmp_path):
+    collection = small_collection(tmp_path)
+    points = len(collection.points)
+    for most, lines in (
+        (2 * points, []),
+        (2 * points - 1, [f"It starts from {points - 1} of the {points} points, as half of the Gaussians are for growth"]),
+    ):
+        heard, trainer = Heard(), Trainer(collection, small_settings(max_gaussians=most), tmp_path)
+        tell_plan(trainer, heard)
+        assert [line for line in heard.lines if "starts from" in line] == lines
+        assert len(trainer.gaussians.splats) - trainer.gaussians.sky == min(points, most // 2)
 
 
 def test_a_look_comes_with_a_way_to_look_at_it(trained, tmp_path):

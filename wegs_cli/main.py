@@ -69,7 +69,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         advice = f" Try: {context.command_path} --help" if context else ""
         if isinstance(problem, click.NoSuchOption) and problem.option_name == "--memory":
             advice = " It goes before the command: wegs --memory GIB train ..."
-        return " ".join(problem.format_message().split()) + advice, problem.exit_code
+        message = problem.format_message().replace("float range", "number").replace("integer range", "whole number")  # click's names of types
+        return " ".join(message.split()) + advice, problem.exit_code
     if isinstance(problem, (click.Abort, KeyboardInterrupt)):
         # click turns every Ctrl-C into an Abort; the words about what was kept are in its cause.
         first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem

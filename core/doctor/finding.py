@@ -28,7 +28,8 @@ def verdict(findings: Sequence[Finding]) -> str:
     open_ones = [finding.name for finding in findings if finding.advice]
     if not open_ones:
         return f"Verdict: sound; {len(findings)} checks, nothing to do."
-    return f"Verdict: {len(open_ones)} of {len(findings)} checks need attention: {', '.join(dict.fromkeys(open_ones))}."
+    need = "needs" if len(open_ones) == 1 else "need"
+    return f"Verdict: {len(open_ones)} of {len(findings)} checks {need} attention: {', '.join(dict.fromkeys(open_ones))}."
 
 
 def part(count: int, total: int) -> str:

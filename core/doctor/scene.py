@@ -62,8 +62,9 @@ def placed_photos(scene: Path) -> list[Finding]:
     if (counts := placed_of(scene)) is None:
         return []
     total, placed, _ = counts
-    meaning, advice = "structure from motion left out the others", "Expect a poor scene. Add photos from in between."
-    return [Finding("photos placed", f"{placed} of {total}", meaning, advice if shortfall(scene) else "")]
+    meaning = "by structure from motion" + "; the others are left out" * (placed < total)
+    advice = "Expect a poor scene. Add photos from in between." if shortfall(scene) else ""
+    return [Finding("photos placed", f"{placed} of {total}", meaning, advice)]
 
 
 def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:

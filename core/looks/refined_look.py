@@ -86,7 +86,7 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     try:
         found.save(path)
     except WegsError as problem:
-        report.warn(f"{problem} They will be searched for again.")
+        report.warn(f"{problem} The next photo from outside has them searched for again.")
     return found
 
 

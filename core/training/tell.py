@@ -8,6 +8,7 @@ from core.errors import command
 from core.report import Report
 from core.system import device
 from core.training import schedule
+from core.training.gaussians.initialisation import most_points
 from core.training.on_disk import run_folders
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless
@@ -33,6 +34,9 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
     report.say(f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, at most {counted(settings.max_gaussians, 'Gaussian')}")
+    points = len(trainer.collection.points)
+    if points > (most := most_points(settings)):
+        report.say(f"It starts from {most} of the {counted(points, 'point')}, as half of the Gaussians are for growth")
     if trainer.transparent_is_empty:
         report.say("Transparent pixels are learned as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:

@@ -164,6 +164,8 @@ def test_a_program_without_a_terminal_works_all_the_same():
         (["tarin", "photos"], "No such command 'tarin'. Did you mean 'train'?"),
         (["quit"], "No such command 'quit'. Try: wegs --help"),
         (["train", "photos", "--memory", "4"], "No such option '--memory'. It goes before the command: wegs --memory GIB train"),
+        (["--memory", "much", "train"], "'much' is not a valid number. Try: wegs --help"),
+        (["interpolate", "a.jpg", "b.jpg", "--steps", "few"], "'few' is not a valid whole number. Try: wegs interpolate --help"),
         (["train", "photos", "--set", "masks=people"], "masks is no setting but an option of the command line. Type: --masks ..."),
         (["train", "photos", "--set", "resume=1"], "resume is no setting but an option of the command line. Type: --resume"),
         (["train", "photos", "--config", "x.toml"], "x.toml: masks is no setting but an option of the command line. Type: --masks ..."),

@@ -1,6 +1,7 @@
 """What a folder holds, and what a user is told who gave another; real collections where they are at hand."""
 
 import os
+import re
 from pathlib import Path
 
 import cv2
@@ -56,6 +57,12 @@ def test_photos_without_a_model(tmp_path, folder):
     assert find_photos(tmp_path) == tmp_path / folder
     with pytest.raises(BadInput, match="no COLMAP model.* Type: wegs sfm"):
         load_collection(tmp_path)
+
+
+def test_the_current_folder_is_called_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadInput, match=f"^{re.escape(str(tmp_path))} holds no photos"):
+        find_kind(Path())
 
 
 def test_what_lies_around_instead_of_photos_is_named(tmp_path):

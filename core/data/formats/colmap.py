@@ -81,7 +81,9 @@ def read_colmap(root: Path) -> Posed:
     if images.name in ORIGINALS:
         notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
     if images.name in SHRUNKEN:
-        notes.append(Note(f"The photos in {images} are used: images/ holds few of the model's, or none.", harmless=True))
+        fuller = images.parent / "images"
+        why = f"{fuller} holds less than half of the model's" if fuller.is_dir() else f"there is no {fuller}"
+        notes.append(Note(f"The photos in {images} are used: {why}.", harmless=True))
     names_used = Counter(image.name for image in found)
     notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
     photos, found_notes = with_files_found([posed_photo(image, images) for image in found], [images])

@@ -53,15 +53,16 @@ def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Pa
 
 def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     """The error for a folder without photos, which says what it holds instead. what: what is missing, in words."""
+    name = folder.resolve() if folder == Path() else folder
     if others := list_unreadable(folder):
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
-        return BadInput(f"{folder} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
+        return BadInput(f"{name} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
     if is_of_run(folder):
-        return BadInput(f"{folder} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
+        return BadInput(f"{name} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
     if below := fuller_below(folder, folder):
         inner = below.relative_to(folder)
-        return BadInput(f"{folder} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
-    return BadInput(f"{folder} holds {what}.", "Give the folder that holds your photos.")
+        return BadInput(f"{name} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
+    return BadInput(f"{name} holds {what}.", "Give the folder that holds your photos.")
 
 
 def fuller_below(folder: Path, than: Path) -> Path | None:

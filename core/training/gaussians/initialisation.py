@@ -18,10 +18,15 @@ SKY_MARGIN = 4.0  # the dome is at least this many times as far away as the fart
 SKY_FLATNESS = 0.01  # thickness of a dome Gaussian over its width
 
 
+def most_points(settings: Settings) -> int:
+    """How many SfM points at most become Gaussians: half of all that there may be, the other half is for growth."""
+    return max(settings.max_gaussians // 2, 1)
+
+
 def initial_gaussians(collection: Collection, settings: Settings, generator: torch.Generator) -> Gaussians:
     """Gaussians at the SfM points, as 3DGS starts, and the dome of the sky behind them."""
     points, colours = collection.points, collection.point_colours
-    room = max(settings.max_gaussians // 2, 1)  # the other half is for growth
+    room = most_points(settings)
     if len(points) > room:
         chosen = np.sort(torch.randperm(len(points), generator=generator)[:room].numpy())
         points, colours = points[chosen], colours[chosen]

@@ -39,6 +39,7 @@ def test_layouts(tmp_path, images, sparse, scale):
     assert (collection.name, collection.kind) == ("church", "colmap")
     assert collection.photos[0].camera.width == round(WIDTH * scale)
     assert collection.photos[0].camera.height == round(HEIGHT * scale)
+    assert bool(notes_with(collection, f"are used: there is no {(tmp_path / 'church' / images).parent / 'images'}")) == (scale < 1)
 
 
 @pytest.mark.parametrize("base", [".", "dense"])

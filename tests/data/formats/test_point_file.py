@@ -103,6 +103,12 @@ def test_what_is_no_points_file(tmp_path, old, new, words):
         read_points_file(path)
 
 
+def test_an_empty_file(tmp_path):
+    (tmp_path / "a.ply").touch()
+    with pytest.raises(BadInput, match="a.ply is not a .ply: it is empty. Give"):
+        read_points_file(tmp_path / "a.ply")
+
+
 def test_no_file(tmp_path):
     with pytest.raises(BadInput, match="There is no file"):
         read_points_file(tmp_path / "a.ply")

@@ -26,13 +26,14 @@ STEPS = 255.0
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the photos say; None where they say too little.
+    """What the photos say, of which there are `photos`; None where they say too little.
 
     colour_spread: of a point over the photos, 8-bit steps. spread_beyond_tone: the same after a gain and an offset for each photo and
     channel, its tone. view_dependence: share, up to 1, of the latter that the viewing direction explains. strange_share: of places, those
     that look unlike what photos from nearly the same place show.
     """
 
+    photos: int
     colour_spread: float | None = None
     spread_beyond_tone: float | None = None
     view_dependence: float | None = None
@@ -44,10 +45,11 @@ def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidenc
     places = _judgeable(find_sightings(points, photos))
     matched = places[places.matched]
     if len(matched) < FEWEST_SIGHTINGS or len(np.unique(matched.photo)) < FEWEST_PHOTOS:
-        return Evidence()
+        return Evidence(len(photos))
     base, tones = fit_tones(matched)
     left = matched.colour - in_tone(tones, matched.photo, base[matched.point])
     return Evidence(
+        len(photos),
         colour_spread=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
         spread_beyond_tone=shared_spread(matched, left),
         view_dependence=view_dependence(matched, left),

@@ -67,6 +67,11 @@ def test_a_copy_in_nerfstudios_format_is_judged_alike(tmp_path):
         assert copy[name].value == decision.value and copy[name].figure == pytest.approx(decision.figure, rel=1e-6)
 
 
+def test_a_real_collection_too_small_to_teach_masks_gets_none():
+    taken = decided_for(load_collection(real("kermit")))
+    assert taken["transients"].value == "off" and taken["transients"].figure is None
+
+
 @pytest.mark.parametrize("name", ["sacre_coeur", "statue_of_liberty"])
 def test_real_wild_collections_keep_everything(name):
     taken = decided_for(load_collection(real(name)))
@@ -90,24 +95,27 @@ def test_a_real_calm_collection_in_other_exposures_needs_these_alone():
     assert values(decided_for(load_collection(real("fountain")), change=exposed_again)) == ("exposure", "off")
 
 
-def test_too_little_to_judge_by_keeps_everything_and_says_so(tmp_path):
+def test_too_little_to_judge_by_keeps_looks_and_says_so(tmp_path):
     taken = decided_for(known_collection(tmp_path, lit, photos=3))
-    assert values(taken) == ("full", "on") and taken["sh_degree"].value == decisions.USUAL_DEGREE
+    assert values(taken) == ("full", "off") and taken["sh_degree"].value == decisions.USUAL_DEGREE
     for decision in taken.values():
         assert decision.figure is None and "too" in decision.because
 
 
 def test_figures_on_either_side_of_a_bound_decide():
     def evidence(**figures):
-        return Evidence(**{"colour_spread": 20.0, "spread_beyond_tone": 9.0, "view_dependence": 0.9, "strange_share": 0.1} | figures)
+        usual = {"photos": 20, "colour_spread": 20.0, "spread_beyond_tone": 9.0, "view_dependence": 0.9, "strange_share": 0.1}
+        return Evidence(**usual | figures)
 
     for seen, why in (
         (evidence(strange_share=None), "fewer than 300 places"),
-        (Evidence(), "too few points are known to be shared by photos to tell"),
+        (Evidence(20), "too few points are known to be shared by photos to tell"),
     ):
         taken = decisions.transients(seen)
         assert taken.value == "on" and why in taken.because and "whether there are passers-by; `--transients off` leaves masks out" in taken.because
-    assert "to tell whether their light differs; `--appearance off` leaves looks out" in decisions.appearance(Evidence()).because
+        few = decisions.transients(replace(seen, photos=19))
+        assert few.value == "off" and why in few.because and "19 photos hardly teach what these look like; `--transients on`" in few.because
+    assert "to tell whether their light differs; `--appearance off` leaves looks out" in decisions.appearance(Evidence(3)).because
     assert decisions.appearance(evidence(colour_spread=decisions.LEAST_COLOUR_SPREAD - 0.01)).value == "off"
     assert decisions.appearance(evidence(spread_beyond_tone=decisions.LEAST_SPREAD_BEYOND_TONE - 0.01)).value == "exposure"
     assert decisions.appearance(evidence()).value == "full"

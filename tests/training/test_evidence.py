@@ -190,7 +190,7 @@ def test_too_few_points_give_no_figures(tmp_path):
     few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in photos]
     assert gather_evidence(collection.points, few).colour_spread is None
     none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in photos]
-    assert gather_evidence(collection.points, none) == Evidence()
+    assert gather_evidence(collection.points, none) == Evidence(len(none))
     assert gather_evidence(collection.points, photos[:1]).colour_spread is None
 
 
@@ -201,7 +201,7 @@ def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
     seen = [shared] * 5 + [own]
     photos = [replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s))) for p, s in zip(photos, seen, strict=True)]
     found = gather_evidence(collection.points, photos)
-    assert found == gather_evidence(collection.points, photos[:5]) and found.colour_spread is not None
+    assert replace(found, photos=5) == gather_evidence(collection.points, photos[:5]) and found.colour_spread is not None
 
 
 def test_figures_do_not_change_from_call_to_call(tmp_path):

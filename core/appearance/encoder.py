@@ -88,7 +88,8 @@ class Enc2(nn.Module):
 
     @torch.no_grad()
     def start_apart(self, summaries: Float[Tensor, "photos d"]) -> None:
-        """Start the last layer so that the embeddings of these photos have mean zero, about unit variance, no correlation.
+        """Start the last layer so that the embeddings of these photos have mean zero and no correlation. Their strongest component varies by about
+        0.7 (standard deviation), the others by less.
 
         Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run. Data-dependent
         initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and those of

@@ -19,7 +19,7 @@ from core.scene.splats import Splats
 from core.system.cuda_graph import Replayed
 from core.system.threads import one_torch_thread
 
-TABLE_SPREAD = 1.0  # of GLO embeddings at the start, that of an encoder's
+TABLE_SPREAD = 1.0  # of GLO embeddings at the start; the strongest component of an encoder's has 0.7
 MEAN_WINDOW_ROUNDS = 2  # the mean embedding forgets over this many rounds through the photos,
 LEAST_WINDOW = 64  # and this many steps: over fewer, the exposure jitter of single photos shows in the neutral look
 
@@ -37,7 +37,8 @@ class AppearanceModel(nn.Module):
 
     photo_names: the photos that tables (GLO embeddings, MLP masks) have rows for, in the order of those rows.
     mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: the last one
-    remembered of each training photo, the very first for photos not met yet; no rows unless an encoder gives embeddings.
+    remembered of each training photo, the very first for photos not met yet; no rows unless an encoder gives embeddings. A finished run has two rows
+    a photo (`load_run`).
     """
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):

@@ -85,5 +85,5 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
                 is_all = share == 0 and degree == whole.degree
                 label = "everything (--prune off)" if is_all else f"{share:.0%} pruned"
                 add(f"SH degree {degree}", label, lambda rows=rows, degree=degree: bake(trained, neutral, rows).up_to_degree(degree))
-    title = f"Baking {trained.folder.name}: {len(whole)} Gaussians of degree {whole.degree}"
+    title = f"Baking {trained.folder.resolve().name}: {len(whole)} Gaussians of degree {whole.degree}"
     return Figure("baking", title, QUANTITIES, PANELS, tuple(points), made_on(trained.settings.seed), NOTES)

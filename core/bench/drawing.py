@@ -120,9 +120,9 @@ def _floor(quantity: Quantity, points: list[Point]) -> float:
     """Where a logarithmic axis shows what lies below all that it can show; -inf where nothing does."""
     values = [point.values[quantity.name].median for point in points]
     above = [value for value in values if value > quantity.floor]
-    if quantity.scale != "log" or not above or len(above) == len(values):
+    if quantity.scale != "log" or len(above) == len(values):
         return -math.inf
-    return quantity.floor or min(above) / 10
+    return quantity.floor or (min(above) / 10 if above else -math.inf)
 
 
 def _place(point: Point, quantity: Quantity, floor: float = -math.inf) -> float:

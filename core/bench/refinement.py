@@ -29,9 +29,9 @@ NOTES = ("Medians and quartiles over photos. half: the right half is scored, whi
 
 
 def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
-    """The course of the refinement on up to `photos` held-out photos of each run. trained: by the names to draw them under.
+    """The course of the refinement on up to `photos` held-out photos of each run. trained: runs that have looks, by the names to draw them under.
 
-    Raises BadInput where nothing can be measured: no held-out photo that can be read, or looks that follow no embedding.
+    Raises BadInput where no held-out photo can be read.
     """
     points = []
     for name, run in trained.items():

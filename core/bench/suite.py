@@ -180,9 +180,9 @@ def _courses_of(folders: list[Path]) -> list[Course]:
 
 def _follows_a_look(trained: TrainedRun, report: Report) -> bool:
     """Whether the run has looks to refine; says so if not."""
-    if trained.model.sh_transfer is None:
+    if not trained.has_looks:
         report.say(f"{trained.folder}: trained without appearance, so there is no look to refine.")
-    return trained.model.sh_transfer is not None
+    return trained.has_looks
 
 
 def _fixed_rendering(size: Size, report: Report) -> Figure:
@@ -195,7 +195,7 @@ def _rendering_of(trained: TrainedRun, size: Size, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
-    title = f"Rendering {trained.folder.name}: {_words(splats, cameras)}"
+    title = f"Rendering {trained.folder.resolve().name}: {_words(splats, cameras)}"
     return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget)
 
 

@@ -162,7 +162,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         model = AppearanceModel(settings, saved.facts["photos"]).to(place)
         model.load_state_dict(saved.part("model"))
         encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
-        if encoded:
+        if encoded:  # by the finished encoder, as photos of the collection and as photos from outside
             model.met_embeddings = torch.cat([encoded["masked"], encoded["unmasked"]])
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()

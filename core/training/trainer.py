@@ -195,6 +195,7 @@ class Trainer:
         self.skipped_in_a_row += 1
         if self.skipped_in_a_row >= SKIPS_ALLOWED:
             self.skipped_in_a_row = 0  # what goes on from here is given as many again
+            self._change_gaussians()  # what is due now would not be afterwards
             path = self.save()
             raise TrainingStopped(
                 f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",

@@ -151,6 +151,9 @@ def test_values_below_zero_stay_where_they_are():
     shown = [POINTS[0], POINTS[1]]
     assert _place(POINTS[0], QUALITY, _floor(QUALITY, shown)) == -3.0
     assert [_place(point, ERROR, _floor(ERROR, list(POINTS))) for point in POINTS] == [1e-6, 1e-6, 0.5]
+    exact = point("exact", 1, 0.0)
+    assert _floor(ERROR, [exact]) == ERROR.floor
+    assert _floor(replace(ERROR, floor=0.0), [exact]) == -math.inf
 
 
 def test_figures_are_not_replaced_unasked(tmp_path):

@@ -86,7 +86,8 @@ def test_what_a_killed_bench_left_is_removed_by_the_next(tmp_path, monkeypatch):
 def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypatch):
     asked = []
     monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments))
-    trained = load_run(small_run)
+    monkeypatch.chdir(small_run)
+    trained = load_run(Path())
     suite._rendering_of(trained, replace(TINY, cameras=1), Report())
     splats, cameras, name, title = asked[0][:4]
     assert torch.equal(splats.sh, bake(trained, find_look(trained, "neutral")).sh)
@@ -165,7 +166,7 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, mo
 
 def test_a_run_without_looks_has_no_refinement_and_says_so(small_run, tmp_path, monkeypatch):
     heard, trained = Heard(), load_run(small_run)
-    trained.model.sh_transfer = None
+    trained = replace(trained, settings=trained.settings.changed(appearance="off"))
     monkeypatch.setattr(suite, "open_run", lambda *_: trained)
     with pytest.raises(BadInput, match="nothing to measure"):
         suite.bench(None, small_run, ("refinement",), False, tmp_path, heard)

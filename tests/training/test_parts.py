@@ -1,11 +1,14 @@
 """The parts of training, one by one."""
 
+import os
+
 import numpy as np
 import pytest
 import torch
 
 from core.errors import BadInput
 from core.scene.quaternions import rotations
+from core.system import atomic, lock
 from core.training import guards, schedule
 from core.training.gaussians import densify
 from core.training.gaussians.adam import Moved, adam_rows, plain_adam_rows
@@ -13,7 +16,7 @@ from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
 from core.training.losses import mask_weights, regularisers
 from core.training.losses.backward import backward
-from core.training.on_disk import checkpoint
+from core.training.on_disk import checkpoint, run_folders
 from tests.small import ring_camera, small_collection, small_settings, whole_settings
 
 
@@ -266,6 +269,22 @@ def test_a_checkpoint_that_cannot_be_written_says_how_to_go_on(tmp_path, monkeyp
     checkpoint.newest(tmp_path).unlink()
     with pytest.raises(BadInput, match="then type: wegs train --resume -o"):
         checkpoint.save(tmp_path, saved)
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_what_a_kill_left_of_a_checkpoint_goes_with_the_next_one_or_with_the_run(tmp_path):
+    def killed():
+        left = tmp_path / f".checkpoint{atomic.TEMPORARY}abc"
+        left.mkdir()
+        (left / ".tmpxyz").touch()  # safetensors' own
+        os.utime(left, (1e9, 1e9))
+
+    killed()
+    path = checkpoint.save(tmp_path, checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7}))
+    assert list(tmp_path.iterdir()) == [path]
+    killed()
+    run_folders.create(tmp_path, small_collection(tmp_path / "scene"), small_settings())
+    assert not [*tmp_path.glob(".*"), *tmp_path.glob("checkpoint*")]
 
 
 def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):

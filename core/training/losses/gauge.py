@@ -16,7 +16,7 @@ ROWS = 1024  # Gaussians drawn each step
 
 
 class Gauge:
-    """The mean squared residual of the mean embedding, over a draw of Gaussians: 0 where the base is the neutral look.
+    """The mean, over a draw of Gaussians, of the squared norm of the residual of the mean embedding: 0 where the base is the neutral look.
 
     Its gradient reaches the networks alone, no other tensor of a step. Zero, without one, if there are no residuals.
     """
@@ -36,7 +36,7 @@ class Gauge:
 
 
 class ResidualSize(nn.Module):
-    """The mean squared residual that a transfer adds to some Gaussians."""
+    """The mean squared norm of the residuals that a transfer adds to some Gaussians."""
 
     def __init__(self, transfer: nn.Module):
         super().__init__()

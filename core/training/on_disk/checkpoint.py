@@ -14,9 +14,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from core.errors import BadInput, command
+from core.system import atomic
 
 PATTERN = "checkpoint_[0-9]*.safetensors"
-TEMPORARY = "checkpoint_[0-9]*.tmp"  # what a killed run may leave
+BEING_WRITTEN = "checkpoint"  # whose temporary folder, one for all steps, also holds what safetensors writes first
+TEMPORARY = f".{BEING_WRITTEN}{atomic.TEMPORARY}*"  # that folder, as a killed run may leave it until it goes on
 VERSION = 2
 Read = TypeVar("Read")
 
@@ -50,16 +52,18 @@ def check_name(path: Path, fix: str) -> None:
 def save(folder: Path, checkpoint: Checkpoint) -> Path:
     """Write FOLDER/checkpoint_STEP.safetensors under a temporary name, rename it, and drop all others."""
     path = folder / f"checkpoint_{checkpoint.facts['step']:06d}.safetensors"
-    temporary = path.with_suffix(".tmp")
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in checkpoint.tensors.items()}
     try:
-        temporary.touch()
-        mode = temporary.stat().st_mode
-        save_file(tensors, temporary, metadata={"wegs": json.dumps({"version": VERSION, **checkpoint.facts})})
-        temporary.chmod(mode)  # save_file leaves it to its owner alone: nobody else could bake from a shared folder
-        os.replace(temporary, path)
+        with atomic.temporary_folder(folder / BEING_WRITTEN) as work:
+            temporary = work / path.name
+            temporary.touch()
+            mode = temporary.stat().st_mode
+            save_file(tensors, temporary, metadata={"wegs": json.dumps({"version": VERSION, **checkpoint.facts})})
+            temporary.chmod(mode)  # save_file leaves it to its owner alone: nobody else could bake from a shared folder
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())  # before the last one goes
+            os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
-        temporary.unlink(missing_ok=True)
         raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then type: {how_to_go_on(folder)}") from None
     for old in folder.glob(PATTERN):
         if old != path:

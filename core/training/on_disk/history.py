@@ -51,6 +51,7 @@ def rewind(folder: Path, step: int) -> None:
     """Take out what a killed run did after its last checkpoint, at `step`, and will do again."""
     lines = _whole_lines(folder)
     if not lines:
+        (folder / FILE).unlink(missing_ok=True)  # not even the names of its columns are whole
         return
 
     def is_done(line: str) -> bool:

@@ -30,3 +30,11 @@ def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
     history.rewind(tmp_path, 20)
     assert (tmp_path / "history.csv").read_bytes() == kept.encode()
     history.rewind(tmp_path / "none", 20)  # killed before its first line
+
+
+def test_history_begins_anew_where_not_even_its_header_is_whole(tmp_path):
+    (tmp_path / "history.csv").write_text("step,held")
+    history.rewind(tmp_path, 20)
+    with history.appended(tmp_path, ("step", history.HELD_OUT)) as add:
+        add({"step": 21, history.HELD_OUT: 20.5})
+    assert history.checks(tmp_path) == [{"step": 21, "held_out_psnr": 20.5}]

@@ -10,7 +10,7 @@ class FlatView:
 
     def __init__(self, size, bound=lambda embedding: embedding, given_spread=None, hidden=None):
         self.size, self.bound = size, bound
-        self.given_spread, self.hidden = given_spread or {}, hidden or {}
+        self.given_spread, self.hidden_weights = given_spread or {}, hidden or {}
 
     def render(self, look):
         colour = look.embedding if look.tone is None else look.embedding * look.tone[0]

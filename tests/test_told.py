@@ -61,7 +61,7 @@ def test_points_that_there_is_no_room_for_are_told(tmp_path):
 def test_a_look_comes_with_a_way_to_look_at_it(trained, tmp_path):
     for sky in (True, False):
         heard, path = Heard(), tmp_path / f"{sky}.ply"
-        pipeline.bake_to_file(trained, "neutral", path, heard, sky=sky)
+        pipeline.bake_to_file(trained, "neutral", path, heard, with_sky=sky)
         drag = f"Next: drag {path} into https://superspl.at/editor, and {trained / 'cameras.json'} as well for the photos' viewpoints"
         outside = "In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in"
         assert heard.lines[-1 - sky :] == [drag, outside][: 1 + sky]

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-Weights = dict[str, Tensor]  # numbers of the SH transfer, or for each of them, by their names in it
+Weights = dict[str, Tensor]  # a tensor for some parameters of the SH transfer, by their names in it: their values, changes or spreads
 UNCHANGED: Weights = {}
 EVEN = torch.ones(2, 3)  # the tone that changes nothing
 

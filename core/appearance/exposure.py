@@ -23,6 +23,8 @@ class ExposureTransfer(nn.Module):
         nn.init.zeros_(self.map.weight)
         nn.init.zeros_(self.map.bias)
 
+    hidden_weights: Weights = UNCHANGED  # it has no hidden layers
+
     def forward(
         self,
         sh: Float[Tensor, "v c 3"],
@@ -44,3 +46,19 @@ class ExposureTransfer(nn.Module):
         """(A - 1, b) of a look."""
         values = self.map(embedding).view(3, 4)
         return values[:, :3], values[:, 3]
+
+    @torch.no_grad()
+    def added(
+        self,
+        sh: Float[Tensor, "v c 3"],
+        means: Float[Tensor, "v 3"],
+        embedding: Float[Tensor, " e"],
+        latents: Float[Tensor, "v l"] | None,
+        changes: Weights = UNCHANGED,
+    ) -> Float[Tensor, "v c 3"]:
+        """sh + forward(...)."""
+        return sh + self(sh, means, embedding, latents, changes)
+
+    def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
+        """Embeddings give no weights."""
+        return UNCHANGED

@@ -150,12 +150,12 @@ class AppearanceModel(nn.Module):
     def given_spread(self) -> Weights:
         """How widely the weights that embeddings give differ between the training photos; see SHTransfer.given_spread."""
         with one_torch_thread():  # more would round differently
-            return self.sh_transfer.given_spread(self.known_embeddings) if isinstance(self.sh_transfer, SHTransfer) else {}
+            return UNCHANGED if self.sh_transfer is None else self.sh_transfer.given_spread(self.known_embeddings)
 
     @property
-    def hidden(self) -> Weights:
-        """See SHTransfer.hidden; none in the light exposure mode."""
-        return self.sh_transfer.hidden if isinstance(self.sh_transfer, SHTransfer) else {}
+    def hidden_weights(self) -> Weights:
+        """See SHTransfer.hidden_weights."""
+        return UNCHANGED if self.sh_transfer is None else self.sh_transfer.hidden_weights
 
     def transfer_parameters(self) -> list[nn.Parameter]:
         """The weights of the SH transfer, or of what stands in for it."""
@@ -171,9 +171,8 @@ class AppearanceModel(nn.Module):
     ) -> Splats:
         """The Gaussians in one look, without a gradient; on the CPU in float32 the same as by `transfer`, bit for bit."""
         base = splats.detached()
-        adds = isinstance(self.sh_transfer, SHTransfer) and self.settings.residual
         given = base.sh, base.means, embedding, latents, changes
-        return base.with_sh(self.sh_transfer.added(*given) if adds else self.transfer(*given)[0])
+        return base.with_sh(self.sh_transfer.added(*given) if self.predicts_residuals else self.transfer(*given)[0])
 
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:

@@ -1,4 +1,4 @@
-"""How far looks may lie from those of the training photos.
+"""How far looks may lie from those of the training photos. (The setting `reach` is another one, of SfM points.)
 
 Farther out the SH transfer was never trained and makes up colours: a night photo among eight of daylight lay at six times the reach, and
 turned a white church green. The limit changes the figures of held-out photos by no more than 0.02 dB (plaza, Liberty).

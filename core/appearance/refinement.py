@@ -25,7 +25,7 @@ STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them;
 LATER_STEPS, HIDDEN_RATE = 64, 0.003  # of the second part; 128 steps at 0.001 end within 0.1 dB
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
-GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely they differ between looks: in all, no more than twice as far
+GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely these differ between looks: all steps move one by no more than two
 HELD, HOLD = 2000, 0.05  # Gaussians that the photo does not show: as many a step looks at, and the weight of how far they move
 UNSEEN_PX = 1.0  # a Gaussian that makes up less of a photo is not shown by it
 LARGEST_PX = 640  # the longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit
@@ -39,12 +39,12 @@ Course = Generator[Colouring, None, Colouring]  # the best look so far after eac
 class Refinable(Protocol):
     """What a camera sees of a scene whose look follows a Colouring.
 
-    given_spread: how widely the weights that embeddings give differ between looks. hidden: those of the SH transfer's hidden layers. Of either, there
-    may be none.
+    given_spread: the standard deviation, between looks, of the output layer that embeddings give; empty where an embedding is an input instead.
+    hidden_weights: of the hidden layers; empty for a transfer that has none.
     """
 
     given_spread: Weights
-    hidden: Weights
+    hidden_weights: Weights
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
         """The view in this look."""
@@ -73,7 +73,7 @@ class InCells(Protocol):
 
 
 @dataclass(frozen=True)
-class Shown:
+class Wanted:
     """What a photo shows, against which a look is refined. picture: as `camera` sees it, [0, 1]. weight: how much each pixel counts, [0, 1]."""
 
     camera: Camera
@@ -81,31 +81,31 @@ class Shown:
     weight: Float[Tensor, "h w"]
 
     @staticmethod
-    def of(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> "Shown":
+    def of(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> "Wanted":
         """The photo, shrunk by area to LARGEST_PX if it is larger. valid: what of it counts; all, if None."""
         weight = torch.ones_like(picture[..., 0]) if valid is None else valid.float()
         small = camera.shrunk(LARGEST_PX / max(camera.width, camera.height))
         if small.width == camera.width and small.height == camera.height:
-            return Shown(camera, picture, weight)
+            return Wanted(camera, picture, weight)
 
         def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
             return F.interpolate(values.permute(2, 0, 1)[None], size=(small.height, small.width), mode="area")[0].permute(1, 2, 0)
 
         share = means(weight[..., None])
-        return Shown(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])
+        return Wanted(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])
 
-    def in_cells(self) -> tuple[Float[Tensor, " cells"], Float[Tensor, "cells 3"]]:
-        """How much of each cell counts, px, and the sum of what it shows."""
+    def cell_sums(self) -> tuple[Float[Tensor, " cells"], Float[Tensor, "cells 3"]]:
+        """Of each cell, how many of its pixels count, and the sum of what these show."""
         weight = self.weight[..., None]
         return cell_sums(weight)[:, 0], cell_sums(self.picture * weight)
 
 
 def steps_of(seen: Refinable) -> int:
     """How many steps a refinement takes."""
-    return STEPS + LATER_STEPS if seen.hidden else STEPS
+    return STEPS + LATER_STEPS if seen.hidden_weights else STEPS
 
 
-def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colouring]:
+def refinement(seen: Refinable, start: Colouring, photo: Wanted) -> Iterator[Colouring]:
     """The best look after 0, 1, ... `steps_of(seen)` steps from `start`. photo: of the camera that sees the view.
 
     It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are lit. L1,
@@ -114,29 +114,29 @@ def refinement(seen: Refinable, start: Colouring, photo: Shown) -> Iterator[Colo
     start included. The result is the same for any number of threads, which torch's own matrix products do not ensure on every processor.
     """
     photo = without_strangers(seen, start, photo)
-    cells, (pixels, wanted) = seen.in_cells(photo.weight), photo.in_cells()
-    weights = torch.ones_like(pixels) if cells.sky is None else _weights(cells.sky, pixels)
-    compared = 3 * (weights * pixels).sum()
+    cells, (counted, wanted) = seen.in_cells(photo.weight), photo.cell_sums()
+    share = torch.ones_like(counted) if cells.sky is None else _share_of_cells(cells.sky, counted)
+    compared = 3 * (share * counted).sum()
 
     def misfit(look: Colouring) -> Tensor:
-        return (weights[:, None] * (cells.sums(look) - wanted).abs()).sum() / compared
+        return (share[:, None] * (cells.sums(look) - wanted).abs()).sum() / compared
 
     best = yield from _as_a_whole(seen, start, misfit)
-    if seen.hidden:
+    if seen.hidden_weights:
         yield from _place_by_place(seen, best, misfit, cells.unseen)
 
 
 @torch.no_grad()
-def without_strangers(seen: Refinable, look: Colouring, photo: Shown) -> Shown:
+def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted:
     """The photo, of which pixels count less the stranger their cell is in this look, down to nothing: who stands before the place would be painted
     onto it.
     """
-    pixels, sums = photo.in_cells()
+    counted, sums = photo.cell_sums()
     with threads_for_blocks():
         both = seen.in_cells(photo.weight).sums(look), sums
-        shown, wanted = ((each / pixels[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera)) for each in both)
+        shown, wanted = ((each / counted[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera)) for each in both)
         static = 1 - excess(shown, wanted) / LARGEST_EXCESS
-    return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.camera, pixels.device)])
+    return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.camera, counted.device)])
 
 
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
@@ -157,8 +157,8 @@ def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring],
 
 def _place_by_place(seen: Refinable, first: Colouring, misfit: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]) -> Course:
     """The hidden layers, and on from `first` the weights that embeddings give, while Gaussians of `unseen` are held where `first` has them."""
-    changes = {name: torch.zeros_like(weight) for name, weight in seen.hidden.items()} | first.detached().changes
-    rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(seen.hidden, HIDDEN_RATE)
+    changes = {name: torch.zeros_like(weight) for name, weight in seen.hidden_weights.items()} | first.detached().changes
+    rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(seen.hidden_weights, HIDDEN_RATE)
     generator = torch.Generator().manual_seed(0)
 
     def moved(look: Colouring) -> Tensor | float:
@@ -217,8 +217,9 @@ def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colour
             one.step(gradient, share=(1 + cos(pi * step / steps)) / 2)
 
 
-def _weights(sky: Float[Tensor, " cells"], pixels: Float[Tensor, " cells"]) -> Float[Tensor, " cells"]:
-    """1, and less for cells of sky where these would outweigh the others. sky: how much of the pixels of each cell is sky."""
-    place = (pixels - sky).clamp_min(0)
+def _share_of_cells(sky: Float[Tensor, " cells"], counted: Float[Tensor, " cells"]) -> Float[Tensor, " cells"]:
+    """By how much of each cell's own size it counts: 1, and less for cells of sky where these would outweigh the others. sky, counted: of the
+    pixels of each cell, how many are sky, and how many count."""
+    place = (counted - sky).clamp_min(0)
     weight = (place.sum() / sky.sum().clamp_min(1e-6)).clamp(LEAST_SKY, 1.0)
     return 1 - (1 - weight) * sky / (sky + place).clamp_min(1e-6)

@@ -106,7 +106,7 @@ class SHTransfer(nn.Module):
         return {"last.bias": self.last(embeddings).std(dim=0)} if self.mixes and len(embeddings) > 1 else {}
 
     @property
-    def hidden(self) -> Weights:
+    def hidden_weights(self) -> Weights:
         """Weights and biases of the hidden layers."""
         return {f"layers.{name}": weight.detach() for name, weight in self.layers.named_parameters()}
 

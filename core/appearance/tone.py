@@ -15,7 +15,7 @@ from core.scene.splats import Splats
 
 BANDS = 4  # horizontal ones of a photo, whose mean colours tell sky from place
 TOWARD_ONE = 0.1  # what a share of a band must be to move a gain half the way; 0.05 to 0.4 are within 0.1 dB of each other
-LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4  # nearly black in 8 bits; above, in training too, a photo has nothing to be brightened
+LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4  # darker is nearly black in 8 bits; brighter than the jitter of training is nothing that looks know
 ROUNDS = 100  # of the descent in two numbers
 DIM = 1e-6  # keeps 0 / 0 at a gain of 1, in bands where views show nothing
 

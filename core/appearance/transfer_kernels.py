@@ -18,12 +18,12 @@ from core.kernels.compiled import kernel, part
 STRIP = 128  # rows at a time: what is at work on them fits the second-level cache, at width 32 nearly the first
 
 
-def padded(count, to):
+def rounded_up(count, to):
     """`count` rounded up to a multiple."""
     return (count + to - 1) // to * to
 
 
-_padded, _encoded_size, _room_for = part(padded), part(encoded_size), part(room_for)
+_rounded_up, _encoded_size, _room_for = part(rounded_up), part(encoded_size), part(room_for)
 
 
 @part
@@ -43,7 +43,7 @@ def zeros(rows, columns):
 @part
 def buffer_of(learned, latents):
     """Room for a strip of the learned input, both parts side by side."""
-    return zeros(STRIP, _padded(learned.shape[1] + latents.shape[1], TILE_ROWS))
+    return zeros(STRIP, _rounded_up(learned.shape[1] + latents.shape[1], TILE_ROWS))
 
 
 @part
@@ -105,7 +105,7 @@ def differentiate_output(
     """
     to_output_weight[:], to_skip_weight[:], to_output_bias[:] = 0, 0, 0
     inputs = buffer_of(learned, latents)
-    before_output = zeros(STRIP, _padded(output.shape[1], PANEL))
+    before_output = zeros(STRIP, _rounded_up(output.shape[1], PANEL))
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
         copy_rows(learned, latents, first, last, inputs)
@@ -126,8 +126,8 @@ def differentiate_hidden(
     to_hidden_weights[:], to_hidden_biases[:] = 0, 0
     columns, wide, layers = learned.shape[1], kept.shape[2], len(back_hidden)
     inputs = buffer_of(learned, latents)
-    places = zeros(_padded(_encoded_size(3, octaves), TILE_ROWS), STRIP)
-    before_output = zeros(STRIP, _padded(output.shape[1], PANEL))
+    places = zeros(_rounded_up(_encoded_size(3, octaves), TILE_ROWS), STRIP)
+    before_output = zeros(STRIP, _rounded_up(output.shape[1], PANEL))
     gradient, before = matrix(STRIP, wide), matrix(STRIP, wide)
     block = matrix(STRIP, back_learned.shape[1])
     nothing = zeros(1, max(wide, block.shape[1]))

@@ -22,7 +22,7 @@ from torch.utils.checkpoint import checkpoint
 
 from core.appearance.matrix_product import PANEL, TILE_ROWS, room_for
 from core.appearance.positional_encoding import encoded_places
-from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, padded
+from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, rounded_up
 from core.system.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
@@ -162,10 +162,10 @@ def _inputs_of(learned: Tensor, latents: Tensor | None, means: Tensor, octaves: 
 
 def _evaluated(inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool) -> _Evaluated:
     """All layers; onto `base` unless that is empty."""
-    weights = [_padded(weight) for weight in (*_transposed(hidden_layers), *_transposed(output_layer))]
+    weights = [_with_padding(weight) for weight in (*_transposed(hidden_layers), *_transposed(output_layer))]
     rows = len(inputs.learned)
     # Kept for the backward pass: 4 * layers * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
-    shape = 1 + len(hidden_layers.hidden_weights), padded(rows, STRIP) if keeps else 0, weights[0].shape[1]
+    shape = 1 + len(hidden_layers.hidden_weights), rounded_up(rows, STRIP) if keeps else 0, weights[0].shape[1]
     # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake. Large blocks, so that two threads seldom meet
     # in a page that is not there yet: both would fill it.
     kept, output = _room(shape), _room((rows, len(output_layer.output_bias)))
@@ -193,7 +193,7 @@ class _ThroughHidden(torch.autograd.Function):
         learned_parts, wants = (inputs.learned, inputs.latents), ctx.needs_input_grad[1:3]
         to_inputs = [np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(learned_parts, wants)]
         back = hidden_layers.learned_weight, hidden_layers.hidden_weights, output_layer.output_weight, output_layer.skip_weight
-        given = *inputs, output, _array_of(output_gradient), kept, *map(_padded, back), *to_inputs
+        given = *inputs, output, _array_of(output_gradient), kept, *map(_with_padding, back), *to_inputs
         gradients = _summed(differentiate_hidden, given, len(output), hidden_layers, ctx.needs_input_grad[3:])
         return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
 
@@ -245,13 +245,13 @@ def _transposed(layers: HiddenLayers | OutputLayer) -> HiddenLayers | OutputLaye
 def _padded_shape(weight: Tensor) -> tuple[int, ...]:
     """The shape in which the kernels sum a transposed weight's gradient: whole panels, and tiles' whole rows."""
     multiples = (1, TILE_ROWS, PANEL)[-weight.dim() :]
-    return tuple(padded(size, to) for size, to in zip(weight.shape, multiples, strict=True))
+    return tuple(rounded_up(size, to) for size, to in zip(weight.shape, multiples, strict=True))
 
 
-def _padded(weight: Tensor) -> np.ndarray:
+def _with_padding(weight: Tensor) -> np.ndarray:
     """The weight with zeros behind its columns, to whole panels."""
     array = weight.detach().numpy()
-    result = _room((*array.shape[:-1], padded(array.shape[-1], PANEL)))
+    result = _room((*array.shape[:-1], rounded_up(array.shape[-1], PANEL)))
     result[..., array.shape[-1] :] = 0
     result[..., : array.shape[-1]] = array
     return result

@@ -8,7 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from core.data.photos.folder import SUFFIXES, list_photos
-from core.data.photos.names import composed, is_file
+from core.data.photos.names import composed, is_file, relative_path
 from core.data.posed import PosedPhoto
 from core.words import Note, name_them
 
@@ -25,7 +25,7 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
         return list(photos), []
     there = {photo.path for photo in photos} - {photo.path for photo in missing}
     folders = tuple(folders)
-    places = {photo.path: [folder / below for folder in folders for below in (Path(photo.name).parent, ".")] for photo in missing}
+    places = {photo.path: [folder / below for folder in folders for below in (relative_path(photo.name).parent, ".")] for photo in missing}
     found = nearly_named(places, there)
     names = [f"{photo.name} ({_named_beside(found[photo.path], photo.path)})" for photo in missing if photo.path in found]
     notes = name_them("found under another name or in another folder", names, harmless=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from core.data.collection import Collection, Photo
 from core.data.photos.file import named_with_fault, probe
 from core.data.photos.folder import SUFFIXES, list_photos
-from core.data.photos.names import is_file, names_without_suffixes, relative_path
+from core.data.photos.names import composed, is_file, names_without_suffixes, relative_path
 from core.data.photos.pixels import read_mask
 from core.data.sfm.originals import lenses_of
 from core.errors import BadInput
@@ -31,7 +31,7 @@ def check_masks(folder: Path, photos: Sequence[str]) -> None:
         raise BadInput(f"{folder} holds no pictures.", fix)
     if photos:
         listed = _by_stem(folder)
-        fitting = [listed[stem][0] for name in photos for stem in names_without_suffixes(name) if stem in listed]
+        fitting = [listed[stem][0] for name in photos for stem in names_without_suffixes(composed(name)) if stem in listed]
         if not fitting:
             raise _none_fits(folder, photos[0])
         _check_usable(fitting[:TRIED])
@@ -65,7 +65,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     masks = {}
     for photo in collection.photos:
         folders = listed[relative_path(photo.name).parent], listed[Path()]
-        stems = names_without_suffixes(Path(photo.name).name)  # the first one found counts
+        stems = names_without_suffixes(composed(relative_path(photo.name).name))  # the first one found counts
         mask, *others = next((found[stem] for found in folders for stem in stems if stem in found), (None,))
         if others:
             raise BadInput(f"{mask} and {others[0].name} are masks of one photo.", "Remove one of them.")
@@ -164,8 +164,8 @@ def with_same_masks(collection: Collection, before: Collection) -> Collection:
 
 
 def _by_stem(folder: Path) -> dict[str, list[Path]]:
-    """The pictures in a folder by their stems; empty if there is no such folder."""
+    """The pictures in a folder by their stems, `composed`; empty if there is no such folder."""
     found: dict[str, list[Path]] = {}
     for path in list_photos(folder) if folder.is_dir() else ():
-        found.setdefault(path.stem, []).append(path)
+        found.setdefault(composed(path.stem), []).append(path)
     return found

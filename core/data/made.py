@@ -34,11 +34,11 @@ def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Call
     "Points as triangulated", to say that it is used again. Raises what `make` raises.
     """
     folder, number, others = wanted, 1, []
-    while folder.exists() and not is_it(folder):
+    while os.path.lexists(folder) and not is_it(folder):
         others += [str(folder)] * (folder / mark).is_file()
         number += 1
         folder = wanted.with_name(f"{wanted.name}-{number}")
-    if not folder.exists():
+    if not os.path.lexists(folder):
         if others:
             stay = "stay; remove those that no run needs" if len(others) > 1 else "stays; remove it if no run needs it"
             report.say(f"Made anew in {folder}. Of other photos, or of these before a change: {list_names(others)}, which {stay}.")
@@ -61,10 +61,12 @@ def read_mark(path: Path) -> dict:
     return facts if isinstance(facts, dict) else {}
 
 
-def path_within(path: Path, root: Path) -> str:
-    """The path relative to `root` if it lies in it, so that the folder may be moved; else the whole path."""
-    path, root = path.resolve(), root.resolve()
-    return (path.relative_to(root) if path.is_relative_to(root) else path).as_posix()
+def path_from(root: Path, path: Path) -> str:
+    """The path relative to `root`, so that both may be moved together: through a link if `root` holds it by one, and through `..` if it lies
+    outside. The whole path if there is no other, as on another drive of Windows."""
+    if path.absolute().is_relative_to(root.absolute()) and ".." not in path.parts:
+        return path.absolute().relative_to(root.absolute()).as_posix()
+    return way_to(path, root) or path.resolve().as_posix()
 
 
 def way_to(target: Path, folder: Path) -> str | None:

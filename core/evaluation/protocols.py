@@ -16,7 +16,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import Shown, refinement
+from core.appearance.refinement import Wanted, refinement
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
@@ -66,8 +66,8 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    shown = Shown.of(fit.camera, fit.region, fit.valid)
-    return refinement(subject.seen_by(shown.camera), Colouring(fit.start), shown)
+    wanted = Wanted.of(fit.camera, fit.region, fit.valid)
+    return refinement(subject.seen_by(wanted.camera), Colouring(fit.start), wanted)
 
 
 def refined(subject: Subject, fit: Fit) -> Colouring:

@@ -45,7 +45,7 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     if word == NEUTRAL:
         return neutral_look(trained)
     if saved:
-        like = Colouring(trained.model.mean_embedding, EVEN, trained.given_spread | trained.model.hidden)
+        like = Colouring(trained.model.mean_embedding, EVEN, trained.given_spread | trained.model.hidden_weights)
         look = saved_look.load(saved, trained.identity, trained.step, like)
         return replace(look, colouring=look.colouring.to(trained.device))
     photo = _of_collection(trained, word)
@@ -119,7 +119,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
         size = mask_size(mask)
         photo = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
         check_fits(mask, size, size_for_mask(photo))
-    learned = look(Colouring(trained.learned[row])) if row is not None and mask is None and trained.learned is not None else None
+    learned = look(Colouring(trained.photo_embeddings[row])) if row is not None and mask is None and trained.photo_embeddings is not None else None
     if learned is not None and not refine:
         return learned
     try:

@@ -10,7 +10,7 @@ from core.evaluation.protocols import HeldOutView
 from core.evaluation.truth import load_truth
 from core.looks.trained import TrainedRun
 from core.report import Report
-from core.training.sized_photos import shown_on
+from core.training.sized_photos import as_tensors
 from core.words import name_them
 
 Measured = TypeVar("Measured")
@@ -20,7 +20,7 @@ def held_out_view(trained: TrainedRun, photo: Photo) -> HeldOutView:
     """A held-out photo at training size, with its truth if that is known; BadInput if the photo is missing or damaged."""
     sized = trained.sized_photo(photo)
     camera = sized.camera
-    pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
+    pixels, valid = as_tensors(sized.pixels, sized.valid, trained.device)
     truth = load_truth(trained.collection.root, photo.name, camera.width, camera.height)
     return HeldOutView(photo.name, pixels, camera, valid, truth.to(trained.device))
 

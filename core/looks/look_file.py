@@ -10,13 +10,13 @@ from core.report import Report
 from core.words import counted
 
 
-def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, pruner: Pruner | None, sky: bool = True) -> int:
-    """Bake and write one look, with or without its sky; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
+def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, pruner: Pruner | None, with_sky: bool = True) -> int:
+    """Bake and write one look; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
     baked = bake(trained, look)
     pruned = Pruned(baked) if pruner is None else pruner(baked)
-    splats = pruned.splats if sky else pruned.splats[: len(pruned.splats) - trained.sky]
+    splats = pruned.splats if with_sky else pruned.splats[: len(pruned.splats) - trained.sky]
     frame = trained.collection.frame
-    maker = maker_of(trained.identity, trained.sky if sky else 0, look.name)
+    maker = maker_of(trained.identity, trained.sky if with_sky else 0, look.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
     if dropped:
         report.warn(f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion) left out.")

@@ -7,7 +7,7 @@ from pathlib import Path
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import Shown, refinement, steps_of
+from core.appearance.refinement import Wanted, refinement, steps_of
 from core.data import load_collection
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
@@ -18,13 +18,13 @@ from core.errors import BadInput, WegsError
 from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
 from core.scene.camera import Camera
-from core.training.sized_photos import SizedPhoto, shown_on
+from core.training.sized_photos import SizedPhoto, as_tensors
 from core.words import counted
 
 
 def refined_of_collection(trained: TrainedRun, look: Look, sized: SizedPhoto, report: Report) -> Look:
     """The look of a photo of the collection, refined."""
-    pixels, valid = shown_on(trained.device, sized.pixels, sized.valid)
+    pixels, valid = as_tensors(sized.pixels, sized.valid, trained.device)
     better = refined(trained, look, sized.camera, pixels, valid, report)
     return replace(better, source=f"{look.source}, refined")
 
@@ -32,7 +32,7 @@ def refined_of_collection(trained: TrainedRun, look: Look, sized: SizedPhoto, re
 def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report: Report) -> Look:
     """The look of a photo file from outside the collection, refined; unchanged if the photo cannot be located, with the reason in `source`.
 
-    The photo is compared at its own size, or the mean size of a training photo if that is smaller. mask: white where it is to be used.
+    The photo is compared at its own size, or the mean size of the run's photos in training if that is smaller. mask: white where it is to be used.
     """
     if not trained.has_looks:
         return look
@@ -50,7 +50,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     except BadInput as problem:  # nothing is left of a mask in a smaller picture
         too_fine = "too little of it is left at the size at which it is drawn"
         return not_refined(look, too_fine if mask is not None else problem.what)
-    pixels, valid = shown_on(trained.device, loaded.pixels, loaded.valid)
+    pixels, valid = as_tensors(loaded.pixels, loaded.valid, trained.device)
     better = refined(trained, look, camera, pixels, valid, report)
     how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
     return replace(better, source=f"{look.source}, {how}")
@@ -99,7 +99,7 @@ def refined(
     report: Report = QUIET,
 ) -> Look:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]."""
-    photo = Shown.of(camera, pixels, valid)
+    photo = Wanted.of(camera, pixels, valid)
     seen = trained.seen_by(photo.camera)
     for step, best in enumerate(refinement(seen, look.colouring, photo)):
         report.progress("Refinement", step, steps_of(seen))

@@ -25,7 +25,7 @@ class RunView:
 
     def __init__(self, trained: "TrainedRun", camera: Camera):
         self.trained, self.camera = trained, camera
-        self.given_spread, self.hidden = trained.given_spread, trained.model.hidden
+        self.given_spread, self.hidden_weights = trained.given_spread, trained.model.hidden_weights
         self.visible = trained.rasterizer.visible(trained.splats, camera)
         solid = len(trained.splats) - trained.sky
         rows = self.visible.rows

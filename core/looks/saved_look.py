@@ -1,4 +1,4 @@
-"""Looks saved by name: an embedding, and what goes beyond it, in a JSON file, which only the model that made it understands (one run at one step)."""
+"""Looks saved by name in JSON files: an embedding, its tone and the changes of a refinement. Only the run that made one can read it, at that step."""
 
 import json
 import re

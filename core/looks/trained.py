@@ -36,7 +36,7 @@ class TrainedRun:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
-    seconds: spent on training. learned: the embeddings of the training photos, in the order of `model.photo_names`: a table's, or an encoder's
+    seconds: spent on training. photo_embeddings: of the training photos, in the order of `model.photo_names`: a table's, or an encoder's
     once training is finished; the reach of looks then also takes in how these photos are read as from outside. It is a Subject of core.evaluation.
     """
 
@@ -50,7 +50,7 @@ class TrainedRun:
     sky: int
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
-    learned: Float[Tensor, "k e"] | None = None
+    photo_embeddings: Float[Tensor, "k e"] | None = None
 
     def sized_photo(self, photo: Photo) -> SizedPhoto:
         """A photo of the collection at its training size, with its camera and the encoder's input.
@@ -167,8 +167,8 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
-    learned = encoded.get("masked") if model.embedding_table is None else model.embedding_table
-    return TrainedRun(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, learned)
+    photo_embeddings = encoded.get("masked") if model.embedding_table is None else model.embedding_table
+    return TrainedRun(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, photo_embeddings)
 
 
 def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:

@@ -1,5 +1,6 @@
 """A trained run and a look -> one file: what `wegs bake` does."""
 
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -29,18 +30,18 @@ def bake_to_file(
     save_as: str | None = None,
     prune: bool = True,
     mask: Path | None = None,
-    sky: bool = True,
+    with_sky: bool = True,
     refine: bool = True,
 ) -> Path:
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
-    prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. sky: write the dome, too.
+    prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. with_sky: write the dome, too.
     refine: refine the look of a photo whose camera is known or found.
     """
     start = time.perf_counter()
     core.export.check_format(output)
     check_file(output)
-    if output.exists() and not force:
+    if os.path.lexists(output) and not force:  # a link to nothing, too, would be replaced
         raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
     trained = open_run(folder, report)
     if save_as is not None:
@@ -51,10 +52,10 @@ def bake_to_file(
         report.say(note)
     if not trained.has_looks:
         report.warn(ONE_LOOK)
-    written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, sky)
+    written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, with_sky)
     if save_as is not None:
         kept = saved_look.save(trained.folder, replace(look, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
     report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
-    tell_how_to_look(trained.folder, output, sky and trained.sky > 0, report)
+    tell_how_to_look(trained.folder, output, with_sky and trained.sky > 0, report)
     return output

@@ -192,10 +192,18 @@ def replacing_folder(output: Path) -> Iterator[Path]:
             raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
 
 
+def temporary_place() -> Path:
+    """The system's folder for temporary files; raises WegsError if there is none that can be written in."""
+    try:
+        return Path(tempfile.gettempdir())
+    except FileNotFoundError:  # also where every disk is full
+        raise WegsError("There is no folder for temporary files that can be written in.", "Free some space, or set TMPDIR to one.") from None
+
+
 @contextmanager
 def scratch(name: str) -> Iterator[Path]:
     """As `temporary_folder`, among the system's temporary files. name: of what it is for. Raises WegsError if their disk is full."""
-    place = Path(tempfile.gettempdir())
+    place = temporary_place()
     what = f"The disk is full: temporary files could not be written in {place}."
     full = WegsError(what, "Free some space, or set TMPDIR to a folder on another disk.")
     with temporary_folder(place / f"wegs-{name}") as folder, named_if_full(folder, full):

@@ -3,7 +3,7 @@
 the loop         trainer, step, schedule, guards, held_out
 what is decided  decisions, evidence, sightings
 photos           sized_photos, transparency, background, jitter
-networks         networks
+networks         network_updates
 for the user     tell, interrupt, full_memory
 
 losses/          what a step minimises: objective, and the losses it weighs

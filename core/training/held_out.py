@@ -10,7 +10,7 @@ from core.rasterizer import Colour, Rasterizer
 from core.system.threads import threads_for_blocks
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses.photometric import Target, photometric
-from core.training.sized_photos import SizedPhotos, shown_on
+from core.training.sized_photos import SizedPhotos, as_tensors
 
 
 @torch.no_grad()
@@ -27,7 +27,7 @@ def quality(
         reading = model.read(sized.encoder_input)
         splats = model.bake(gaussians.splats, reading.embedding, gaussians.latents)
         image = rasterizer.render(splats, sized.camera, background).clamp(0, 1)
-        photo, valid = shown_on(image.device, sized.pixels, sized.valid)
+        photo, valid = as_tensors(sized.pixels, sized.valid, image.device)
         errors = (image - photo) ** 2
         decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))
         similarities.append(1 - float(photometric(image, Target(photo, valid), None, 1.0)))

@@ -16,7 +16,7 @@ BLUR = 0.003  # of the picture's diagonal: wider than features are off, so that 
 EDGE = 2 * BLUR  # of the diagonal: nearer to the border the blur invents what it averages
 NEAR_DEGREES = 10.0  # at most this far from a photo that matched it, a point should be seen as well
 NEAR_DISTANCE = 1.5  # and at most this many times as far away, or as near
-FRONT_SHARE, FRONT_POINTS, FRONT_REACH = 0.93, 8, 0.03  # a point is hidden by those beside it at less of its depth
+FRONT_SHARE, FRONT_POINTS, FRONT_REACH = 0.93, 8, 0.03  # a point is hidden by those around it at less of its depth
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sighting
     rays = positions[:, None] - centres
     distances = np.linalg.norm(rays, axis=2)
     rays /= np.maximum(distances, 1e-12)[..., None]
-    degrees = _nearest(rays, distances, matched)
+    degrees = _degrees_to_nearest(rays, distances, matched)
     parts = [_in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number]) for number, sized in enumerate(photos)]
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     return Sightings(*columns)
@@ -98,7 +98,7 @@ def _matches(count: int, photos: Sequence[SizedPhoto]) -> tuple[np.ndarray, np.n
     return chosen, matched
 
 
-def _nearest(rays: np.ndarray, distances: np.ndarray, matched: np.ndarray) -> np.ndarray:
+def _degrees_to_nearest(rays: np.ndarray, distances: np.ndarray, matched: np.ndarray) -> np.ndarray:
     """(P, K) degrees at each point from each photo to the nearest other one that matched it, 180 for none near enough."""
     largest = np.full(matched.shape, -1.0)
     for number in range(matched.shape[1]):
@@ -121,8 +121,8 @@ def _in_photo(number: int, sized: SizedPhoto, positions, rays, matched, degrees)
     rows = np.flatnonzero(inside & (matched | (degrees <= NEAR_DEGREES)))
     if len(rows):
         reach = FRONT_REACH * diagonal
-        beside = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=reach)[1]
-        hidden = np.append(depths[inside], np.inf)[beside] < FRONT_SHARE * depths[rows, None]
+        around = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=reach)[1]
+        hidden = np.append(depths[inside], np.inf)[around] < FRONT_SHARE * depths[rows, None]
         rows = rows[matched[rows] | ~hidden.any(axis=1)]
     blurred = cv2.GaussianBlur(sized.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)
     x, y = (pixels[rows] - 0.5).astype(np.float32).T[:, None]

@@ -100,7 +100,7 @@ def load_sized_photo(photo: Photo, sizes: Sizes, device: torch.device = CPU, tra
     return SizedPhoto(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
 
 
-def shown_on(device: torch.device, pixels: np.ndarray, valid: np.ndarray | None) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
+def as_tensors(pixels: np.ndarray, valid: np.ndarray | None, device: torch.device) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
     """The pixels in [0, 1], and where they are valid, on a device."""
     return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(device)
 
@@ -149,7 +149,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
                     valid = cover > (0.5 if cover.max() > 0.5 else cover.max() / 2)  # where nothing is covered by half, what is covered most
                 if empty is not None:
                     empty = cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA)
-            shown = shown_on(self.device, pixels, valid)
+            shown = as_tensors(pixels, valid, self.device)
             self._targets[key] = Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
             self._bytes += self._targets[key].nbytes
             while self._bytes > self._most_bytes and len(self._targets) > 1:

@@ -10,13 +10,12 @@ import torch
 from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
 from core.rasterizer import Rasterizer, Visible
-from core.scene.splats import Splats
 from core.system.device import OnTheWay
 from core.system.threads import beside
-from core.training import guards, networks, schedule
+from core.training import guards, network_updates, schedule
 from core.training.background import background_of_step
 from core.training.gaussians import densify
-from core.training.gaussians.gaussians import Gaussians, learning_rates
+from core.training.gaussians.gaussians import Gaussians, learning_rates, splats_of
 from core.training.guards import StepFacts
 from core.training.jitter import draw_gain, jittered
 from core.training.losses.backward import backward
@@ -66,7 +65,7 @@ class Step:
         embedding = reading.embedding.detach().requires_grad_()
         sh, residual = model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
         residual_loss_later = beside(lambda: objective.residual(residual))
-        splats = Splats(**{name: leaf for name, leaf in leaves.items() if name != "latents"}).with_sh(sh)
+        splats = splats_of(leaves).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
         image = self.rasterizer.render(splats, camera, background, probe, visible.known)
 
@@ -85,14 +84,14 @@ class Step:
 
         taken = learned = sound
         if not guards.refused(sound):
-            with networks.teaching(teach_encoder, embedding):
+            with network_updates.encoder_backward_beside(teach_encoder, embedding):
                 backward((rendered_loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             if not guards.refused(taken):
                 densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
                 gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
-            learned = networks.update(self.optimizer, progress, taken)  # not if the encoder's gradient overflows
+            learned = network_updates.update(self.optimizer, progress, taken)  # not if the encoder's gradient overflows
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
         facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 import core.rasterizer
-from core.appearance.model import AppearanceModel, Reading
+from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
@@ -18,7 +18,7 @@ from core.rasterizer.views import largest_contributions
 from core.report import QUIET, Report
 from core.system import device
 from core.system.threads import one_torch_thread, threads_for_blocks
-from core.training import decisions, guards, held_out, networks, schedule
+from core.training import decisions, guards, held_out, network_updates, schedule
 from core.training.background import background_of_figures
 from core.training.gaussians import densify
 from core.training.gaussians.gaussians import Gaussians
@@ -89,7 +89,7 @@ class Trainer:
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos]).to(self.device)
         if self.model.encoder is not None:
             self.model.encoder.start_apart(sized.encoder_input for sized in self.photos)
-        self.optimizer = networks.optimizer_of(self.model, settings)
+        self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
         self.one_step = Step(settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
@@ -154,7 +154,8 @@ class Trainer:
         if fault is None:
             self.skipped_in_a_row = 0
             self.last_losses[index] = facts.picture_loss
-            messages = self._remember(reading, index, facts.shown_share, progress)
+            self.model.remember(reading.embedding.detach(), index)
+            messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, progress)
         else:
             messages = [self._skip(index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
         return StepReport(
@@ -175,9 +176,9 @@ class Trainer:
             camera, _ = self.photos.target(self._next_photo(), factor)
             self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
-    def _remember(self, reading: Reading, row: int, shown_share: float, progress: float) -> list[str]:
-        self.model.remember(reading.embedding.detach(), row)
-        if reading.mask is None or progress < self.settings.mask_start:
+    def _watch_masks(self, shown_share: float, progress: float) -> list[str]:
+        """Let a photo's mask enter the running mean; a line, once, when masks come to hide too much."""
+        if progress < self.settings.mask_start:
             return []
         self.mask_mean += MASK_MEAN_SHARE * (shown_share - self.mask_mean)
         hides = progress >= self.settings.mask_apply

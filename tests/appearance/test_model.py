@@ -172,7 +172,7 @@ def test_changed_weights_bake_as_they_render_and_learn(changes):
     model, splats, embedding = model_of(**changes).requires_grad_(False), splats_of(100), torch.randn(6)
     kept = model.transfer(splats.sh, splats.means, embedding)[0]
     model.met_embeddings, model.remembered = torch.randn(3, 6), torch.tensor(3)
-    names = model.hidden | model.given_spread
+    names = model.hidden_weights | model.given_spread
     assert ("last.bias" in names) == (changes != {"embedding_enters": "input"})
     moved = {name: 0.05 * torch.randn_like(weight) for name, weight in names.items()}
     for change in moved.values():
@@ -203,7 +203,7 @@ def test_given_weights_differ_as_widely_as_looks_do():
     for changes in ({"embedding_enters": "input"}, {"appearance": "exposure"}, {"appearance": "off"}):
         other = model_of(**changes)
         other.met_embeddings, other.remembered = torch.randn(4, 6), torch.tensor(4)
-        assert not other.given_spread and bool(other.hidden) == ("appearance" not in changes)
+        assert not other.given_spread and bool(other.hidden_weights) == ("appearance" not in changes)
 
 
 def test_bake_does_not_touch_the_scene():

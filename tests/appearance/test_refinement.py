@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import LARGEST_PX, LATER_STEPS, LEAST_SKY, STEPS, Shown, _weights, refinement, steps_of, without_strangers
+from core.appearance.refinement import LARGEST_PX, LATER_STEPS, LEAST_SKY, STEPS, Wanted, _share_of_cells, refinement, steps_of, without_strangers
 from core.scene.camera import Camera
 from core.scene.cells import CELL_PX
 from tests.flat_view import FlatView
@@ -17,8 +17,8 @@ def camera_of(width: int, height: int) -> Camera:
     return Camera(np.eye(3), np.zeros(3), 500.0, 500.0, width / 2, height / 2, width, height)
 
 
-def shown(picture, valid=None) -> Shown:
-    return Shown.of(camera_of(picture.shape[1], picture.shape[0]), picture, valid)
+def shown(picture, valid=None) -> Wanted:
+    return Wanted.of(camera_of(picture.shape[1], picture.shape[0]), picture, valid)
 
 
 def refined(picture, begin, valid=None, tone=None, **view):
@@ -145,7 +145,7 @@ def test_what_a_photo_does_not_show_weighs_as_much_beside_a_small_part_of_it_as_
 def test_the_sky_counts_no_more_than_the_place(columns, weight):
     sky, pixels = torch.zeros(40), torch.full((40,), 64.0)
     sky[:columns] = 64
-    weights = _weights(sky, pixels)
+    weights = _share_of_cells(sky, pixels)
     torch.testing.assert_close(weights[:columns], torch.full((columns,), weight))
     assert (weights[columns:] == 1).all()
 
@@ -153,7 +153,7 @@ def test_the_sky_counts_no_more_than_the_place(columns, weight):
 def test_what_a_photo_does_not_show_is_no_place():
     sky, pixels = torch.zeros(40), torch.full((40,), 64.0)
     sky[:10], pixels[14:] = 64, 0
-    assert _weights(sky, pixels)[0] == pytest.approx(0.4)
+    assert _share_of_cells(sky, pixels)[0] == pytest.approx(0.4)
 
 
 def test_an_embedding_stays_where_it_may_go():

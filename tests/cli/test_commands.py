@@ -65,7 +65,7 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         ("train --resume", "resume", {"folder": None}),
         ("train --resume -o runs/a", "resume", {"folder": Path("runs/a")}),
         ("bake --appearance a.jpg -o a.ply", "bake_to_file", LOOK),
-        ("bake --appearance a.jpg -o a.ply --no-sky", "bake_to_file", LOOK | {"sky": False}),
+        ("bake --appearance a.jpg -o a.ply --no-sky", "bake_to_file", LOOK | {"with_sky": False}),
         ("bake --appearance a.jpg -o a.ply --prune off", "bake_to_file", LOOK | {"prune": False}),
         ("bake --appearance a.jpg -o a.ply --mask m.png", "bake_to_file", LOOK | {"mask": Path("m.png")}),
         (

@@ -32,6 +32,17 @@ def test_other_suffixes_capitals_and_folders(tmp_path, name):
     assert len(load_collection(root).photos) == 4
 
 
+def test_folders_of_windows(tmp_path):
+    names = ["left\\photo_0.png", "left\\photo_1.png", "right\\photo_0.png", "photo_3.png"]
+    root, _ = renamed(tmp_path, names)
+    for index, name in enumerate(names):
+        path = root / "images" / name.replace("\\", "/")
+        path.parent.mkdir(exist_ok=True)
+        (root / "images" / f"photo_{index}.png").rename(path)
+    found = {photo.name: photo.path.relative_to(root / "images").as_posix() for photo in load_collection(root).photos}
+    assert found == {name: name.replace("\\", "/") for name in names}
+
+
 def test_forms_of_unicode(tmp_path):
     root, _ = renamed(tmp_path, ["Pl\u00e4tze.png", *(f"photo_{index}.png" for index in (1, 2, 3))])
     (root / "images" / "photo_0.png").rename(root / "images" / "Pla\u0308tze.png")

@@ -68,6 +68,14 @@ def test_masks_of_photos_whose_cameras_were_found_are_known_by_the_name_the_user
     assert with_masks_in(replace(collection, photos=photos), tmp_path / "masks").photos[0].mask == wanted
 
 
+def test_names_in_another_form_of_unicode_are_the_same_names(collection, tmp_path):
+    as_macos_writes_it = replace(collection.photos[0], name="Pla\u0308tze.png")
+    collection = replace(collection, photos=(as_macos_writes_it, *collection.photos[1:]))
+    mask = save_mask(tmp_path / "masks" / "Pl\u00e4tze.png")
+    check_masks(tmp_path / "masks", [as_macos_writes_it.name])
+    assert with_masks_in(collection, tmp_path / "masks").photos[0].mask == mask
+
+
 def test_masks_named_as_colmap_names_them_are_found(collection, tmp_path):
     folder = tmp_path / "masks"
     wanted = [save_mask(folder / f"photo_{index}.png.png") for index in (0, 1)]

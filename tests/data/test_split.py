@@ -65,6 +65,12 @@ def test_tsv_beats_test_txt_and_drops_what_it_must(tmp_path):
     ]
 
 
+def test_names_in_another_form_of_unicode_are_the_same_names(tmp_path):
+    (tmp_path / "test.txt").write_text("Pl\u00e4tze.jpg\n")
+    splits, notes = split(tmp_path, ["Pla\u0308tze.jpg", "b.jpg"])
+    assert splits == {"Pla\u0308tze.jpg": "test", "b.jpg": "train"} and not notes
+
+
 def test_tsv_matches_photos_in_folders_by_their_last_name(tmp_path):
     (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
     splits, notes = split(tmp_path, ["left/a.jpg", "left/b.jpg"])

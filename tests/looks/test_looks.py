@@ -148,7 +148,7 @@ def test_no_training_photo_lies_beyond_reach_as_a_file_from_outside_either(train
     pictures = [trained.sized_photo(trained.collection.view(name)).encoder_input for name in names]
     seen = [trained.model.embedding_from_outside(picture) for picture in pictures]
     assert max(map(trained.reach.distance, seen)) <= 1 + 1e-5
-    assert torch.equal(trained.learned, torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]))
+    assert torch.equal(trained.photo_embeddings, torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]))
 
 
 def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import LATER_STEPS, STEPS, Shown, refinement
+from core.appearance.refinement import LATER_STEPS, STEPS, Wanted, refinement
 from core.data.prepare import prepared
 from core.data.sfm.landmarks import Landmarks
 from core.errors import BadInput
@@ -76,13 +76,13 @@ def test_the_photo_of_a_look_is_met_more_closely(trained):
     assert heard.steps[-1] == (STEPS + LATER_STEPS,) * 2
     assert trained.reach.distance(encoded.colouring.embedding) <= 1 + 1e-5
     assert torch.equal(refined.colouring.embedding, encoded.colouring.embedding)  # the weights that it gives are refined in its place
-    assert set(refined.colouring.changes) == set(trained.given_spread | trained.model.hidden) and encoded.colouring.changes == {}
+    assert set(refined.colouring.changes) == set(trained.given_spread | trained.model.hidden_weights) and encoded.colouring.changes == {}
 
 
 def test_a_training_photo_is_refined_for_as_long_as_it_is_there(trained):
     """Its look as it was learned is in the run."""
     learned, refined = (find_look(trained, "1.png", refine=refine) for refine in (False, True))
-    assert torch.equal(learned.colouring.embedding, trained.learned[trained.model.photo_names.index("1.png")])
+    assert torch.equal(learned.colouring.embedding, trained.photo_embeddings[trained.model.photo_names.index("1.png")])
     assert off(trained, refined, "1.png") < off(trained, learned, "1.png") and refined.source == "training photo 1.png, refined"
     photos = tuple(replace(photo, path=photo.path.with_name("gone.png")) for photo in trained.collection.photos)
     kept = find_look(replace(trained, collection=replace(trained.collection, photos=photos)), "1.png")
@@ -106,7 +106,7 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
     """What lies out of view moves less than what is in view, and much less than if nothing held it."""
     sized = trained.sized_photo(trained.collection.view("0.png"))
     half = sized.camera.cropped(0, 0, sized.camera.width // 2, sized.camera.height)
-    seen, photo = trained.seen_by(half), Shown.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None)
+    seen, photo = trained.seen_by(half), Wanted.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None)
     start = find_look(trained, "0.png", refine=False).colouring
     unseen = seen.in_cells(photo.weight).unseen
 

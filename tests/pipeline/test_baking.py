@@ -92,6 +92,9 @@ def test_an_output_that_exists_or_has_no_format_is_refused(trained, tmp_path):
     with pytest.raises(BadInput, match=".ply"):
         pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.obj")
     assert path.read_text() == "old"
+    (tmp_path / "link.ply").symlink_to(tmp_path / "nothing.ply")
+    with pytest.raises(BadInput, match="--force"):
+        pipeline.bake_to_file(trained[0], "neutral", tmp_path / "link.ply")
     pipeline.bake_to_file(trained[0], "neutral", path, force=True)
     assert len(read_ply(path)) > 0
 

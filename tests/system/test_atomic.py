@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import BadInput, WegsError
-from core.system import lock
+from core.system import atomic, lock
 from core.system.atomic import check_file, check_folder, files_in, filling, replacing, write_json
 
 
@@ -127,6 +127,15 @@ def test_what_a_kill_left_just_before_is_removed_at_the_end(tmp_path):
         os.utime(killed, (1e9, 1e9))  # old enough by now
         work.write_text("whole")
     assert list(tmp_path.iterdir()) == [tmp_path / "a.json"]
+
+
+def test_where_no_temporary_folder_can_be_is_told(monkeypatch):
+    def nowhere():
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    monkeypatch.setattr(atomic.tempfile, "gettempdir", nowhere)
+    with pytest.raises(WegsError, match="no folder for temporary files that can be written in. Free some space, or set TMPDIR"), atomic.scratch("a"):
+        pass
 
 
 def test_a_folder_that_was_made_for_nothing_vanishes(tmp_path):

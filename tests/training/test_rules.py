@@ -9,7 +9,7 @@ import torch
 
 from core.appearance.model import AppearanceModel
 from core.scene.harmonics import dc_of_colour
-from core.training import networks
+from core.training import network_updates
 from core.training.gaussians.gaussians import learning_rates
 from core.training.jitter import draw_gain, jittered
 from core.training.losses import regularisers
@@ -125,7 +125,7 @@ def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth
 def test_every_network_learns_at_its_own_rate(changes, expected):
     settings = small_settings(**RATES, **changes)
     model = AppearanceModel(settings, PHOTOS)
-    groups = networks.optimizer_of(model, settings).param_groups
+    groups = network_updates.optimizer_of(model, settings).param_groups
     rates = {weight: group["rate"] for group in groups for weight in group["params"]}
     for name, weight in model.named_parameters():
         (rate,) = (rate for part, rate in expected.items() if name.startswith(part))
@@ -140,7 +140,7 @@ def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(traine
         used.append(learning_rates(trainer.settings, progress))
         for name, rates in used[-1].items():
             torch.testing.assert_close(rates, used[0][name] * slowed.get(name, 1.0) ** progress)
-        networks.update(trainer.optimizer, progress, torch.tensor(True))
+        network_updates.update(trainer.optimizer, progress, torch.tensor(True))
         for group in trainer.optimizer.param_groups:
             assert group["lr"] == pytest.approx(group["rate"] * 0.1**progress)
     assert used[0]["means"].tolist() == pytest.approx([0.1] * 3)

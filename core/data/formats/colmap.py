@@ -11,7 +11,7 @@ import pycolmap
 from core.data.formats.model_file import holds_model, lacking_files, photos_in_model, read_model
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
-from core.data.photos.names import is_file
+from core.data.photos.names import is_file, relative_path
 from core.data.posed import Points, Posed, PosedPhoto, usable_points
 from core.errors import BadInput
 from core.words import Note, name_them
@@ -19,6 +19,7 @@ from core.words import Note, name_them
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
 NERFSTUDIO_FOLDER = "colmap/sparse/0"
 NERFSTUDIO_FILE = "transforms.json"  # made of the model in that folder; it says more, but not which photo sees which point
+LENGTH_SLACK = 1e-9  # of a quaternion, which pycolmap takes to be of length 1
 ORIGINALS = ("input", "photos")  # where photos may lie before they are undistorted, which gives a model of other pixels
 
 
@@ -109,11 +110,14 @@ def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], l
 
 def posed_photo(image: pycolmap.Image, images: Path) -> PosedPhoto:
     """What the model says of an image, whose photo lies in the folder `images`."""
-    pose = image.cam_from_world().matrix()
+    pose = image.cam_from_world()
     camera = copy(image.camera)  # the model's own is freed with the model
-    rotation = pose[:, :3]
+    length = np.linalg.norm(pose.rotation.quat)
+    if abs(length - 1) > LENGTH_SLACK:
+        pose.rotation = pycolmap.Rotation3d(pose.rotation.quat / length) if length else pycolmap.Rotation3d(np.full(4, np.nan))
+    rotation, translation = pose.rotation.matrix(), pose.translation
     with np.errstate(invalid="ignore", over="ignore"):  # an impossible pose is left out when the photo is placed
-        centre = -rotation.T @ pose[:, 3]
+        centre = -rotation.T @ translation
     return PosedPhoto(image.name, images / image.name, lambda width, height: camera, rotation, centre)
 
 
@@ -162,7 +166,7 @@ def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
         return sum(is_file(folder / name) for name in names)
 
     def alike(folder: Path) -> int:
-        return len(nearly_named({folder / name: [folder] for name in names}))
+        return len(nearly_named({folder / name: [folder, folder / relative_path(name).parent] for name in names}))
 
     for folders, count in ((usual, exact), (usual, alike), (originals, exact), (originals, alike)):
         counts = {folder: count(folder) for folder in folders}

@@ -16,6 +16,7 @@ from pathlib import Path
 import pycolmap
 
 from core.errors import BadInput
+from core.system.atomic import temporary_place
 
 NEEDED, POINTS = ("cameras", "images"), "points3D"
 SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
@@ -89,7 +90,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
 def _read(folder: Path, suffix: str, points: Path | bytes) -> pycolmap.Reconstruction:
     """The cameras and images in `folder` with the `points` of this file or of this content: pycolmap insists on all three, and reads whatever else
     lies beside them."""
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory(dir=temporary_place()) as place:
         for file in (*(folder / (part + suffix) for part in NEEDED), points):
             if isinstance(file, Path) and suffix == ".txt" and _is_marked(file):
                 Path(place, file.name).write_bytes(file.read_bytes().removeprefix(BOM_UTF8))

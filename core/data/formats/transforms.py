@@ -97,7 +97,7 @@ class _Reading:
                     self.faults.add("named more than once, used the first time", label)
                     continue
                 rotation, centre = _pose(frame)
-                lens = _Lens.of(facts | frame)
+                lens = _Lens.of(facts, frame)
                 mask = frame.get("mask_path")
                 if not isinstance(mask, str | None):
                     self.faults.add("with a mask_path that is no name, used whole", label)
@@ -199,8 +199,11 @@ class _Lens:
     numbers: dict[str, float]
 
     @staticmethod
-    def of(facts: dict) -> "_Lens":
-        """The lens of a frame. facts: those at the top of the file, overridden by the frame's own."""
+    def of(facts: dict, frame: dict) -> "_Lens":
+        """The lens of a frame. facts: those at the top of the file, overridden by the frame's own; its angles override their focal lengths, too."""
+        if {"camera_angle_x", "camera_angle_y"} & frame.keys():
+            facts = {name: value for name, value in facts.items() if name not in ("fl_x", "fl_y")}
+        facts = facts | frame
         model = str(facts.get("camera_model") or (FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])).upper()
         if model not in (*PERSPECTIVE, FISHEYE):
             raise Fault(f"with a camera_model that is not supported ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")

@@ -30,20 +30,22 @@ def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, st
 
     A row means a photo if it is the photo's name or an end of it, with or without the suffix, or the only longer path that ends in the name.
     """
+    exact = {composed(row): row for row in listed}
     longer: dict[str, list[str]] = {}
-    for row in listed:
-        for end in _ends(row.replace("\\", "/")):  # some were written on Windows
-            if end != row:
+    for form, row in exact.items():
+        for end in _ends(form.replace("\\", "/")):  # some were written on Windows
+            if end != form:
                 longer.setdefault(end, []).append(row)
     fitting: dict[str, list[str]] = {}
     for name in sorted(names):
-        shorter = [end for whole in names_without_suffixes(name) for end in _ends(whole) if end in listed]
-        meant = shorter[:1] or longer.get(name, [])
+        shorter = [exact[end] for whole in names_without_suffixes(composed(name)) for end in _ends(whole) if end in exact]
+        meant = shorter[:1] or longer.get(composed(name), [])
         if len(meant) == 1:
             fitting.setdefault(meant[0], []).append(name)
     rows, unclear = {}, {}
     for row, those in fitting.items():
-        exactly = [name for name in those if name == row] or [name for name in those if without_suffix(name) == row] or those
+        form = composed(row)
+        exactly = [name for name in those if composed(name) == form] or [name for name in those if composed(without_suffix(name)) == form] or those
         if len(exactly) == 1:
             rows[exactly[0]] = row
         else:
@@ -64,7 +66,7 @@ def is_file(path: Path | str) -> bool:
 
 def relative_path(name: str) -> Path:
     """A photo's name as a path that cannot leave the folder it is joined to: some models name photos by whole paths, or through `..`."""
-    path = Path(name)
+    path = Path(name.replace("\\", "/"))  # some were written on Windows
     return Path(path.name) if path.is_absolute() else Path(*(part for part in path.parts if part != ".."))
 
 

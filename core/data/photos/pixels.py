@@ -38,14 +38,20 @@ class LoadedPhoto:
 
 
 def read_pixels(path: Path) -> np.ndarray:
-    """A photo as displayed: (H, W, 3) uint8 RGB, EXIF rotation applied.
+    """A photo as displayed: (H, W, 3) uint8 RGB; see `read_pixels_and_alpha`."""
+    return read_pixels_and_alpha(path)[0]
+
+
+def read_pixels_and_alpha(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """A photo as displayed, EXIF rotation applied: (H, W, 3) uint8 RGB; and its alpha, (H, W) uint8, None where all of it is opaque.
 
     Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparent pixels are shown over white,
     as viewers do.
     Raises BadInput for what is missing, truncated or no photo.
     """
     header, pixels, alpha = _read_file(path)
-    return upright(_over_white(pixels, alpha), header.orientation)
+    opaque = alpha is None or alpha.min() == 255
+    return upright(_over_white(pixels, alpha), header.orientation), None if opaque else upright(alpha, header.orientation)
 
 
 def read_light(path: Path, mask: Path | None = None) -> np.ndarray:

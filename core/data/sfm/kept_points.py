@@ -6,7 +6,7 @@ from pathlib import Path
 from core.data.collection import Collection
 from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
-from core.data.made import followed, made_once, path_within, read_mark, stamp, way_to
+from core.data.made import followed, made_once, path_from, read_mark, stamp, way_to
 from core.data.posed import Points
 from core.data.sfm.triangulate import triangulate
 from core.errors import BadInput
@@ -32,8 +32,8 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     root = collection.root.resolve()
     made_of = {}
     for photo, camera in training:
-        mask = [] if photo.mask is None else [path_within(photo.mask, root), *stamp(photo.mask)]
-        made_of[path_within(photo.path, root)] = [*stamp(photo.path), *camera.numbers(), photo.lens and asdict(photo.lens), *mask]
+        mask = [] if photo.mask is None else [path_from(root, photo.mask), *stamp(photo.mask)]
+        made_of[path_from(root, photo.path)] = [*stamp(photo.path), *camera.numbers(), photo.lens and asdict(photo.lens), *mask]
     same = {"kind": collection.kind, "made_of": made_of}
 
     def are_there(folder: Path) -> bool:

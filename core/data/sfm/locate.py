@@ -1,5 +1,6 @@
 """Locates a photo from outside a collection: its camera, from features matched with the collection's landmarks (pycolmap, CPU)."""
 
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,15 +95,25 @@ def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
 
 
 def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
-    """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree."""
+    """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree.
+
+    A focal length that the photo gives is not that of a part of it, and programs that crop leave it as it is: what more features agree on counts.
+    """
+    if not len(points):
+        return None
     estimation, refinement = pycolmap.AbsolutePoseEstimationOptions(), pycolmap.AbsolutePoseRefinementOptions()
-    estimation.estimate_focal_length = not lens.has_prior_focal_length
     estimation.ransac.max_error = max(NEAR_PX, OFF * max(lens.width, lens.height))
     estimation.ransac.random_seed = SEED
     refinement.refine_focal_length = True
-    found = pycolmap.estimate_and_refine_absolute_pose(pixels, points, lens, estimation, refinement) if len(points) else None
+    found = None
+    for estimation.estimate_focal_length in (False, True) if lens.has_prior_focal_length else (True,):
+        tried = copy(lens)
+        answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, tried, estimation, refinement)
+        if answer is not None and (found is None or answer["num_inliers"] > found["num_inliers"]):
+            found, fitted = answer, tried
     if found is None or found["num_inliers"] < max(LEAST_AGREEING, LEAST_SHARE * len(points)):
         return None
+    lens = fitted
     rotation = found["cam_from_world"].rotation.matrix()
     centre = -rotation.T @ found["cam_from_world"].translation
     length = lens.mean_focal_length()

@@ -5,11 +5,12 @@ from dataclasses import asdict
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pycolmap
 
 import core
 from core.data.formats.model_file import quiet
-from core.data.photos.distortion import lens_of
+from core.data.photos.distortion import lens_of, pinhole, undistort
 from core.data.photos.file import JPEG_EXIF, without_orientation
 from core.data.photos.folder import list_photos, list_unreadable, no_photos
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, extract, match
@@ -20,9 +21,12 @@ from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
 from core.data.sfm.usable import UsablePhoto, usable_photos
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import NAME_PART, files_in, replacing_folder, write_json
+from core.scene.camera import Camera
+from core.scene.lens import Lens
+from core.system.atomic import NAME_PART, check_folder, files_in, replacing_folder, write_json
 from core.words import counted, name_them
 
+ALPHA = "alpha"  # folder, in the work folder, of what is known of transparency
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 LONGEST_NAME = 255  # bytes, of the usual disks; of a PNG whose name is nearly as long, that of its JPEG is longer
 FEATURES_TO_MAP = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
@@ -44,6 +48,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
     if output.exists() and (not output.is_dir() or files_in(output)):
         raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
+    check_folder(output)
     paths = list_photos(photos)
     if not paths:
         raise no_photos(photos)
@@ -51,7 +56,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         report.warn(line)
     made_of = files_of(photos)
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():
-        copies = _copy_upright(paths, work / PHOTOS, report)
+        copies = _copy_upright(paths, work, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
             raise BadInput(
@@ -75,13 +80,14 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     return output
 
 
-def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, str]:
-    """Copy the readable photos into `folder` as COLMAP needs them; returns, by a copy's name, the photo's name in the scene.
+def _copy_upright(paths: list[Path], work: Path, report: Report) -> dict[str, str]:
+    """Copy the readable photos into work/PHOTOS as COLMAP needs them; returns, by a copy's name, the photo's name in the scene.
 
-    COLMAP ignores EXIF rotation, so turned photos are written upright; anything but a JPEG is converted to one. Copies are named by
-    numbers, because COLMAP splits its list of pairs at spaces.
+    COLMAP ignores EXIF rotation, so turned photos are written upright; anything but a JPEG is converted to one, and what is not opaque has its
+    alpha in work/ALPHA, a PNG of the photo's name. Copies are named by numbers, because COLMAP splits its list of pairs at spaces.
     """
-    folder.mkdir()
+    for folder in (PHOTOS, ALPHA):
+        (work / folder).mkdir()
     copies, turned, numbers = {}, 0, {path: number for number, path in enumerate(paths, 1)}
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, BadInput):
@@ -90,12 +96,15 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
         number, header = numbers[path], photo.header
         copy = f"{number:06d}.jpg"
         upright_jpeg = header.kind == "jpeg" and header.orientation == 1
-        (folder / copy).write_bytes(path.read_bytes() if upright_jpeg else _encode(photo))
+        (work / PHOTOS / copy).write_bytes(path.read_bytes() if upright_jpeg else _encode(photo))
         turned += header.orientation != 1
         name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
-        name = name if path.suffix.lower() in JPEG_SUFFIXES else f"{name}.jpg"  # COLMAP writes in the format of the suffix
+        suffixes = JPEG_SUFFIXES if photo.alpha is None else (".png",)
+        name = name if path.suffix.lower() in suffixes else f"{name}{suffixes[0]}"  # COLMAP writes in the format of the suffix
         unfit = name in copies.values() or len(name.encode()) > LONGEST_NAME
         copies[copy] = f"{number}-{name[-NAME_PART:]}" if unfit else name
+        if photo.alpha is not None:
+            (work / ALPHA / copies[copy]).write_bytes(_encoded(".png", photo.alpha))
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
     return dict(sorted(copies.items()))
@@ -103,7 +112,7 @@ def _copy_upright(paths: list[Path], folder: Path, report: Report) -> dict[str, 
 
 def _encode(photo: UsablePhoto) -> bytes:
     """A JPEG of the photo as displayed, with its EXIF block, whose focal length COLMAP starts from."""
-    jpeg = cv2.imencode(".jpg", cv2.cvtColor(photo.pixels, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
+    jpeg = _encoded(".jpg", cv2.cvtColor(photo.pixels, cv2.COLOR_RGB2BGR), cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
     exif = photo.header.exif
     block = JPEG_EXIF + without_orientation(exif)
     if not exif or len(block) + 2 > 0xFFFF:
@@ -120,9 +129,25 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
         image.name = copies[image.name]
     chosen.mkdir()
     model.write(str(chosen))
-    lenses = {image.name: asdict(lens_of(model.cameras[image.camera_id])) for image in model.images.values() if image.has_pose}
+    lenses = {image.name: lens_of(model.cameras[image.camera_id]) for image in model.images.values() if image.has_pose}
     pycolmap.undistort_images(undistorted, chosen, named, jpeg_quality=JPEG_QUALITY)
     (scene / "sparse").mkdir(parents=True)
+    if alphas := {path.name: path for path in (work / ALPHA).glob("*") if path.name in lenses}:
+        for image in pycolmap.Reconstruction(undistorted / "sparse").images.values():
+            if image.name in alphas:
+                _give_alpha(undistorted / "images" / image.name, image.camera, alphas[image.name], lenses[image.name])
     os.replace(undistorted / "images", scene / "images")
     os.replace(undistorted / "sparse", scene / "sparse" / "0")
-    write_json(scene / LENSES, lenses)
+    write_json(scene / LENSES, {name: asdict(lens) for name, lens in lenses.items()})
+
+
+def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:
+    """Make the undistorted `picture`, a PNG by COLMAP, transparent where the photo is, or where its lens saw nothing. camera: a pinhole."""
+    seen_from = Camera(np.eye(3), np.zeros(3), *pinhole(camera, camera.width, camera.height), camera.width, camera.height)
+    found, seen = undistort(cv2.imread(str(alpha), cv2.IMREAD_GRAYSCALE)[..., None], lens, seen_from)
+    picture.write_bytes(_encoded(".png", np.dstack([cv2.imread(str(picture), cv2.IMREAD_COLOR), found * seen[..., None]])))
+
+
+def _encoded(suffix: str, pixels: np.ndarray, *flags: int) -> bytes:
+    """BGR, BGRA or grey pixels in the format of the suffix."""
+    return cv2.imencode(suffix, pixels, flags)[1].tobytes()

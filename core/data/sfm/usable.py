@@ -9,7 +9,7 @@ import numpy as np
 from core.data.photos.file import Header, probe
 from core.data.photos.folder import copies_among
 from core.data.photos.lookalikes import Pictures
-from core.data.photos.pixels import read_pixels
+from core.data.photos.pixels import read_pixels_and_alpha
 from core.errors import BadInput
 from core.report import Report
 
@@ -22,10 +22,11 @@ LEAST_PIXELS = 40 * 30
 
 @dataclass(frozen=True)
 class UsablePhoto:
-    """pixels: (H, W, 3) uint8 RGB, as displayed."""
+    """pixels: (H, W, 3) uint8 RGB, as displayed. alpha: (H, W) uint8, None where all is opaque."""
 
     header: Header
     pixels: np.ndarray
+    alpha: np.ndarray | None = None
 
 
 class StoredTwice(BadInput):
@@ -75,4 +76,4 @@ def _read(path: Path, header: Header | BadInput) -> UsablePhoto:
         raise BadInput(f"{path} is {width} x {height} px, too large for a JPEG.", "Use a smaller copy.")
     if width * height < LEAST_PIXELS:
         raise BadInput(f"{path} is {width} x {height} px, too small to find features in.", "Use a larger photo.")
-    return UsablePhoto(header, read_pixels(path))
+    return UsablePhoto(header, *read_pixels_and_alpha(path))

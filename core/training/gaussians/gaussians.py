@@ -57,7 +57,7 @@ class Gaussians:
     @property
     def splats(self) -> Splats:
         """The base Gaussians, sharing memory with the parameters."""
-        return Splats(**{name: tensor for name, tensor in self.parameters.items() if name != "latents"})
+        return splats_of(self.parameters)
 
     @property
     def latents(self) -> Tensor | None:
@@ -131,6 +131,11 @@ class Gaussians:
         if len(rows) != 1 or any(tensor.dtype != torch.float32 for tensor in groups["parameters"].values()):
             raise ValueError(f"{sorted(rows)} Gaussians in tensors of one set, or parameters that are not float32")
         return Gaussians(**groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky=sky)
+
+
+def splats_of(parameters: dict[str, Tensor]) -> Splats:
+    """Those of the parameters that are drawn, sharing memory with them: all but the latents."""
+    return Splats(**{name: tensor for name, tensor in parameters.items() if name != "latents"})
 
 
 def free_columns(name: str, columns: int) -> int:

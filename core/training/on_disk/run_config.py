@@ -11,7 +11,7 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.data.made import CONFIG, followed, path_within, way_to
+from core.data.made import CONFIG, followed, path_from, way_to
 from core.data.sfm.kept_points import MARK, home_of
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
@@ -81,13 +81,16 @@ def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:
 def _photo_to_json(photo: Photo, home: Path) -> dict:
     camera = asdict(photo.camera)
     camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}
+    files = {"path": photo.path, "mask": photo.mask}
+    ways = {key: path and path_from(home, path) for key, path in files.items()}
+    outside = [key for key, way in ways.items() if way and ".." in Path(way).parts]
     return {
         "name": photo.name,
-        "path": path_within(photo.path, home),
+        **ways,
+        **{f"whole_{key}": str(files[key].resolve()) for key in outside},  # in case the scene alone is moved
         "split": photo.split,
         "camera": camera,
         "lens": photo.lens and asdict(photo.lens),
-        "mask": None if photo.mask is None else path_within(photo.mask, home),
         "mask_lens": photo.mask_lens and asdict(photo.mask_lens),
     }
 
@@ -95,13 +98,20 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
 def _photo_from_json(values: dict, home: Path) -> Photo:
     shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     camera = values["camera"] | {name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
-    lens, mask, mask_lens = (values[key] for key in ("lens", "mask", "mask_lens"))
+    lens, mask_lens = values["lens"], values["mask_lens"]
+
+    def file(key: str) -> Path | None:
+        if values[key] is None:
+            return None
+        together, apart = home / values[key], values.get(f"whole_{key}")  # a whole path stays as it is
+        return Path(apart) if apart and not together.is_file() and Path(apart).is_file() else together
+
     return Photo(
         name=values["name"],
-        path=home / values["path"],  # an absolute path stays as it is
+        path=file("path"),
         camera=Camera(**camera),
         split=values["split"],
         lens=lens and Lens(**lens),
-        mask=None if mask is None else home / mask,
+        mask=file("mask"),
         mask_lens=mask_lens and Lens(**mask_lens),
     )

@@ -71,6 +71,26 @@ def test_formats(tmp_path, form):
     assert np.allclose(collection.point_colours[3] * 255, (30, 252, 7))
 
 
+def test_quaternions_of_another_length_turn_as_much_and_one_of_none_is_broken(tmp_path):
+    scene = SmallScene()
+    root = scene.write(tmp_path / "scene")
+    path = scene.in_text(root) / "images.txt"
+
+    def scaled(factor, line):
+        words = line.split(" ")
+        return " ".join([words[0], *(str(factor * float(word)) for word in words[1:5]), *words[5:]])
+
+    lines = path.read_text().splitlines()
+    poses = [number for number, line in enumerate(lines) if line.endswith(".png")]
+    for number in poses:
+        lines[number] = scaled(2, lines[number])
+    path.write_text("\n".join(lines) + "\n")
+    check_geometry(load_collection(root), scene)
+    lines[poses[0]] = scaled(0, lines[poses[0]])
+    path.write_text("\n".join(lines) + "\n")
+    assert len(load_collection(root).photos) == 3 and notes_with(load_collection(root), "1 photo with a camera or pose that is broken")
+
+
 def test_rigs_of_several_cameras(tmp_path):
     options = pycolmap.SyntheticDatasetOptions()
     options.num_cameras_per_rig, options.num_frames_per_rig, options.num_points3D = 2, 2, 30

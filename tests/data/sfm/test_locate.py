@@ -108,6 +108,16 @@ def test_a_camera_needs_twelve_matches_that_agree_and_a_third_of_all(true, wrong
     assert (found and found.agreeing) == agreeing
 
 
+def test_the_focal_length_that_a_cropped_photo_still_gives_is_not_believed():
+    random = np.random.default_rng(0)
+    points = random.uniform((-1, -1, 4), (1, 1, 7), (80, 3))
+    pixels = points[:, :2] / points[:, 2:] * 600 + (320, 240)
+    lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=640, height=480, params=[300, 320, 240])
+    lens.has_prior_focal_length = True
+    found = _camera_of(pixels, points, lens, (640, 480))
+    assert found.agreeing == 80 and abs(found.camera.fx / 600 - 1) < 0.01
+
+
 def test_without_points_that_photos_see_nothing_is_found(between, tmp_path):
     scene = shutil.copytree(between[0].parent, tmp_path / "scene")
     assert locate(between[0], landmarks_of(load_collection(write_corner(scene)), Report()), Report()) is None

@@ -37,10 +37,11 @@ def noise_photo(path, seed, cells=(60, 80)):
 
 
 def test_cameras_are_found_again(tmp_path):
-    """With a turned photo, a PNG, a JPEG that is called a WebP, a name with a space; a truncated photo and a stranger are left out."""
+    """With a turned photo, a PNG, a JPEG that is called a WebP, a name with a space, one that is transparent on the left; a truncated photo and a
+    stranger are left out."""
     photos = tmp_path / "photos"
     photos.mkdir()
-    pictures, names, centres = textures(), ["000002.jpg", "000003.jpg", "000004.webp", "a b.jpg", "b.png", "c.jpg"], []
+    pictures, names, centres = textures(), ["000002.jpg", "000003.jpg", "000004.webp", "a b.jpg", "b.png", "c.jpg", "d.png"], []
     for name, (rotation, centre) in zip(names, cameras(len(names)), strict=True):
         kind = ".jpg" if name == "000004.webp" else Path(name).suffix
         (photos / name).write_bytes(cv2.imencode(kind, take_photo(rotation, centre, pictures))[1].tobytes())
@@ -48,6 +49,9 @@ def test_cameras_are_found_again(tmp_path):
     turned = cv2.rotate(cv2.imread(str(photos / "c.jpg")), cv2.ROTATE_90_COUNTERCLOCKWISE)
     assert cv2.imwrite(str(photos / "c.jpg"), turned, [cv2.IMWRITE_JPEG_QUALITY, 100])
     add_exif(photos / "c.jpg", exif_block(6))
+    alpha = np.full((HEIGHT, WIDTH, 1), 255, np.uint8)
+    alpha[:, : WIDTH // 4] = 0
+    assert cv2.imwrite(str(photos / "d.png"), np.dstack([cv2.imread(str(photos / "d.png")), alpha]))
     (photos / "test.txt").write_text("b\n")
     (photos / "cut.jpg").write_bytes((photos / "a b.jpg").read_bytes()[:3000])
     noise_photo(photos / "stranger.png", 0)
@@ -65,7 +69,7 @@ def test_cameras_are_found_again(tmp_path):
     collection = load_collection(scene)
     assert [photo.name for photo in collection.split("test")] == ["b.png.jpg"]
     assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
-    assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg"]
+    assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg", "d.png"]
     lenses = originals.lenses_of(scene)
     assert lenses.keys() == {photo.name for photo in collection.photos}
     assert all((lens.model, lens.width, lens.height) == ("SIMPLE_RADIAL", WIDTH, HEIGHT) for lens in lenses.values())
@@ -77,6 +81,10 @@ def test_cameras_are_found_again(tmp_path):
     for index, photo in enumerate(collection.photos[:5]):  # each still its own picture
         apart = [np.abs(load_photo(photo, 32, 24).pixels[..., ::-1] - one.astype(float)).mean() for one in given]
         assert np.argmin(apart) == index
+    opaque = load_photo(collection.photos[6], 320, 240).valid
+    assert not opaque[:, :70].any() and opaque[:, 90:].all()
+    empty = load_photo(collection.photos[6], 320, 240, transparent_is_empty=True).empty
+    assert (empty[:, :70] == 255).all() and not empty[:, 90:].any()
     os.utime(photos / "b.png", ns=(1, 1))
     assert name_in(scene, photos / "b.png") is None  # changed since
 
@@ -117,8 +125,11 @@ def test_an_output_that_exists_is_left_alone(tmp_path):
         reconstruct(tmp_path, tmp_path / "scene", Report())
     assert (tmp_path / "scene" / "mine.txt").read_text() == "precious"
     (tmp_path / "file").write_text("")
-    with pytest.raises(BadInput, match="file/scene could not be made"):
+    with pytest.raises(BadInput, match="file is not a folder"):
         reconstruct(tmp_path, tmp_path / "file" / "scene", Report())
+    (tmp_path / "link").symlink_to(tmp_path / "nothing")
+    with pytest.raises(BadInput, match="link is not a folder"):
+        reconstruct(tmp_path, tmp_path / "link", Report())
 
 
 def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
@@ -204,7 +215,8 @@ def test_a_name_too_long_for_its_jpeg_is_cut(tmp_path):
     names = ["a" * 251 + ".png", "b" * 247 + ".png"]
     for name, texture in zip(names, textures(), strict=False):
         assert cv2.imwrite(str(tmp_path / name), texture)
-    copies = _copy_upright(list_photos(tmp_path), tmp_path / "upright", Heard())
+    (tmp_path / "work").mkdir()
+    copies = _copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
     assert set(copies.values()) == {"1-" + ("a" * 52 + ".png.jpg"), names[1] + ".jpg"}
 
 
@@ -218,7 +230,8 @@ def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
     assert (tmp_path / "a.png").stat().st_size > (tmp_path / "b.jpg").stat().st_size
     wide = cv2.resize(whole, (65_600, 40))
     assert cv2.imwrite(str(tmp_path / "pano.png"), wide) and cv2.imwrite(str(tmp_path / "pano-small.jpg"), cv2.resize(wide, None, fx=0.5, fy=0.5))
+    (tmp_path / "work").mkdir()
     heard = Heard()
-    copies = _copy_upright(list_photos(tmp_path), tmp_path / "upright", heard)
+    copies = _copy_upright(list_photos(tmp_path), tmp_path / "work", heard)
     assert list(copies.values()) == ["b.jpg", "c.jpg", "pano-small.jpg"]
     assert "! Left out: a.png is the picture b.jpg once more, with fewer pixels." in heard.lines

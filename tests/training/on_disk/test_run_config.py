@@ -52,6 +52,35 @@ def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
     assert run_config.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == moved.root
 
 
+def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, collection):
+    """Moved with scene and run, by a link in the scene or without; or left behind."""
+    project = tmp_path / "project"
+    for folder in ("scene", "pool", "masks"):
+        (project / folder).mkdir(parents=True)
+    (project / "scene" / "images").symlink_to("../pool")
+    ways = {"photo_0.png": "scene/images", "photo_1.png": "pool"}
+    photos = []
+    for photo in collection.photos[:2]:
+        (project / "pool" / photo.name).touch()
+        (project / "masks" / photo.name).touch()
+        photos.append(replace(photo, path=project / ways[photo.name] / photo.name, mask=project / "masks" / photo.name))
+    run_folders.create(project / "run", replace(collection, root=project / "scene", photos=tuple(photos)), small_settings())
+
+    def files(run):
+        photos = run_config.read_config(run)[2].photos
+        return [(photo.path.resolve(), photo.mask.resolve()) for photo in photos]
+
+    def expected(folder):
+        return [(folder / "pool" / photo.name, folder / "masks" / photo.name) for photo in photos]
+
+    assert files(project / "run") == expected(project)
+    (project / "run").rename(tmp_path / "run")
+    assert files(tmp_path / "run") == expected(project)
+    (tmp_path / "run").rename(project / "run")
+    project = project.rename(tmp_path / "elsewhere")
+    assert files(project / "run") == expected(project)
+
+
 def test_a_folder_without_the_photos_is_not_the_scene_of_a_run_that_was_made_in_its_scene(tmp_path, collection):
     scene = tmp_path / "place"
     scene.mkdir()

@@ -29,7 +29,7 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
 
 
 @contextmanager
-def teaching(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[None]:
+def encoder_backward_beside(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[None]:
     """Runs the encoder's backward pass, `work`, in parallel with what remains of the SH transfer's, which is run inside the block.
 
     embedding: the leaf whose gradient `work` begins with. On a CPU `work` starts on another thread as soon as that gradient is

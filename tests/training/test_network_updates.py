@@ -2,15 +2,15 @@
 
 import torch
 
-from core.training import networks
+from core.training import network_updates
 from core.training.losses.backward import backward
 
 
 def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way(monkeypatch):
     handed, taught_with = [], []
-    monkeypatch.setattr(networks, "beside", lambda work: handed.append(work) or work)
+    monkeypatch.setattr(network_updates, "beside", lambda work: handed.append(work) or work)
     embedding = torch.ones(3, requires_grad=True)
-    with networks.teaching(lambda: taught_with.append(embedding.grad.clone()), embedding):
+    with network_updates.encoder_backward_beside(lambda: taught_with.append(embedding.grad.clone()), embedding):
         backward((2 * embedding.sum(), None))
         assert len(handed) == 1 and not taught_with
     assert [gradient.tolist() for gradient in taught_with] == [[2.0] * 3]
@@ -20,6 +20,6 @@ def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_th
 
 def test_without_a_gradient_it_is_taught_at_the_end():
     embedding, taught_with = torch.ones(3, requires_grad=True), []
-    with networks.teaching(lambda: taught_with.append(embedding.grad), embedding):
+    with network_updates.encoder_backward_beside(lambda: taught_with.append(embedding.grad), embedding):
         assert not taught_with
     assert taught_with == [None]

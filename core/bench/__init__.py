@@ -2,7 +2,7 @@
 
 which, of what, where to  suite
 what is measured          rendering (levers), baking, training, refinement
-with what                 stopwatch, errors, machine, small_scene
+with what                 stopwatch, differences, machine, small_scene
 what comes of it          figure, drawing, files
 """
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import torch
 
 import core.export
-from core.bench.errors import LIMIT, errors
+from core.bench.differences import HALF_STEP_LINE, differences
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.bench.stopwatch import timed
@@ -22,7 +22,7 @@ from core.report import Report
 from core.scene.splats import Splats
 from core.system.atomic import scratch
 
-LIMIT_STEPS = 255 * LIMIT[0], LIMIT[1]
+LIMIT_STEPS = 255 * HALF_STEP_LINE[0], HALF_STEP_LINE[1]
 QUANTITIES = (
     Quantity("megabytes", "MB of .ply", "log"),
     Quantity("seconds", "s to bake and write", "log"),
@@ -67,7 +67,7 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
         def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
             baked, seconds = timed(lambda: written(make()), budget)
             pictures, drawing = timed(lambda: [rasterizer.render(baked, camera, trained.background) for camera in cameras], budget)
-            apart = errors([picture.clamp(0, 1) for picture in pictures], truth)
+            apart = differences([picture.clamp(0, 1) for picture in pictures], truth)
             values = {
                 "megabytes": Spread.exactly(path.stat().st_size / 1e6),
                 "seconds": seconds,

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 import core.rasterizer
-from core.bench.errors import LIMIT, errors
+from core.bench.differences import HALF_STEP_LINE, differences
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.levers import UNTHRESHOLDED, Levers, draw
 from core.bench.machine import made_on
@@ -24,9 +24,9 @@ from core.scene.splats import Splats
 
 QUANTITIES = (
     Quantity("milliseconds", "ms a picture", "log"),
-    Quantity("max_error", "max error", "log", limit=LIMIT, floor=1e-9),
-    Quantity("rms_error", "RMS error", "log", limit=LIMIT, floor=1e-9),
-    Quantity("rms_unthresholded", "RMS error against no thresholds", "log", limit=LIMIT),
+    Quantity("max_error", "max error", "log", limit=HALF_STEP_LINE, floor=1e-9),
+    Quantity("rms_error", "RMS error", "log", limit=HALF_STEP_LINE, floor=1e-9),
+    Quantity("rms_unthresholded", "RMS error against no thresholds", "log", limit=HALF_STEP_LINE),
 )
 PANELS = tuple(Panel("milliseconds", quantity.name) for quantity in QUANTITIES[1:])
 NOTES = (
@@ -82,8 +82,8 @@ def rendering_figure(splats: Splats, cameras: list[Camera], name: str, title: st
     for number, choice in enumerate(chosen):
         if choice.way not in measured:
             pictures, seconds = choice.way.draw(splats, cameras, budget)
-            values = {"milliseconds": seconds.scaled(1000 / len(cameras)), **errors(pictures, exact)}
-            values["rms_unthresholded"] = errors(pictures, unthresholded)["rms_error"]
+            values = {"milliseconds": seconds.scaled(1000 / len(cameras)), **differences(pictures, exact)}
+            values["rms_unthresholded"] = differences(pictures, unthresholded)["rms_error"]
             measured[choice.way] = values
         points.append(Point(choice.curve, choice.label, measured[choice.way], choice.is_default))
         report.progress("Rendering", number + 1, len(chosen), f"{choice.curve}: {choice.label}")

@@ -5,4 +5,4 @@ PROTOCOLS = {
     "full": "embedding and figures from the whole test photo",
 }
 # How the look of a render was read: key in results.json -> words.
-LOOKS = {"zero_shot": "zero-shot", "refined": "refined"}
+WAYS = {"zero_shot": "zero-shot", "refined": "refined"}

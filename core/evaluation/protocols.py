@@ -103,7 +103,7 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """Pictures to look at. look: a key of LOOKS, what `render` shows. mask: [0, 1], of any size, or None."""
+    """Pictures to look at. look: a key of WAYS, what `render` shows. mask: [0, 1], of any size, or None."""
 
     name: str
     photo: UInt8[ndarray, "h w 3"]

@@ -10,7 +10,7 @@ from typing import Any
 import core
 from core.appearance import refinement
 from core.data.made import EVALUATED, read_mark
-from core.evaluation import LOOKS, PROTOCOLS, lpips
+from core.evaluation import PROTOCOLS, WAYS, lpips
 from core.evaluation.metrics import PSNR_KIND, SSIM_KIND
 from core.evaluation.protocols import ViewResult
 from core.system.atomic import write_json
@@ -65,7 +65,7 @@ class Results:
         for against, by_look in self.means().items():
             for look, figures in by_look.items():
                 words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
-                rows.append((f"{against}, {LOOKS[look]}", "  ".join(words)))
+                rows.append((f"{against}, {WAYS[look]}", "  ".join(words)))
         overlap = self.mask_iou()
         return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]
 

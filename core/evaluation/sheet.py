@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from core.evaluation import LOOKS
+from core.evaluation import WAYS
 from core.evaluation.protocols import ViewPictures
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, tile_size, write_png
@@ -53,7 +53,7 @@ def row_of(view: ViewPictures, note: str) -> Row:
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """A line of titles, then all rows, each above its line of text; RGB."""
-    columns = titles(protocol, step, " or ".join(dict.fromkeys(LOOKS[row.look] for row in rows)))
+    columns = titles(protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows)))
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 

@@ -10,7 +10,7 @@ from core.data.collection import Photo
 from core.data.made import EVALUATED, PICTURES
 from core.data.photos.names import is_file, png_paths
 from core.errors import BadInput
-from core.evaluation import LOOKS, lpips
+from core.evaluation import WAYS, lpips
 from core.evaluation.protocols import ViewPictures, ViewResult, measure
 from core.evaluation.results import Results
 from core.evaluation.sheet import Row, picture_sheet, pictures_kept, row_of, write_view
@@ -81,7 +81,7 @@ def _gathered(
     for photo, (measured, pictures) in through:
         views.append(measured)
         scales.append(measured.width / photo.camera.width)
-        figures = (f"{LOOKS[look]} {score.psnr:.2f} dB" for look, score in measured.scores["photo"].items())
+        figures = (f"{WAYS[look]} {score.psnr:.2f} dB" for look, score in measured.scores["photo"].items())
         rows.append(row_of(pictures, ", ".join(figures)))
         if work is not None:
             write_view(work, paths[photo.name], pictures)

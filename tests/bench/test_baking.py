@@ -5,7 +5,7 @@ import torch
 import core.rasterizer
 from core.bench import baking
 from core.bench.baking import baking_figure
-from core.bench.errors import errors
+from core.bench.differences import differences
 from core.looks.find_look import find_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake
@@ -45,5 +45,5 @@ def test_a_contribution_is_the_largest_over_all_views():
 
 def test_errors_are_the_largest_and_the_mean_of_all_pictures():
     truth = [torch.ones(1, 2, 3), torch.zeros(1, 1, 3)]
-    found = errors([torch.tensor([[[1.0, 1.0, 1.0], [1.0, 1.0, 0.25]]]), truth[1]], truth)
+    found = differences([torch.tensor([[[1.0, 1.0, 1.0], [1.0, 1.0, 0.25]]]), truth[1]], truth)
     assert found["max_error"].median == 0.75 and found["rms_error"].median == 0.25  # sqrt(0.75^2 / 9)

@@ -142,10 +142,10 @@ class Settings:
         low=0,
         high=16,
     )
-    residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1)
+    residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1, high=1_000_000)
     encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
-    sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12)
-    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras.", low=2)
+    sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12, high=20_000)
+    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras.", low=2, high=1_000_000)
 
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses")
     mask_loss: str = setting(
@@ -154,20 +154,22 @@ class Settings:
         choices=("weighted", "paper"),
     )
     mask_regularisation: float = setting(
-        0.00625, "Weight of mean((1 - M)^2) (L_regM); mask_loss=paper takes more, such as 0.15, or masks hide everything.", low=0
+        0.00625, "Weight of mean((1 - M)^2) (L_regM); mask_loss=paper takes more, such as 0.15, or masks hide everything.", low=0, high=1_000_000
     )
-    sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0)
-    transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0)
-    gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0)
+    sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0, high=1_000_000)
+    transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0, high=1_000_000)
+    gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0, high=1_000_000)
 
-    mean_rate: float = setting(8e-4, "Learning rate of centres, decaying to a hundredth; scene units a step.", low=0, section="Learning rates (Adam)")
-    quaternion_rate: float = setting(2e-3, "Learning rate of quaternions.", low=0)
-    scale_rate: float = setting(8e-3, "Learning rate of log scales.", low=0)
-    opacity_rate: float = setting(4e-2, "Learning rate of logit opacities.", low=0)
-    sh_rate: float = setting(5e-3, "Learning rate of DC coefficients; the other bands get a twentieth.", low=0)
-    network_rate: float = setting(4e-3, "Learning rate of the SH transfer and the mask, decaying to a tenth.", low=0)
-    encoder_rate: float = setting(5e-4, "Learning rate of the encoder, decaying to a tenth.", low=0)
-    embedding_rate: float = setting(1e-2, "Learning rate of GLO embeddings and latents, decaying to a tenth.", low=0)
+    mean_rate: float = setting(
+        8e-4, "Learning rate of centres, decaying to a hundredth; scene units a step.", low=0, high=1, section="Learning rates (Adam)"
+    )
+    quaternion_rate: float = setting(2e-3, "Learning rate of quaternions.", low=0, high=1)
+    scale_rate: float = setting(8e-3, "Learning rate of log scales.", low=0, high=1)
+    opacity_rate: float = setting(4e-2, "Learning rate of logit opacities.", low=0, high=1)
+    sh_rate: float = setting(5e-3, "Learning rate of DC coefficients; the other bands get a twentieth.", low=0, high=1)
+    network_rate: float = setting(4e-3, "Learning rate of the SH transfer and the mask, decaying to a tenth.", low=0, high=1)
+    encoder_rate: float = setting(5e-4, "Learning rate of the encoder, decaying to a tenth.", low=0, high=1)
+    embedding_rate: float = setting(1e-2, "Learning rate of GLO embeddings and latents, decaying to a tenth.", low=0, high=1)
 
     densify_from: float = setting(
         UNDECIDED,

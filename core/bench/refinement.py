@@ -33,7 +33,7 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
 
     Raises BadInput where no held-out photo can be read.
     """
-    points = []
+    points, reached, problem = [], set(), None
     for name, run in trained.items():
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
@@ -41,17 +41,19 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
             through = over_views(run, chosen, measured, f"Refinement of {name}, {protocol}", report, f"of {name} not measured by {protocol}")
             try:
                 courses = [course for _, course in through]
-            except BadInput as problem:
-                if len(trained) == 1:
-                    raise
+            except BadInput as found:
+                problem = found
                 report.warn(f"{name} is not measured by {protocol}: {problem}")
-                courses = []
+                continue
+            reached.add(protocol)
             curve = protocol if len(trained) == 1 else f"{name}, {protocol}"
             points += _points(curve, protocol, courses)
+    if problem is not None and not points:
+        raise problem
     title = f"Refinement: {', '.join(f'{name} at step {run.step}' for name, run in trained.items())}"
     quantities = [Quantity("steps", "Adam steps", "steps"), Quantity("seconds", "s a photo", "log")]
     panels = []
-    for protocol in protocols:  # figures of one protocol are never compared with those of the other: own axes
+    for protocol in filter(reached.__contains__, protocols):  # figures of one protocol are never compared with those of the other: own axes
         quantities.append(Quantity(f"gain_{protocol}", f"{protocol}: dB gained", more_is_better=True))
         quantities.append(Quantity(f"psnr_{protocol}", f"{protocol}: PSNR, dB", more_is_better=True))
         panels += [Panel("steps", f"gain_{protocol}", labelled=False), Panel("seconds", f"gain_{protocol}")]

@@ -152,9 +152,9 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
 
 
 def with_same_masks(collection: Collection, before: Collection) -> Collection:
-    """The collection with the masks that it had when it was read `before`, so that a run can go on. BadInput if one is gone."""
+    """The collection with the masks that it had when it was read `before`, so that a run can go on. BadInput if one of a training photo is gone."""
     masks = {photo.name: (photo.mask, photo.mask_lens) for photo in before.photos}
-    if gone := [mask for mask, _ in masks.values() if mask and not mask.is_file()]:
+    if gone := [photo.mask for photo in before.split("train") if photo.mask and not photo.mask.is_file()]:
         raise BadInput(f"{counted(len(gone), 'mask')} of the run cannot be found, such as {gone[0]}.", "Put them back.")
     photos = []
     for photo in collection.photos:

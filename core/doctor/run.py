@@ -16,6 +16,7 @@ from core.errors import BadInput
 from core.export.ply import BYTES_A_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
+from core.training.gaussians import densify
 from core.training.losses.mask_weights import COLLAPSED
 from core.training.on_disk import checkpoint, history, run_folders
 
@@ -35,7 +36,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     neutral = bake(trained, neutral_look(trained))
     size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
     findings = [
-        Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply"),
+        Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply", "" if len(neutral) > sky else densify.ALL_GONE),
         *_progress(trained, facts["trainer"]),
         _settings(trained.settings),
         *placed_photos(trained.collection.root),
@@ -57,7 +58,7 @@ def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
     advice, asked = "", "what was asked for"
     if run_folders.is_at_work(trained.folder):
         asked += "; it is still being trained"
-    elif steps < wanted or not any(trained.folder.glob(run_folders.CLOUDS)):
+    elif steps < wanted or (len(trained.splats) and not any(trained.folder.glob(run_folders.CLOUDS))):  # of no Gaussian there is no file
         advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
         asked += "; the results were not written" * (steps == wanted)
     skipped = facts["skipped"]

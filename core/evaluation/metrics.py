@@ -14,6 +14,7 @@ WINDOW = 11  # px
 SIGMA = 1.5  # px
 C1 = 0.01**2
 C2 = 0.03**2
+LEAST_ERROR = 1e-10  # mean squared: 100 dB, so that one photo that is matched exactly does not make a mean endless
 PSNR_KIND = "of the mean squared error over all scored pixels and R, G, B of a photo, dB"
 SSIM_KIND = "11 x 11 Gaussian window, sigma 1.5, whole windows only, mean over R, G, B"  # as in nerfbaselines
 
@@ -24,10 +25,10 @@ def quantised(picture: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
 
 
 def psnr(image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> float:
-    """-10 log10 of the mean squared error over the valid pixels (dB); inf for equal pictures, NaN if none is valid."""
+    """-10 log10 of the mean squared error over the valid pixels (dB); at most 100, of equal pictures; NaN if none is valid."""
     squares = (image.double() - photo.double()) ** 2
     error = float(squares.mean() if valid is None else squares[valid].mean())
-    return math.inf if error == 0 else -10 * math.log10(error)
+    return -10 * math.log10(max(error, LEAST_ERROR))
 
 
 def ssim(image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> float | None:

@@ -125,9 +125,13 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
     try:
         sized = trained.sized_photo(photo)
     except BadInput as problem:
-        if learned is None:
+        if learned is not None:
+            return not_refined(learned, problem.what)
+        if photo.mask is None or mask is not None:
             raise
-        return not_refined(learned, problem.what)
+        whole = look_of_photo(trained, replace(photo, mask=None, mask_lens=None), None, refine, report)
+        report.warn(f"{problem.what} {photo.name} is read without its mask.")
+        return whole
     found = learned or look(Colouring(trained.model.read(sized.encoder_input, row).embedding))
     return refined_of_collection(trained, found, sized, report) if refine else found
 

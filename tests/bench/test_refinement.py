@@ -5,12 +5,13 @@ from dataclasses import replace
 import pytest
 
 from core.appearance.refinement import LATER_STEPS, STEPS
+from core.bench import refinement
 from core.bench.refinement import MEASURED, refinement_figure
 from core.data.collection import spread_over
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
 from core.evaluation.protocols import measure
-from core.looks.held_out_views import held_out_view
+from core.looks.held_out_views import held_out_view, over_views
 from core.report import Report
 from tests.heard import Heard
 from tests.small import damage
@@ -52,6 +53,19 @@ def test_where_no_photo_can_be_measured_it_is_said_why(trained):
     heard = Heard()
     with pytest.raises(BadInput, match="gone.png cannot be opened"):
         refinement_figure({"run": moved}, ("full",), 3, heard)
+
+
+def test_a_protocol_that_cannot_be_measured_leaves_the_other(trained, monkeypatch):
+    def measure_all(run, photos, measured, what, *rest):
+        if "half" in what:
+            raise BadInput("a.png is 1 px wide and has no halves.")
+        yield from over_views(run, photos, measured, what, *rest)
+
+    monkeypatch.setattr(refinement, "over_views", measure_all)
+    heard = Heard()
+    made = refinement_figure({"run": trained}, ("half", "full"), 1, heard)
+    assert len(made.points) == len(MEASURED) and {panel.y for panel in made.panels} == {"gain_full"}
+    assert "! run is not measured by half: a.png is 1 px wide and has no halves." in heard.lines
 
 
 def test_no_held_out_photo_is_said(trained):

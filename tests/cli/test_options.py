@@ -86,6 +86,7 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
         ("sh_degree=high", "^sh_degree=high is not a whole number. Give one from 0 to 3, or auto.$"),
         ("ssim_weight=half", "^ssim_weight=half is not a finite number. Give one from 0 to 1.$"),
         ("resolution=0", "too small"),
+        ("mean_rate=1e39", "^mean_rate=1e\\+39 is too large. Give one from 0 to 1.$"),
         ("steps=0", "^steps=0 is too small. Give one of at least 1, or auto.$"),
         ("gauge=nan", "gauge=nan"),
         ("sh_degree=4", "too large"),

@@ -330,3 +330,8 @@ def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tm
     bare = replace(collection, photos=(replace(first, mask=None, mask_lens=None), *collection.photos[1:]))
     again = with_same_masks(bare, before).photos[0]
     assert (again.mask, again.mask_lens) == (mask, lens)
+    mask.unlink()
+    with pytest.raises(BadInput, match="1 mask of the run cannot be found"):
+        with_same_masks(bare, before)
+    held_out = replace(before, photos=(replace(before.photos[0], split="test"), *before.photos[1:]))
+    assert with_same_masks(bare, held_out).photos[0].mask == mask  # training never asks for it

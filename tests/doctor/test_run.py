@@ -1,6 +1,7 @@
 """A run on the table: a sound one is sound, what is wrong is named; and what the command line says."""
 
 import shutil
+from contextlib import nullcontext
 
 import pytest
 import torch
@@ -31,6 +32,16 @@ def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
     assert heard.steps[-1] == (7, 7)
     # So short a run has learned no looks, and two of its 80 Gaussians may be too dark, as the processor rounds; it is sound all the same.
     assert asked_for(findings) <= {"looks", "colours"}
+
+
+@pytest.mark.parametrize("sky", ["dome", "none"])
+def test_a_run_whose_place_is_gone_is_not_sound_and_training_on_would_not_help(tmp_path, sky):
+    scene = SmallScene().write(tmp_path / "scene")
+    settings = small_settings(steps=30, sky=sky, prune_opacity=1.0)
+    with nullcontext() if sky == "dome" else pytest.raises(BadInput, match="none of 0 Gaussians can be drawn"):
+        pipeline.train(scene, settings, tmp_path / "run")
+    findings, _ = examined(tmp_path / "run")
+    assert "settings prune_opacity, largest_scale and reach" in findings["file"].advice and not findings["steps"].advice
 
 
 @pytest.mark.parametrize("weight, advice", [(0.1, "sh_regularisation=0.1 holds looks at the base"), (0.001, "appearance=off")])

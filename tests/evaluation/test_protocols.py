@@ -98,9 +98,9 @@ def test_refinement_ignores_invalid_pixels():
 
 def test_renders_are_clamped_and_quantised_before_they_are_compared():
     result, _ = measure(Flat(error=5.0), view(picture=halves(0.0, 1.0)), "half", refine=False)
-    assert result.scores["photo"]["zero_shot"].psnr == math.inf  # 5 is shown as 1
+    assert result.scores["photo"]["zero_shot"].psnr == 100.0  # 5 is shown as 1
     result, _ = measure(Flat(error=0.4 / 255), view(picture=halves(0.4, 0.4)), "half", refine=False)
-    assert result.scores["photo"]["zero_shot"].psnr == math.inf
+    assert result.scores["photo"]["zero_shot"].psnr == 100.0
 
 
 def test_clean_truth_is_kept_apart_and_masks_enter_no_metric():
@@ -111,7 +111,7 @@ def test_clean_truth_is_kept_apart_and_masks_enter_no_metric():
     without, _ = measure(Flat(), view(), "half", refine=False)
     assert result.scores["photo"] == without.scores["photo"]
     assert set(result.scores) == {"photo", "clean", "clean_right"} and set(without.scores) == {"photo"}
-    assert result.scores["clean"]["zero_shot"].psnr == math.inf == result.scores["clean_right"]["zero_shot"].psnr
+    assert result.scores["clean"]["zero_shot"].psnr == 100.0 == result.scores["clean_right"]["zero_shot"].psnr
     assert result.mask_iou == 1.0 and without.mask_iou is None
     assert set(measure(Flat(), view(truth=truth), "full", refine=False)[0].scores) == {"photo", "clean"}
 
@@ -190,11 +190,11 @@ def test_results_state_what_decides_whether_they_can_be_compared(tmp_path):
     assert [one["name"] for one in json.loads((tmp_path / "per_view.json").read_text())] == ["a.png", "a.png"]
 
 
-def test_results_without_refinement_with_lpips_and_with_an_endless_psnr(tmp_path):
+def test_results_without_refinement_with_lpips_and_of_an_exact_render(tmp_path):
     one, _ = measure(Flat(), view(picture=halves(0.4, 0.4)), "half", refine=False, lpips=lambda image, photo: 0.25)
     made = results(one, lpips_backbone="alex")
     made.save(tmp_path)
     written = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)  # strict JSON
-    assert written["means"]["photo"]["zero_shot"]["psnr"] == "inf"
+    assert written["means"]["photo"]["zero_shot"]["psnr"] == 100.0
     assert written["means"]["photo"]["zero_shot"]["lpips"] == 0.25
     assert written["lpips"] == "alex" and written["refinement"] is None and written["mask_iou"] is None

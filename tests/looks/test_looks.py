@@ -21,6 +21,7 @@ from core.looks.outside import _shares
 from core.looks.trained import TrainedRun, bake, blend
 from core.scene.cells import cell_sums
 from core.system.atomic import write_json
+from tests.heard import Heard
 from tests.small import finished, whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
 
@@ -84,6 +85,15 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
         moved.append(float((hidden - wanted).abs().mean()))
         leaked.append(float((seen - wanted).abs().mean()))
     assert max(moved) < MOVES_BY and sum(moved) < SHARE * sum(leaked)
+
+
+def test_a_held_out_photo_whose_mask_is_gone_is_read_without_it(trained, tmp_path):
+    photo = trained.collection.split("test")[0]
+    photos = tuple(replace(one, mask=tmp_path / "gone.png") if one.name == photo.name else one for one in trained.collection.photos)
+    masked, heard = replace(trained, collection=replace(trained.collection, photos=photos)), Heard()
+    found = find_look(masked, photo.name, refine=False, report=heard)
+    assert torch.equal(found.colouring.embedding, find_look(trained, photo.name, refine=False).colouring.embedding)
+    assert heard.lines[-1].startswith("! The mask ") and heard.lines[-1].endswith(f"{photo.name} is read without its mask.")
 
 
 def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_path):

@@ -106,8 +106,8 @@ def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, si
     estimation.ransac.random_seed = SEED
     refinement.refine_focal_length = True
     found = None
-    for estimation.estimate_focal_length in (False, True) if lens.has_prior_focal_length else (True,):
-        tried = copy(lens)
+    for unknown in (False, True) if lens.has_prior_focal_length else (True,):
+        estimation.estimate_focal_length, tried = unknown, copy(lens)
         answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, tried, estimation, refinement)
         if answer is not None and (found is None or answer["num_inliers"] > found["num_inliers"]):
             found, fitted = answer, tried

@@ -1,8 +1,10 @@
 """The house keeps its shape: imports point down, files stay readable, and Triton is not needed without a GPU."""
 
+import importlib.util
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -37,3 +39,10 @@ def test_files_stay_short():
     files = [*SOURCES, *ROOT.glob("tests/**/*.py"), *ROOT.glob("samples/**/*.py")]
     lengths = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in files}
     assert {path: length for path, length in lengths.items() if length > LONGEST_FILE} == {}
+
+
+def test_the_modules_whose_shapes_are_checked_exist():
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]["addopts"]
+    modules = options.partition("--jaxtyping-packages=")[2].split(" ")[0].split(",")
+    found = [name for name in modules if name.startswith("core.") and importlib.util.find_spec(name)]
+    assert found == [name for name in modules if name.startswith("core.")] and len(found) > 20

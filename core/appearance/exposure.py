@@ -16,14 +16,14 @@ class ExposureTransfer(nn.Module):
     sh' = A sh, and the DC coefficient also gets (A 0.5 + b - 0.5) / Y_0. (It maps colours before the clamp at 0.)
     """
 
+    hidden_weights: Weights = UNCHANGED  # it has no hidden layers
+
     def __init__(self, settings: Settings):
         super().__init__()
         self.settings = settings
         self.map = nn.Linear(settings.embedding_size, 12)
         nn.init.zeros_(self.map.weight)
         nn.init.zeros_(self.map.bias)
-
-    hidden_weights: Weights = UNCHANGED  # it has no hidden layers
 
     def forward(
         self,
@@ -47,17 +47,9 @@ class ExposureTransfer(nn.Module):
         values = self.map(embedding).view(3, 4)
         return values[:, :3], values[:, 3]
 
-    @torch.no_grad()
-    def added(
-        self,
-        sh: Float[Tensor, "v c 3"],
-        means: Float[Tensor, "v 3"],
-        embedding: Float[Tensor, " e"],
-        latents: Float[Tensor, "v l"] | None,
-        changes: Weights = UNCHANGED,
-    ) -> Float[Tensor, "v c 3"]:
-        """sh + forward(...)."""
-        return sh + self(sh, means, embedding, latents, changes)
+    def added(self, sh: Float[Tensor, "v c 3"], *given) -> Float[Tensor, "v c 3"]:
+        """sh + forward(sh, *given)."""
+        return sh + self(sh, *given)
 
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
         """Embeddings give no weights."""

@@ -53,7 +53,7 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
     title = f"Refinement: {', '.join(f'{name} at step {run.step}' for name, run in trained.items())}"
     quantities = [Quantity("steps", "Adam steps", "steps"), Quantity("seconds", "s a photo", "log")]
     panels = []
-    for protocol in filter(reached.__contains__, protocols):  # figures of one protocol are never compared with those of the other: own axes
+    for protocol in [each for each in protocols if each in reached]:  # figures of one protocol are never compared with those of the other: own axes
         quantities.append(Quantity(f"gain_{protocol}", f"{protocol}: dB gained", more_is_better=True))
         quantities.append(Quantity(f"psnr_{protocol}", f"{protocol}: PSNR, dB", more_is_better=True))
         panels += [Panel("steps", f"gain_{protocol}", labelled=False), Panel("seconds", f"gain_{protocol}")]

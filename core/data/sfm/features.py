@@ -55,13 +55,14 @@ def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera
     for folder in (PHOTOS, MASKS):
         (work / folder).mkdir(exist_ok=True)
     pixels = cv2.cvtColor(loaded.pixels, cv2.COLOR_RGB2BGR)
-    _write(work / PHOTOS / name, ".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    _write(work / MASKS / f"{name}.png", ".png", shown * np.uint8(255), [])  # COLMAP reads no photo that lacks one
+    (work / PHOTOS / name).write_bytes(encoded(".jpg", pixels, cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
+    (work / MASKS / f"{name}.png").write_bytes(encoded(".png", shown * np.uint8(255)))  # COLMAP reads no photo that lacks one
     return camera
 
 
-def _write(path: Path, kind: str, pixels: np.ndarray, flags: list[int]) -> None:
-    path.write_bytes(cv2.imencode(kind, pixels, flags)[1].tobytes())  # raises if the disk is full; imwrite would only return False
+def encoded(kind: str, pixels: np.ndarray, *flags: int) -> bytes:
+    """BGR, BGRA or grey pixels as a file of this kind, such as ".png". Writing it raises if the disk is full; imwrite would only return False."""
+    return cv2.imencode(kind, pixels, flags)[1].tobytes()
 
 
 def extract(work: Path, names: list[str], report: Report, masks: Path | None = None, most: int = MOST_FEATURES) -> None:
@@ -75,9 +76,9 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
-    options.sift.max_num_features = affordable(most)
-    if affordable(most) < most:
-        report.warn(f"The limit on memory leaves {affordable(most)} features a photo, not {most}: fewer points, and fewer photos find their place.")
+    options.sift.max_num_features = within_limit = affordable(most)
+    if within_limit < most:
+        report.warn(f"The limit on memory leaves {within_limit} features a photo, not {most}: fewer points, and fewer photos find their place.")
     for done, part in _parts(names, least=2):
         _number(work, part)
         pycolmap.extract_features(

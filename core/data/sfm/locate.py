@@ -105,7 +105,7 @@ def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, si
     estimation.ransac.max_error = max(NEAR_PX, OFF * max(lens.width, lens.height))
     estimation.ransac.random_seed = SEED
     refinement.refine_focal_length = True
-    found = None
+    found = fitted = None
     for unknown in (False, True) if lens.has_prior_focal_length else (True,):
         estimation.estimate_focal_length, tried = unknown, copy(lens)
         answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, tried, estimation, refinement)
@@ -113,9 +113,8 @@ def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, si
             found, fitted = answer, tried
     if found is None or found["num_inliers"] < max(LEAST_AGREEING, LEAST_SHARE * len(points)):
         return None
-    lens = fitted
     rotation = found["cam_from_world"].rotation.matrix()
     centre = -rotation.T @ found["cam_from_world"].translation
-    length = lens.mean_focal_length()
-    camera = Camera(rotation, centre, length, length, lens.width / 2, lens.height / 2, lens.width, lens.height)
+    length = fitted.mean_focal_length()
+    camera = Camera(rotation, centre, length, length, fitted.width / 2, fitted.height / 2, fitted.width, fitted.height)
     return Located(camera.resized(*size), int(found["num_inliers"]), len(points))

@@ -11,9 +11,9 @@ import pycolmap
 import core
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import lens_of, pinhole, undistort
-from core.data.photos.file import JPEG_EXIF, without_orientation
+from core.data.photos.file import JPEG_EXIF, decode, without_orientation
 from core.data.photos.folder import list_photos, list_unreadable, no_photos
-from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, extract, match
+from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, encoded, extract, match
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
@@ -104,7 +104,7 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> dict[str, st
         unfit = name in copies.values() or len(name.encode()) > LONGEST_NAME
         copies[copy] = f"{number}-{name[-NAME_PART:]}" if unfit else name
         if photo.alpha is not None:
-            (work / ALPHA / copies[copy]).write_bytes(_encoded(".png", photo.alpha))
+            (work / ALPHA / copies[copy]).write_bytes(encoded(".png", photo.alpha))
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
     return dict(sorted(copies.items()))
@@ -112,7 +112,7 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> dict[str, st
 
 def _encode(photo: UsablePhoto) -> bytes:
     """A JPEG of the photo as displayed, with its EXIF block, whose focal length COLMAP starts from."""
-    jpeg = _encoded(".jpg", cv2.cvtColor(photo.pixels, cv2.COLOR_RGB2BGR), cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
+    jpeg = encoded(".jpg", cv2.cvtColor(photo.pixels, cv2.COLOR_RGB2BGR), cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
     exif = photo.header.exif
     block = JPEG_EXIF + without_orientation(exif)
     if not exif or len(block) + 2 > 0xFFFF:
@@ -144,10 +144,6 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
 def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:
     """Make the undistorted `picture`, a PNG by COLMAP, transparent where the photo is, or where its lens saw nothing. camera: a pinhole."""
     seen_from = Camera(np.eye(3), np.zeros(3), *pinhole(camera, camera.width, camera.height), camera.width, camera.height)
-    found, seen = undistort(cv2.imread(str(alpha), cv2.IMREAD_GRAYSCALE)[..., None], lens, seen_from)
-    picture.write_bytes(_encoded(".png", np.dstack([cv2.imread(str(picture), cv2.IMREAD_COLOR), found * seen[..., None]])))
-
-
-def _encoded(suffix: str, pixels: np.ndarray, *flags: int) -> bytes:
-    """BGR, BGRA or grey pixels in the format of the suffix."""
-    return cv2.imencode(suffix, pixels, flags)[1].tobytes()
+    pixels, opacity = decode(picture, picture.read_bytes(), cv2.IMREAD_COLOR), decode(alpha, alpha.read_bytes(), cv2.IMREAD_GRAYSCALE)
+    found, seen = undistort(opacity[..., None], lens, seen_from)
+    picture.write_bytes(encoded(".png", np.dstack([pixels, found * seen[..., None]])))

@@ -4,7 +4,7 @@ Imports no torch, so that `wegs --help` answers at once.
 """
 
 import difflib
-import math
+import sys
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -145,7 +145,7 @@ class Settings:
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1, high=1_000_000)
     encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12, high=20_000)
-    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras.", low=2, high=1_000_000)
+    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras but those far astray.", low=2, high=1_000_000)
 
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses")
     mask_loss: str = setting(
@@ -180,7 +180,7 @@ class Settings:
         section="Density control",
     )
     densify_until: float = setting(0.6, "Fraction at which growth ends.", low=0, high=1)
-    densify_rounds: int = setting(30, "Rounds of growth in between.", low=0)
+    densify_rounds: int = setting(30, "Rounds of growth in between.", low=0, high=1_000_000)
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(
         4.0,
@@ -212,8 +212,8 @@ class Settings:
     latents_from: float = setting(
         0.6, "Fraction at which latents begin to learn; sooner they would learn passers-by, whom the mask hides by then.", low=0, high=1
     )
-    held_out_checks: int = setting(4, "Times held-out quality is measured on the way.", low=0)
-    checkpoints: int = setting(4, "Checkpoints written on the way.", low=1)
+    held_out_checks: int = setting(4, "Times held-out quality is measured on the way.", low=0, high=1_000_000)
+    checkpoints: int = setting(4, "Checkpoints written on the way.", low=1, high=1_000_000)
 
     def __post_init__(self):
         for name, item in FIELDS.items():
@@ -286,7 +286,7 @@ def check(item, value: Any) -> None:
     rules = item.metadata
     good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))
     if item.type is float:
-        good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        good = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     if not good:
         raise wrong_kind(item, repr(value))
     if rules["auto"] and value == UNDECIDED:

@@ -29,6 +29,10 @@ class TrainingStopped(WegsError):
     """Training could not go on; a checkpoint was written. `fix` says what to change before training again."""
 
 
+class DiskFull(WegsError):
+    """What was to be written found no room."""
+
+
 LESS_MEMORY = "Train on smaller photos (-r 320: 320 px wide) or with a lower --max-gaussians"  # what to do where memory runs out
 
 
@@ -38,11 +42,26 @@ def not_made(folder: Path, problem: OSError) -> BadInput:
 
 
 FULL = (errno.ENOSPC, errno.EDQUOT)
+OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 
 
-def disk_full(what: str | Path) -> WegsError:
+def disk_full(what: str | Path) -> DiskFull:
     """The error for `what`, which could not be written because the disk, or the user's share of it, is full (FULL)."""
-    return WegsError(f"The disk is full: {what} was not written.", "Free some space and run it again.")
+    return DiskFull(f"The disk is full: {what} was not written.", "Free some space and run it again.")
+
+
+def as_disk_full(problem: BaseException) -> DiskFull | None:
+    """The error to show where `problem` says that the disk is full, else None."""
+    if isinstance(problem, OSError) and problem.errno in FULL:
+        return disk_full(problem.filename or "a file")
+    return problem if isinstance(problem, DiskFull) else None
+
+
+def out_of_memory(problem: BaseException) -> bool:
+    """Whether this says that the machine's own memory ran out: torch and OpenCV have exceptions of their own for it."""
+    of_torch = isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
+    of_opencv = type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
+    return isinstance(problem, MemoryError) or of_torch or of_opencv
 
 
 def command(*words: str | Path) -> str:

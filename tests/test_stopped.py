@@ -3,17 +3,23 @@
 import errno
 import shutil
 import signal
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from core import pipeline
-from core.pipeline import evaluating
+from core.errors import DiskFull, TrainingStopped, disk_full
+from core.pipeline import evaluating, training
+from core.rasterizer.inputs import ListsTooLarge
 from core.training.interrupt import HANG_UP
-from core.training.on_disk import checkpoint, mask_files
+from core.training.on_disk import checkpoint, history, mask_files, run_folders
+from core.training.rescue import saved_if_room_runs_out
+from core.training.trainer import Trainer
 from tests.heard import Heard, StopsAtStep
-from tests.small import HEIGHT, WIDTH, small_scene, small_settings
+from tests.small import HEIGHT, WIDTH, small_collection, small_scene, small_settings
 
 STEPS = 12
 FULL = OSError(errno.ENOSPC, "No space left on device")  # what is said goes to a disk
@@ -26,8 +32,60 @@ def scene(tmp_path, monkeypatch):
     return small_scene(tmp_path / "scene", monkeypatch)
 
 
+LOW_MEMORY = "Train on smaller photos .* --max-gaussians; what is saved can be baked: wegs bake --run"
+NO_ROOM = {
+    "GPU": (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB."), f"The memory of the GPU ran out. Saved .*{LOW_MEMORY}"),
+    "CPU": (MemoryError(), f"There is not enough memory. Saved .*{LOW_MEMORY}"),
+    "lists": (ListsTooLarge("400 Gaussians cover 9 tiles."), f"400 Gaussians cover 9 tiles. Saved .*{LOW_MEMORY}"),
+}
+
+
+@pytest.mark.parametrize("where", NO_ROOM)
+def test_where_memory_runs_out_a_checkpoint_is_kept(tmp_path, monkeypatch, where):
+    problem, said = NO_ROOM[where]
+    trainer = Trainer(small_collection(tmp_path), small_settings(steps=8, checkpoints=1), tmp_path)
+    steps = trainer.train()
+    next(steps)
+
+    def too_large(*_, **__):
+        raise problem
+
+    monkeypatch.setattr(trainer.rasterizer, "render", too_large, raising=False)
+    with pytest.raises(TrainingStopped, match=said), saved_if_room_runs_out(trainer):
+        list(steps)
+    assert checkpoint.read_facts(checkpoint.newest(tmp_path))["step"] == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
+def test_a_step_that_cannot_be_recorded_is_kept(scene, tmp_path):
+    create = run_folders.create
+
+    def create_on_full_disk(folder, *arguments):
+        create(folder, *arguments)
+        (folder / history.FILE).symlink_to("/dev/full")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_folders, "create", create_on_full_disk)
+        said = "history.csv was not written. Saved at step 1, .* Free some space, then type: wegs train --resume -o"
+        with pytest.raises(TrainingStopped, match=said):
+            pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
+    (tmp_path / "run" / history.FILE).unlink()
+    pipeline.resume(tmp_path / "run")
+    assert (tmp_path / "run" / CLOUD).is_file()
+
+
+def test_a_disk_that_is_full_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
+    def full(*_):
+        raise disk_full("preview.png")
+
+    monkeypatch.setattr(training, "write_preview", full)
+    said = "preview.png was not written. All steps are kept. Free some space, then type: wegs train --resume -o"
+    with pytest.raises(DiskFull, match=said):
+        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
+
+
 def test_a_step_that_cannot_be_told_is_kept(scene, tmp_path):
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(TrainingStopped, match="Saved at step 5, .* Free some space, then type: wegs train --resume -o"):
         pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, FULL))
     heard = Heard()
     pipeline.resume(tmp_path / "run", heard)
@@ -82,7 +140,7 @@ def test_an_interrupted_evaluation_leaves_the_pictures_that_were_there(scene, tm
 
 
 def test_what_was_measured_before_a_run_went_on_is_named(scene, tmp_path):
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(TrainingStopped, match="The disk is full"):
         pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, FULL))
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
     heard = Heard()

@@ -22,7 +22,6 @@ COMMANDS = {
     "doctor": "wegs_cli.doctor:doctor",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
-OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
@@ -60,7 +59,7 @@ class Group(OneLineErrors, click.Group):
 
 def explain(problem: BaseException) -> tuple[str, int] | None:
     """The line and the exit code for an exception that the user can mend; None for a defect of wegs."""
-    from core.errors import FULL, LESS_MEMORY, WegsError, disk_full  # late: not before `run` has checked that this core is wegs'
+    from core.errors import LESS_MEMORY, WegsError, as_disk_full, out_of_memory  # late: not before `run` has checked that this core is wegs'
 
     if isinstance(problem, WegsError):
         return str(problem), 1
@@ -75,8 +74,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         # click turns every Ctrl-C into an Abort; the words about what was kept are in its cause.
         first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem
         return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
-    if isinstance(problem, OSError) and problem.errno in FULL:
-        return str(disk_full(problem.filename or "a file")), 1
+    if (full := as_disk_full(problem)) is not None:
+        return str(full), 1
     if isinstance(problem, OSError) and problem.errno in UNUSABLE and problem.filename:
         return f"{problem.filename}: {problem.strerror}. Choose another path, or change who may use this one.", 1
     if isinstance(problem, UnicodeEncodeError):
@@ -87,10 +86,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     # Numba's words if neither its package's folder nor the home folder is writable, as in containers run by another user.
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
-    # torch has no exception of its own for a CPU out of memory, only these words.
-    no_room = isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
-    no_room |= type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
-    if isinstance(problem, MemoryError) or no_room:
+    if out_of_memory(problem):
         return f"There is not enough memory. {LESS_MEMORY}, or raise --memory if it is set.", 1
     return None
 

@@ -134,7 +134,7 @@ def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted
     counted, sums = photo.cell_sums()
     with threads_for_blocks():
         both = seen.in_cells(photo.weight).sums(look), sums
-        shown, wanted = ((each / counted[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera)) for each in both)
+        shown, wanted = ((each / counted[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera.height, photo.camera.width)) for each in both)
         static = 1 - excess(shown, wanted) / LARGEST_EXCESS
     return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.camera, counted.device)])
 

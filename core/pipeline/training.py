@@ -9,7 +9,7 @@ from core.data.given_masks import check_masks, with_masks_in, with_same_masks
 from core.data.made import scene_beside
 from core.data.photos.folder import list_photos
 from core.data.prepare import prepared
-from core.errors import BadInput, command
+from core.errors import BadInput, DiskFull, as_disk_full, command
 from core.evaluation.results import measured_earlier
 from core.looks.look_file import write_look
 from core.looks.preview import write_preview
@@ -18,10 +18,10 @@ from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
 from core.system import device
 from core.system.atomic import check_apart
-from core.training.full_memory import saved_if_memory_runs_out
 from core.training.interrupt import StopRequest
 from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders
 from core.training.on_disk.claim import held, new_run
+from core.training.rescue import saved_if_room_runs_out
 from core.training.sized_photos import check_resolution
 from core.training.tell import next_step, tell_collection, tell_plan, tell_step
 from core.training.trainer import Trainer
@@ -99,13 +99,9 @@ def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
     advice = checkpoint.how_to_go_on(folder)
     tell_plan(trainer, report)
-    with StopRequest() as stop, saved_if_memory_runs_out(trainer):
+    with StopRequest() as stop, saved_if_room_runs_out(trainer):
         for step in trainer.train():
-            try:
-                tell_step(step, settings, report)
-            except OSError:  # such as a log on a full disk
-                trainer.save()
-                raise
+            tell_step(step, settings, report)
             if stop.asked and step.step < settings.steps:
                 trainer.save()
                 raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")
@@ -115,6 +111,10 @@ def _train(trainer: Trainer, report: Report) -> Path:
         if any(folder.glob(run_folders.CLOUDS)):
             raise
         raise KeyboardInterrupt(f"All steps are kept; finish with: {advice}") from None
+    except (DiskFull, OSError) as problem:
+        if (full := as_disk_full(problem)) is None:
+            raise
+        raise DiskFull(full.what, f"All steps are kept. Free some space, then type: {advice}") from None
     return folder
 
 

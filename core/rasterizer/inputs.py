@@ -9,6 +9,10 @@ from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 
 
+class ListsTooLarge(BadInput):
+    """A picture whose tile lists take more memory than they may."""
+
+
 def check(splats: Splats, probe: Tensor | None, backend: str, device: str) -> None:
     """Raise BadInput unless all is float32, on a `device` ("cpu" or "cuda"), the same one, and of matching shapes."""
     count = len(splats)
@@ -32,9 +36,9 @@ def check(splats: Splats, probe: Tensor | None, backend: str, device: str) -> No
 
 
 def check_lists(count: int, pairs: int, bytes_a_pair: int, budget: float, camera: Camera) -> None:
-    """Raise BadInput if the tile lists of a picture, of so many pairs of a Gaussian and a tile, take more bytes than the budget."""
+    """Raise ListsTooLarge if the tile lists of a picture, of so many pairs of a Gaussian and a tile, take more bytes than the budget."""
     if pairs * bytes_a_pair > budget:
-        raise BadInput(
+        raise ListsTooLarge(
             f"{count} Gaussians cover {pairs} tiles of the {camera.width}x{camera.height} picture in all: "
             f"{pairs * bytes_a_pair / 2**30:.1f} GiB of lists.",
             f"{LESS_MEMORY}.",

@@ -111,7 +111,7 @@ class ReferenceRasterizer:
     @torch.no_grad()
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         rows, projection = projected(splats, camera)
-        shares = projection.opacities.new_zeros(math.prod(grid(camera)), len(splats))
+        shares = projection.opacities.new_zeros(math.prod(grid(camera.height, camera.width)), len(splats))
         chunks = pixel_chunks(camera, len(rows), projection.centres)
         size = len(chunks[0])
         for pixels, of_pixels, cells in zip(chunks, weight.flatten().split(size), cell_of_pixels(camera, weight.device).flatten().split(size)):

@@ -77,7 +77,7 @@ def shares_of_slots(
     owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours by those of the picture. As a
     picture is linear in the colours, these are sums of shares. Each channel asks for one quarter of all tiles.
     """
-    rows, columns = grid(camera)
+    rows, columns = grid(camera.height, camera.width)
     tiles_across = -(-columns // TILE_CELLS)
     cells = cell_of_pixels(camera, weight.device)
     quarters = cells // columns % TILE_CELLS * TILE_CELLS + cells % columns % TILE_CELLS

@@ -10,14 +10,14 @@ from core.scene.camera import Camera
 CELL_PX = 8  # a side
 
 
-def grid(camera: Camera) -> tuple[int, int]:
-    """Rows and columns of cells."""
-    return -(-camera.height // CELL_PX), -(-camera.width // CELL_PX)
+def grid(height: int, width: int) -> tuple[int, int]:
+    """Rows and columns of cells in a picture of this size."""
+    return -(-height // CELL_PX), -(-width // CELL_PX)
 
 
 def cell_of_pixels(camera: Camera, device: torch.device) -> Int[Tensor, "h w"]:
     """The cell of each pixel."""
-    _, columns = grid(camera)
+    _, columns = grid(camera.height, camera.width)
     y, x = (torch.arange(side, device=device) // CELL_PX for side in (camera.height, camera.width))
     return y[:, None] * columns + x
 
@@ -25,6 +25,6 @@ def cell_of_pixels(camera: Camera, device: torch.device) -> Int[Tensor, "h w"]:
 def cell_sums(values: Float[Tensor, "h w c"]) -> Float[Tensor, "cells c"]:
     """The sums of the values in each cell."""
     height, width, channels = values.shape
-    rows, columns = -(-height // CELL_PX), -(-width // CELL_PX)
+    rows, columns = grid(height, width)
     whole = F.pad(values, (0, 0, 0, columns * CELL_PX - width, 0, rows * CELL_PX - height))
     return whole.view(rows, CELL_PX, columns, CELL_PX, channels).sum(dim=(1, 3)).view(rows * columns, channels)

@@ -73,8 +73,7 @@ class Splats:
     @staticmethod
     def concatenate(parts: "list[Splats]") -> "Splats":
         """The Gaussians of all parts, in order. All parts share one SH degree."""
-        names = [field.name for field in fields(Splats)]
-        return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in names})
+        return Splats(*map(torch.cat, zip(*(part.tensors().values() for part in parts), strict=True)))
 
     def in_world(self, frame: SceneFrame) -> "Splats":
         """The Gaussians in world units; the sum is formed in float64 and returned in this dtype."""

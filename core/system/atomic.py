@@ -251,7 +251,7 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         folder.mkdir(exist_ok=True)
         fresh = [folder / path.name for path in work.iterdir()]
         aside = Path(tempfile.mkdtemp(dir=work))
-        for path in fresh:  # before the old ones go: a kill never leaves neither
+        for path in fresh:  # before the old ones go: a kill never leaves neither, of files
             if path.is_dir():  # no folder can be replaced unless it is empty
                 os.replace(path, aside / path.name)
             os.replace(work / path.name, path)

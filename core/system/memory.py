@@ -13,11 +13,12 @@ def hold_to(gib: float) -> None:
 
     wegs itself needs 1.2 to start, 2 to train with torch's CUDA build.
     The limit counts memory that is asked for, touched or not, so what is really used stays below it. Only Linux has it (RLIMIT_DATA,
-    getrlimit(2)). Raises BadSetting elsewhere, for more than the system can count (bytes, by mistake), and where a lower limit is already set.
+    getrlimit(2)). Raises BadSetting elsewhere, for more than the system can count (bytes, by mistake) or less than the libraries take, and where a
+    lower limit is already set.
     """
     if not sys.platform.startswith("linux"):
         raise BadSetting(f"--memory {gib}: {sys.platform} cannot limit a process.", "Leave it out.")
-    if not gib * GIB < sys.maxsize:  # nor is NaN
+    if not LIBRARIES < gib * GIB < sys.maxsize:  # nor is NaN
         raise BadSetting(f"--memory {gib} is no number of GiB.", "Type one such as 8.")
     import resource  # Windows has none
 

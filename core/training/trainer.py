@@ -119,20 +119,19 @@ class Trainer:
         settings = self.settings
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
-        with history.appended(self.folder, COLUMNS) as add_row:
-            while self.done < settings.steps:
-                start = time.perf_counter()
-                report = self.step()
-                told = (*report.messages, *self._change_gaussians())
-                self.seconds += time.perf_counter() - start
-                psnr, ssim = self.held_out_quality() if self.done in checks else (None, None)
-                now = {"seconds": self.seconds, "gaussians": self.gaussians.solid, "held_out_psnr": psnr, "held_out_ssim": ssim}
-                report = dataclasses.replace(report, **now, messages=told)
-                if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
-                    add_row(vars(report))
-                if self.done in saves:
-                    self.save()
-                yield report
+        while self.done < settings.steps:
+            start = time.perf_counter()
+            report = self.step()
+            told = (*report.messages, *self._change_gaussians())
+            self.seconds += time.perf_counter() - start
+            psnr, ssim = self.held_out_quality() if self.done in checks else (None, None)
+            now = {"seconds": self.seconds, "gaussians": self.gaussians.solid, "held_out_psnr": psnr, "held_out_ssim": ssim}
+            report = dataclasses.replace(report, **now, messages=told)
+            if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
+                history.add_row(self.folder, COLUMNS, vars(report))
+            if self.done in saves:
+                self.save()
+            yield report
 
     def step(self) -> StepReport:
         """One photo, one update of everything."""
@@ -254,12 +253,17 @@ class Trainer:
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:
-        """Take over the state of a checkpoint of the same collection and settings."""
-        self.gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(self.device)
-        self.foreseen = None
+        """Take over the state of a checkpoint of the same collection and settings; KeyError, ValueError or RuntimeError if it is of others."""
+        remembered, photos = saved.facts["trainer"], len(self.photos)
+        if len(remembered["last_losses"]) != photos or not set(remembered["order"]) <= set(range(photos)):
+            raise ValueError(f"losses or an order of other photos than these {photos}")
+        gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
+        if gaussians.kind != self.gaussians.kind:
+            raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
+        self.gaussians, self.foreseen = gaussians.to(self.device), None
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
         for name in REMEMBERED:
-            setattr(self, name, saved.facts["trainer"][name])
+            setattr(self, name, remembered[name])

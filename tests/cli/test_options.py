@@ -114,6 +114,7 @@ def test_the_same_setting_twice_is_refused():
         ("steps = \n", BadInput, "not TOML"),
         ("stepz = 3\n", BadSetting, "no setting 'stepz'. Did you mean steps?"),
         ("steps = '3'\n", BadSetting, "steps='3' is not a whole number. Give one of at least 1, or auto.$"),
+        pytest.param(f"reach = 1{'0' * 400}\n", BadSetting, ": reach=10+ is not a finite number. Give one of at least 0.$", id="400 digits"),
         ("largest_scale = true\n", BadSetting, "largest_scale=True is not a finite number. Give one of at least 0.001.$"),
         ("residual = 1\n", BadSetting, "residual=1 is not true or false. Choose one of: true, false.$"),
         ("sky = 1\n", BadSetting, "sky=1 is not a word. Choose one of: auto, none, dome.$"),

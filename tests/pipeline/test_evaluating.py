@@ -107,7 +107,7 @@ def test_a_run_that_was_stopped_is_told_wherever_it_is_used(trained, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder)
     saved = checkpoint.load(checkpoint.newest(folder))
-    for path in folder.glob(checkpoint.PATTERN):
+    for path in checkpoint.written(folder):
         path.unlink()
     checkpoint.save(folder, checkpoint.Checkpoint(saved.tensors, saved.facts | {"step": 5}))
     heard = Heard()

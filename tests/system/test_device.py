@@ -8,11 +8,10 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from core.errors import BadInput, BadSetting, TrainingStopped
+from core.errors import BadInput, BadSetting
 from core.looks.trained import load_run
 from core.pipeline import resume
 from core.system import device
-from core.training.full_memory import saved_if_memory_runs_out
 from core.training.on_disk import checkpoint, run_folders
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
@@ -163,21 +162,6 @@ def test_a_run_of_a_gpu_keeps_its_picture_sizes_on_a_cpu(machine, tmp_path):
 
 def large(photo):
     return replace(photo, camera=photo.camera.resized(1600, 1200))
-
-
-def test_when_the_memory_of_the_gpu_runs_out_a_checkpoint_is_kept(tmp_path, monkeypatch):
-    trainer = Trainer(small_collection(tmp_path), small_settings(steps=8, checkpoints=1), tmp_path)
-    steps = trainer.train()
-    next(steps)
-
-    def too_large(*_, **__):
-        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB.")
-
-    monkeypatch.setattr(trainer.rasterizer, "render", too_large, raising=False)
-    said = r"memory of the GPU ran out at step \d.*smaller photos .* --max-gaussians"
-    with pytest.raises(TrainingStopped, match=said), saved_if_memory_runs_out(trainer):
-        list(steps)
-    assert checkpoint.newest(tmp_path) is not None
 
 
 def test_out_of_memory_elsewhere_is_one_line():

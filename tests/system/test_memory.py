@@ -65,7 +65,7 @@ def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
     )
 
 
-@pytest.mark.parametrize("gib", [float("inf"), float("nan"), 16e9, 1e300])
+@pytest.mark.parametrize("gib", [float("inf"), float("nan"), 16e9, 1e300, 0.2, 0, -1])
 def test_no_number_is_told(gib):
     with pytest.raises(BadSetting, match="is no number of GiB"):
         memory.hold_to(gib)

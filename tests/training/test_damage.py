@@ -49,6 +49,11 @@ DAMAGE = {
     "a centre of two numbers": (change_config("photos", 0, "camera", "centre", value=[1, 2]), "config.json cannot be used"),
     "a missing tensor": (change_checkpoint(lambda saved: saved.tensors.pop(MEANS)), "does not fit its run"),
     "missing counts": (change_checkpoint(lambda saved: saved.tensors.pop("gaussians.counts")), "KeyError: 'counts'"),
+    "a moment of another shape": (
+        change_checkpoint(lambda saved: saved.tensors.update({"gaussians.second.sh": saved.tensors["gaussians.second.sh"][:, :1]})),
+        "moments of other shapes",
+    ),
+    "a sky of more than all": (change_checkpoint(lambda saved: saved.facts.update(sky=10**6)), "a sky of 1000000 of"),
     "missing facts": (change_checkpoint(lambda saved: saved.facts.pop("trainer")), "KeyError: 'trainer'"),
     "another length": (
         change_checkpoint(lambda saved: saved.tensors.update({MEANS: torch.zeros(3, 3)})),

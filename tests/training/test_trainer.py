@@ -71,6 +71,12 @@ def test_a_checkpoint_sets_what_a_run_remembers_and_nothing_else(collection, tmp
     saved.facts["trainer"]["train"] = None
     trainer.resume(saved)
     assert callable(trainer.train)
+    for wrong in ({"order": [4]}, {"last_losses": [None] * 5}):
+        other = checkpoint.Checkpoint(saved.tensors, saved.facts | {"trainer": saved.facts["trainer"] | wrong})
+        with pytest.raises(ValueError, match="of other photos than these 4"):
+            trainer.resume(other)
+    with pytest.raises(ValueError, match="of another kind"):
+        trainer.resume(checkpoint.Checkpoint(saved.tensors, saved.facts | {"sky": 0}))
     del saved.facts["trainer"]["order"]
     path = checkpoint.save(tmp_path / "run", saved)
     with pytest.raises(BadInput, match="does not fit its run: KeyError: 'order'"), checkpoint.fitting(path):

@@ -19,7 +19,7 @@ from core.system.threads import in_parallel
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # 3DGS: gradients of means over pixels are tiny
 ROWS_A_BLOCK = 2048
-# Gradients are cut there: the square of a larger one is infinite in float32, and its row would never move again.
+# Gradients are cut there: the square of one twenty times as large is infinite in float32, and its row would never move again.
 LARGEST_GRADIENT = 1e18
 
 

@@ -55,6 +55,11 @@ class Gaussians:
         return len(self) - self.sky
 
     @property
+    def kind(self) -> tuple[int, dict[str, torch.Size]]:
+        """What training does not change: how many are sky, and the shape that a row has in each tensor."""
+        return self.sky, {name: tensor.shape[1:] for name, tensor in self.tensors().items()}
+
+    @property
     def splats(self) -> Splats:
         """The base Gaussians, sharing memory with the parameters."""
         return splats_of(self.parameters)
@@ -110,9 +115,7 @@ class Gaussians:
 
     def _become(self, flat: dict[str, Tensor]) -> None:
         """Take over these tensors, all at once: where memory runs out before, the old ones still fit together."""
-        new = Gaussians.from_tensors(flat, self.sky)
-        self.parameters, self.first, self.second = new.parameters, new.first, new.second
-        self.counts, self.gradient_sum, self.seen = new.counts, new.gradient_sum, new.seen
+        vars(self).update(vars(Gaussians.from_tensors(flat, self.sky)))
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, flat, for a checkpoint."""
@@ -128,8 +131,11 @@ class Gaussians:
             group: {key.split(".", 1)[1]: tensor for key, tensor in flat.items() if key.startswith(group + ".")} for group in ("parameters", *MOMENTS)
         }
         rows = {len(tensor) for tensor in flat.values()}
-        if len(rows) != 1 or any(tensor.dtype != torch.float32 for tensor in groups["parameters"].values()):
-            raise ValueError(f"{sorted(rows)} Gaussians in tensors of one set, or parameters that are not float32")
+        if len(rows) != 1 or any(tensor.dtype != torch.float32 for group in groups.values() for tensor in group.values()):
+            raise ValueError(f"{sorted(rows)} Gaussians in tensors of one set, or parameters or moments that are not float32")
+        shapes, *others = ({name: tensor.shape for name, tensor in group.items()} for group in groups.values())
+        if any(other != shapes for other in others) or not 0 <= sky <= min(rows):
+            raise ValueError(f"moments of other shapes than the parameters, or a sky of {sky} of {min(rows)} Gaussians")
         return Gaussians(**groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky=sky)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from torch import Tensor
 from core.errors import BadInput, command
 from core.system import atomic
 
-PATTERN = "checkpoint_[0-9]*.safetensors"
+NAME = re.compile(r"checkpoint_\d{6,}\.safetensors")
 BEING_WRITTEN = "checkpoint"  # whose temporary folder, one for all steps, also holds what safetensors writes first
 TEMPORARY = f".{BEING_WRITTEN}{atomic.TEMPORARY}*"  # that folder, as a killed run may leave it until it goes on
 VERSION = 2
@@ -65,16 +66,21 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
             os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then type: {how_to_go_on(folder)}") from None
-    for old in folder.glob(PATTERN):
+    for old in written(folder):
         if old != path:
             old.unlink()
     return path
 
 
+def written(folder: Path) -> list[Path]:
+    """The checkpoints in a run folder: files of other names, such as copies that the user made, are none."""
+    return [path for path in folder.glob("checkpoint_*") if NAME.fullmatch(path.name)]
+
+
 def newest(folder: Path) -> Path | None:
     """The checkpoint with the highest step in a run folder, or None."""
     # Steps are padded with zeros, but only to six digits: of two names the longer one is the later one.
-    return max(folder.glob(PATTERN), key=lambda path: (len(path.name), path.name), default=None)
+    return max(written(folder), key=lambda path: (len(path.name), path.name), default=None)
 
 
 def read_newest(folder: Path, read: Callable[[Path], Read]) -> tuple[Path, Read] | None:

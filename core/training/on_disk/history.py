@@ -1,8 +1,7 @@
 """history.csv of a run folder: how its training went, a row now and then."""
 
 import csv
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,17 @@ FILE = "history.csv"
 HELD_OUT = "held_out_psnr"  # the column (dB) that only rows with a check of quality fill
 
 
-@contextmanager
-def appended(folder: Path, columns: Sequence[str]) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """A function that adds a row, which is on disk when it returns; a new file begins with the names of the columns."""
-    with (folder / FILE).open("a", buffering=1, newline="", encoding="utf-8") as file:  # a line at a time
-        writer = csv.DictWriter(file, columns, extrasaction="ignore")
-        if not file.tell():
-            writer.writeheader()
-        yield writer.writerow
+def add_row(folder: Path, columns: Sequence[str], row: Mapping[str, Any]) -> None:
+    """Append a row; a new file begins with the names of the columns. Raises OSError that names the file, of a full disk, too."""
+    path = folder / FILE
+    try:
+        with path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, columns, extrasaction="ignore")
+            if not file.tell():
+                writer.writeheader()
+            writer.writerow(row)
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(path)) from None
 
 
 def checks(folder: Path) -> list[dict[str, float]]:

@@ -23,9 +23,9 @@ from core.training.transparency import transparent_is_empty
 PREVIEW = "preview.png"
 RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
-# All that a run may have written, and so all that --force may delete.
+# All that a run may have written but its checkpoints, and so all else that --force may delete.
 OURS = (
-    "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.PATTERN, checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
+    "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
     history.FILE, landmarks.FILE, mask_files.FOLDER, PREVIEW, *(name for names in EVALUATED.values() for name in names),
 )  # fmt: skip
 
@@ -122,9 +122,8 @@ def create(folder: Path, collection: Collection, settings: Settings, decisions: 
 
 def _clear(folder: Path) -> None:
     """Delete what a run wrote into `folder`, and nothing else."""
-    for pattern in OURS:
-        for path in folder.glob(pattern):
-            remove(path)
+    for path in [*checkpoint.written(folder), *(path for pattern in OURS for path in folder.glob(pattern))]:
+        remove(path)
 
 
 def point_cloud_path(folder: Path, step: int) -> Path:

@@ -7,10 +7,9 @@ from core.training.on_disk import history
 
 def test_rows_are_on_disk_at_once_and_go_on_after_a_pause(tmp_path):
     for step in (5, 10):
-        with history.appended(tmp_path, ("step", history.HELD_OUT)) as add:
-            add({"step": step, history.HELD_OUT: 20.5 if step == 10 else None, "messages": ()})
-            lines = (tmp_path / "history.csv").read_text().splitlines()
-            assert lines[-1] == ("5," if step == 5 else "10,20.5")
+        history.add_row(tmp_path, ("step", history.HELD_OUT), {"step": step, history.HELD_OUT: 20.5 if step == 10 else None, "messages": ()})
+        lines = (tmp_path / "history.csv").read_text().splitlines()
+        assert lines[-1] == ("5," if step == 5 else "10,20.5")
     assert lines[0] == f"step,{history.HELD_OUT}" and len(lines) == 3
 
 
@@ -35,6 +34,5 @@ def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
 def test_history_begins_anew_where_not_even_its_header_is_whole(tmp_path):
     (tmp_path / "history.csv").write_text("step,held")
     history.rewind(tmp_path, 20)
-    with history.appended(tmp_path, ("step", history.HELD_OUT)) as add:
-        add({"step": 21, history.HELD_OUT: 20.5})
+    history.add_row(tmp_path, ("step", history.HELD_OUT), {"step": 21, history.HELD_OUT: 20.5})
     assert history.checks(tmp_path) == [{"step": 21, "held_out_psnr": 20.5}]

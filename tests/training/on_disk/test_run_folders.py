@@ -9,6 +9,8 @@ from core.errors import BadInput, BadSetting
 from core.training.on_disk import checkpoint, run_folders
 from tests.small import small_settings
 
+COPY = "checkpoint_000100 (copy).safetensors"  # that a user made
+
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
@@ -124,12 +126,19 @@ def test_the_run_that_is_taken_when_none_is_named(here):
     assert run_folders.is_default(here / "runs" / "a") and not run_folders.is_default(Path("elsewhere"))
 
 
+def test_a_copy_of_a_checkpoint_is_not_the_newest(tmp_path):
+    names = ("checkpoint_000100.safetensors", "checkpoint_1000000.safetensors")
+    for name in (*names, COPY, "checkpoint_99999.safetensors", "checkpoint_2000000.safetensors.part"):
+        (tmp_path / name).touch()
+    assert checkpoint.newest(tmp_path).name == names[1] and {path.name for path in checkpoint.written(tmp_path)} == set(names)
+
+
 def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):
     folder = tmp_path / "run"
     (folder / "masks").mkdir(parents=True)
-    for name in ("masks/a.png", "checkpoint_000100.safetensors", "results_full.json", "sheet_full.png", "dusk.ply"):
+    for name in ("masks/a.png", "checkpoint_000100.safetensors", "results_full.json", "sheet_full.png", "dusk.ply", COPY):
         (folder / name).write_text("old")
     run_folders.create(folder, collection, small_settings())
     assert sorted(path.name for path in folder.iterdir()) == [
-        "cameras.json", "cfg_args", "config.json", "dusk.ply", "input.ply",
+        "cameras.json", "cfg_args", COPY, "config.json", "dusk.ply", "input.ply",
     ]  # fmt: skip

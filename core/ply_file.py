@@ -28,6 +28,8 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
     except plyfile.PlyElementParseError as problem:
         row = f" at row {problem.row}" if problem.row is not None else ""
         raise BadInput(f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again.") from None
+    except OverflowError as problem:  # text: a number that its column's type cannot hold
+        raise BadInput(f"{path} is garbled: {problem}.", "Copy or export it again.") from None
     except (plyfile.PlyParseError, ValueError) as problem:
         fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
         if not path.stat().st_size:

@@ -8,7 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from core.data.photos.folder import SUFFIXES, list_photos
-from core.data.photos.names import composed, is_file, relative_path
+from core.data.photos.names import folded, is_file, relative_path
 from core.data.posed import PosedPhoto
 from core.words import Note, name_them
 
@@ -45,7 +45,7 @@ def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] =
     only photo whose name differs in nothing but case, Unicode form or suffix, unless it is meant twice or one of the `others`."""
     known, found = {}, {}
     for path, folders in places.items():
-        name = _key(path.name.replace("\\", "/").rsplit("/", 1)[-1])  # some were written on Windows
+        name = folded(path.name.replace("\\", "/").rsplit("/", 1)[-1])  # some were written on Windows
         stem, suffix = os.path.splitext(name)
         for folder in (path.parent, *folders):
             if folder not in known:
@@ -63,9 +63,5 @@ def _by_key(folder: Path) -> dict[str, list[Path]]:
     photos: dict[str, list[Path]] = {}
     for photo in list_photos(folder) if os.path.isdir(folder) else ():
         for name in (photo.name, photo.stem):
-            photos.setdefault(_key(name), []).append(photo)
+            photos.setdefault(folded(name), []).append(photo)
     return photos
-
-
-def _key(name: str) -> str:
-    return composed(name).casefold()

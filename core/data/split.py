@@ -39,7 +39,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
         every = f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing."
-        return splits, [Note(every, harmless=True, of_split=True), *no_splits], model
+        return splits, [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve()), *no_splits], model
     if "train" in splits.values() and "test" not in splits.values():
         notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
     return splits, notes + no_splits, source
@@ -73,6 +73,16 @@ def _lists_in(folder: Path) -> list[Path]:
 def in_both(train: str, test: str, names: Iterable[str]) -> list[Note]:
     """A note on photos that are listed to train on and to test, which are held out. train, test: what the lists are called."""
     return [Note(line, of_split=True) for line in name_them(f"in both {train} and {test}, held out", sorted(names))]
+
+
+def _lists_without_effect(root: Path) -> list[Note]:
+    """Notes on what says how to split the photos, but not where or not as it is looked for."""
+    notes = []
+    if root.name == "dense" and (tables := find_tables(root.parent)[0]):
+        notes.append(Note(f"{tables[0]} is not used: give the folder it is in, {root.parent}, to split by it.", of_split=True))
+    if (root / TRAINING_LIST).is_file():
+        notes.append(Note(f"{TRAINING_LIST} is not used: there is no {TEST_LISTS[1]} beside it.", of_split=True))
+    return notes
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:

@@ -9,6 +9,7 @@ import numpy as np
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection, Photo, astray
+from core.data.load import count_photos
 from core.data.photos.file import named_with_fault
 from core.data.photos.folder import fuller_below, list_photos, list_unreadable
 from core.data.photos.pixels import load_photo
@@ -201,8 +202,14 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
-    """A finding if a subfolder holds more photos than `folder`, which alone is searched."""
-    if not (below := fuller_below(root, folder)):
-        return []
-    figure = f"{len(list_photos(below))} in {below}, more than the {len(list_photos(folder))} in {folder}"
-    return [Finding("photos elsewhere", figure, "subfolders are not searched", "Give that folder, or put all photos into one.")]
+    """Findings about folders in and below `root` with photos that are not used, as only those in `folder` are."""
+    used = len(list_photos(folder))
+    findings = [
+        Finding("photos elsewhere", f"{count} in {other}, beside the {used} in {folder}", "only one folder is used", "Put all photos into one.")
+        for other, count in count_photos(root).items()
+        if count and other != folder
+    ]
+    if below := fuller_below(root, folder):
+        figure = f"{len(list_photos(below))} in {below}, more than the {used} in {folder}"
+        findings.append(Finding("photos elsewhere", figure, "subfolders are not searched", "Give that folder, or put all photos into one."))
+    return findings

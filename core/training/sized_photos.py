@@ -14,7 +14,7 @@ from torch import Tensor
 from core.appearance.encoder import shrink
 from core.config import AUTO_PIXELS, UNDECIDED, Settings
 from core.data.collection import Photo
-from core.data.photos.file import fault_of
+from core.data.photos.file import named_with_fault
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput, BadSetting
 from core.report import QUIET, Report
@@ -108,7 +108,7 @@ def as_tensors(pixels: np.ndarray, valid: np.ndarray | None, device: torch.devic
 class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
-    notes: a line for each kind of damage that shows only now that photos are decoded, with the photos left out for it. device: of the
+    notes: a line that names photos left out for damage that shows only now that they are decoded, and one on doubtful masks. device: of the
     encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it.
     """
 
@@ -123,7 +123,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
             try:
                 self.photos.append(load_sized_photo(photo, sizes, device, transparent_is_empty))
             except BadInput as problem:
-                damaged.add(f"of the {photo.split} split that cannot be used ({fault_of(photo.name, photo.path, problem)})", photo.name)
+                damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
         self.notes = damaged.notes() + _doubtful_masks(self.photos)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0

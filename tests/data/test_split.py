@@ -37,6 +37,29 @@ def test_test_txt(tmp_path):
     assert notes == ["1 photo of test.txt not in the model: unknown.jpg"]
 
 
+def test_names_may_differ_in_case_where_none_is_equal(tmp_path):
+    (tmp_path / "test.txt").write_text("A.JPG\nC.jpg\nX.JPG\n")
+    splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg", "C.jpg"])
+    assert splits == {"a.jpg": "test", "b.jpg": "train", "c.jpg": "train", "C.jpg": "test"}
+    assert notes == ["1 photo of test.txt not in the model: X.JPG"]
+    (tmp_path / "test.txt").write_text("A.JPG\n")
+    splits, notes = split(tmp_path, ["left/a.jpg", "right/a.jpg", "b.jpg"])
+    assert set(splits.values()) == {"train"} and "A.JPG (left/a.jpg, right/a.jpg)" in notes[0]
+
+
+def test_a_table_above_the_folder_and_a_list_without_its_other_half_are_told(tmp_path):
+    (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
+    (tmp_path / "dense").mkdir()
+    (tmp_path / "dense" / "train_list.txt").write_text("a.jpg\n")
+    _, notes = split(tmp_path / "dense", NAMES[:2])
+    assert notes[1:] == [
+        f"{tmp_path / 'x.tsv'} is not used: give the folder it is in, {tmp_path}, to split by it.",
+        "train_list.txt is not used: there is no test_list.txt beside it.",
+    ]
+    (tmp_path / "dense").rename(tmp_path / "other")
+    assert len(split(tmp_path / "other", NAMES[:2])[1]) == 2
+
+
 def test_test_txt_beside_the_model(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     (root / "sparse" / "0" / "test.txt").write_text("photo_2.png\n")

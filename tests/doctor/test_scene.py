@@ -208,6 +208,13 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place)
     assert found.figure == f"3 in {tmp_path / place}, more than the 2 in {tmp_path}" and found.advice.startswith("Give that folder")
 
 
+def test_photos_beside_the_folder_that_is_used_are_told(tmp_path):
+    save_photos(tmp_path, 2)
+    save_photos(tmp_path / "images", 3)
+    found = examined(tmp_path)[0]["photos elsewhere"]
+    assert found.figure == f"2 in {tmp_path}, beside the 3 in {tmp_path / 'images'}" and found.advice == "Put all photos into one."
+
+
 def test_the_scene_made_of_photos_of_which_some_are_gone_holds_no_photos_elsewhere(tmp_path):
     save_photos(tmp_path, 2)
     scene = tmp_path / "runs" / "photos-scene"

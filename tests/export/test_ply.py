@@ -184,6 +184,13 @@ def test_what_cannot_be_read_is_refused_by_name(tmp_path, spoil, words):
     assert str(path) in caught.value.what and "\n" not in str(caught.value)
 
 
+def test_a_number_that_its_column_cannot_hold_is_refused(tmp_path):
+    path = tmp_path / "points.ply"
+    path.write_text("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty uchar red\nend_header\n0 256\n")
+    with pytest.raises(BadInput, match="points.ply is garbled: .* out of bounds for uint8"):
+        read_ply(path)
+
+
 def test_more_rows_than_fit_into_memory_are_the_files_fault(tmp_path, monkeypatch):
     def full(_):
         raise MemoryError

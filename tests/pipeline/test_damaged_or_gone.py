@@ -26,7 +26,7 @@ def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, mo
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "a run", heard)
     said = "\n".join(heard.lines)
     for split, name in (("train", "photo_0.png"), ("test", "photo_2.png")):
-        assert re.search(rf"^! 1 photo of the {split} split that cannot be used \(ends before .*\): {name}$", said, re.MULTILINE)
+        assert re.search(rf"^! 1 photo of the {split} split that cannot be used: {name} \(ends before .*\)$", said, re.MULTILINE)
     assert f"Next: wegs bake --run '{folder}'" in said  # not the newest of ./runs, and with a space
     with pytest.raises(BadInput, match="photo_0.jpg ends before"):
         pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "a.ply")

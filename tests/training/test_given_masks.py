@@ -84,14 +84,14 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
         assert notes == (["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."] * inverted)
 
 
-def test_masks_that_are_all_black_are_told_in_one_reason(tmp_path):
+def test_masks_that_are_all_black_are_told_in_one_line(tmp_path):
     collection = crowded(tmp_path, (0, 0, 255))
     for mask in (tmp_path / "masks").iterdir():
         cv2.imwrite(str(mask), np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(BadInput) as caught:
         Trainer(with_masks_in(collection, tmp_path / "masks"), small_settings(), tmp_path / "run")
-    names = ", ".join(photo.name for photo in collection.split("train"))
-    why = f"4 photos of the train split that cannot be used (is left with 0.0% of its pixels by its mask): {names}"
+    named = ", ".join(f"{photo.name} (is left with 0.0% of its pixels by its mask)" for photo in collection.split("train"))
+    why = f"4 photos of the train split that cannot be used: {named}"
     assert caught.value.what == f"{tmp_path}: no photo is left to train on. {why}."
 
 

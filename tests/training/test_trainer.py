@@ -93,12 +93,12 @@ def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, t
     trainer = Trainer(replace(collection, photos=(damage(first), *others)), small_settings(), tmp_path)
     assert [sized.photo.name for sized in trainer.photos] == ["photo_1.png", "photo_3.png", "photo_4.png"]
     (note,) = trainer.photos.notes
-    assert re.fullmatch(r"1 photo of the train split that cannot be used \(ends before .*\): photo_0.png", note) and str(tmp_path) not in note
+    assert re.fullmatch(r"1 photo of the train split that cannot be used: photo_0.png \(ends before .*\)", note) and str(tmp_path) not in note
     assert trainer.held_out.notes == [] and next(trainer.train()).step == 1
     hopeless = replace(collection, photos=tuple(map(damage, collection.photos)))
     with pytest.raises(
         BadInput,
-        match=r"no photo is left to train on. 4 photos of the train split that cannot be used \(ends before [^()]*\(truncated\).*\): photo_0.png, photo_1",
+        match=r"no photo is left to train on. 4 photos of the train split that cannot be used: photo_0.png \(ends before [^()]*\(truncated\).*\), photo_1",
     ):
         Trainer(hopeless, small_settings(), tmp_path)
 

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from unicodedata import normalize
 
@@ -20,6 +20,11 @@ def composed(name: str) -> str:
     return normalize("NFC", name)
 
 
+def folded(name: str) -> str:
+    """The name as `composed`, whatever the case of its letters."""
+    return composed(name).casefold()
+
+
 def without_suffix(name: str) -> str:
     """The name of a photo, which may be a path, without its suffix."""
     return name[: len(name) - len(Path(name).suffix)]
@@ -29,8 +34,18 @@ def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, st
     """The row of a list that means each photo, for the photos it names; and the rows that fit several photos, with these.
 
     A row means a photo if it is the photo's name or an end of it, with or without the suffix, or the only longer path that ends in the name.
+    Rows that mean none so, and photos that have none, may also differ in upper and lower case.
     """
-    exact = {composed(row): row for row in listed}
+    names = set(names)
+    rows, unclear = _rows_spelt_alike(names, listed, composed)
+    left = listed - set(rows.values()) - unclear.keys()
+    more, still_unclear = _rows_spelt_alike(names - rows.keys(), left, folded)
+    return rows | more, unclear | still_unclear
+
+
+def _rows_spelt_alike(names: Iterable[str], listed: set[str], spelt: Callable[[str], str]) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """As `rows_that_mean`, of names that are equal as `spelt` gives them."""
+    exact = {spelt(row): row for row in listed}
     longer: dict[str, list[str]] = {}
     for form, row in exact.items():
         for end in _ends(form.replace("\\", "/")):  # some were written on Windows
@@ -38,14 +53,14 @@ def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, st
                 longer.setdefault(end, []).append(row)
     fitting: dict[str, list[str]] = {}
     for name in sorted(names):
-        shorter = [exact[end] for whole in names_without_suffixes(composed(name)) for end in _ends(whole) if end in exact]
-        meant = shorter[:1] or longer.get(composed(name), [])
+        shorter = [exact[end] for whole in names_without_suffixes(spelt(name)) for end in _ends(whole) if end in exact]
+        meant = shorter[:1] or longer.get(spelt(name), [])
         if len(meant) == 1:
             fitting.setdefault(meant[0], []).append(name)
     rows, unclear = {}, {}
     for row, those in fitting.items():
-        form = composed(row)
-        exactly = [name for name in those if composed(name) == form] or [name for name in those if composed(without_suffix(name)) == form] or those
+        form = spelt(row)
+        exactly = [name for name in those if spelt(name) == form] or [name for name in those if spelt(without_suffix(name)) == form] or those
         if len(exactly) == 1:
             rows[exactly[0]] = row
         else:

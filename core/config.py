@@ -259,7 +259,7 @@ FIELDS = {item.name: item for item in fields(Settings)}
 
 def no_setting(name: str) -> BadSetting:
     """The error for a name that no setting has."""
-    begin_so = [known for known in FIELDS if known.startswith(name.lower())]
+    begin_so = [known for known in FIELDS if name and known.startswith(name.lower())]
     near = difflib.get_close_matches(name.lower(), FIELDS, n=1) or begin_so
     return BadSetting(f"There is no setting {name!r}.", f"Did you mean {', '.join(near)}?" if near else "`wegs train --help` lists them.")
 

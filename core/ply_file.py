@@ -31,7 +31,7 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
     except OverflowError as problem:  # text: a number that its column's type cannot hold
         raise BadInput(f"{path} is garbled: {problem}.", "Copy or export it again.") from None
     except (plyfile.PlyParseError, ValueError) as problem:
-        fault = "its header is no text" if isinstance(problem, UnicodeDecodeError) else problem
+        fault = "its header has letters beyond ASCII, or is no text" if isinstance(problem, UnicodeDecodeError) else problem
         if not path.stat().st_size:
             fault = "it is empty"
         raise BadInput(f"{path} is not a .ply: {fault}.", f"Give a {wanted}.") from None

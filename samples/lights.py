@@ -4,10 +4,10 @@
     python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
     python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg      # without its photos
 
-lights.jpg (without -o): six looks. styles.jpg, or the file of -o: a row for each style photo (photo | neutral | its look | truth if it is
-known), and below them the looks between the first style (or neutral) and the last. If the truth is known, the script also prints how close
-the look comes to it in PSNR (dB), beside the nearest look of a training photo and the look fitted to the truth itself. With --renders:
-a row for each view, with the neutral look and each style's, but no photos, whose licences may not allow it.
+lights.jpg (without -o or --style): six looks. styles.jpg, or the file of -o: a row for each style photo (photo | neutral | its look | truth if it
+is known), and below them the looks between the first style (or neutral) and the last. If the truth is known, the script also prints how close the
+look comes to it in PSNR (dB), beside the nearest look of a training photo and the look fitted to the truth itself. With --renders: a row for each
+view, with the neutral look and each style's, but no photos, whose licences may not allow it.
 """
 
 import sys
@@ -34,7 +34,7 @@ from core.looks.find_look import find_look, look_of_photo
 from core.looks.refined_look import refined
 from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run
 from core.report import QUIET, Report
-from core.system.atomic import write_bytes
+from core.system.atomic import check_file, write_bytes
 from core.training.on_disk import run_folders
 from core.words import counted
 from wegs_cli.main import OneLineErrors
@@ -52,12 +52,18 @@ QUALITY = 88  # of JPEG
 @click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
 @click.option("--view", "views", multiple=True, help="Photo of the run whose camera looks on.  [default: a held-out one]")
 @click.option("--renders", is_flag=True, help="Draw no photos, but the looks in a row for each --view.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The sheet.  [default: samples/styles.jpg]")
-def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None) -> None:
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="The sheet.  [default: styles.jpg]")
+@click.option("--force", is_flag=True, help="Replace what is there.")
+def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None, force: bool) -> None:
     """Draw the looks of RUN (default: the newest)."""
     trained = load_run(run_folders.find_run(run_folder))
-    if output is not None and output.suffix.lower() not in (".jpg", ".jpeg"):
+    lights, output = None if output or styles else Path("lights.jpg"), output or Path("styles.jpg")
+    if output.suffix.lower() not in (".jpg", ".jpeg"):
         raise BadInput(f"{output} is not named like a JPEG.", "End it in .jpg.")
+    for path in filter(None, (lights, output)):
+        check_file(path)
+        if path.exists() and not force:
+            raise BadInput(f"{path} exists.", "Add --force to replace it, or choose another -o.")
     if len(views) > 1 and not renders:
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
     if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):
@@ -65,18 +71,18 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
     with Terminal() as terminal:
         if not styles:
             styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
-            if output is None:
+            if lights is not None:
                 from_left = trained.collection.view(PLAZA_VIEWS[0])
                 looks = [find_look(trained, word, report=terminal) for word in PLAZA_LOOKS]
                 shots = [tile(rendered(trained, look, from_left), 240) for look in looks]
-                write_jpeg(HERE / "lights.jpg", [shots[:3], shots[3:]], terminal)
+                write_jpeg(lights, [shots[:3], shots[3:]], terminal)
         seen_from = [trained.collection.view(view) for view in views or (None,)]
         if renders:
             looks = [find_look(trained, word, report=terminal) for word in ("neutral", *styles)]
             rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
         else:
             rows = sheet(trained, styles, seen_from[0], terminal)
-        write_jpeg(output or HERE / "styles.jpg", rows, terminal)
+        write_jpeg(output, rows, terminal)
         for style in styles:
             if line := nearness(trained, style, terminal):
                 terminal.say(line)

@@ -28,10 +28,10 @@ from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refined
 from core.looks.held_out_views import held_out_view
 from core.looks.refined_look import landmarks_of_run
-from core.looks.trained import TrainedRun, load_run
+from core.looks.trained import TrainedRun
 from core.report import QUIET
 from core.scene.camera import Camera
-from core.training.on_disk import run_folders
+from samples.measurements.opened import opened
 from wegs_cli.main import OneLineErrors
 
 WIDTH_PX = 400  # of the picture in which a camera's error is measured
@@ -41,11 +41,11 @@ WIDTH_PX = 400  # of the picture in which a camera's error is measured
 @click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
 def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""
-    trained = load_run(run_folders.find_run(run_folder))
+    trained, held_out = opened(run_folder)
     collection = load_collection(trained.collection.read_from)
     landmarks = landmarks_of_run(trained, QUIET)
     rows = []
-    for photo in collection.split("test"):
+    for photo in [collection.view(photo.name) for photo in held_out]:
         found = locate(photo.path, landmarks, QUIET)
         if found is None:
             click.echo(f"{photo.name}: not found")
@@ -54,7 +54,7 @@ def main(run_folder: Path | None) -> None:
         off, *decibels = rows[-1]
         gains = "encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(*decibels)
         click.echo(f"{photo.name}: {found.agreeing} of {found.matched} features agree, {off:.2f} px of {WIDTH_PX} off; {gains}")
-    click.echo(f"{len(rows)} of {len(collection.split('test'))} found")
+    click.echo(f"{len(rows)} of {len(held_out)} found")
     if rows:
         click.echo(
             "median {:.2f} px off; mean of encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(

@@ -120,15 +120,22 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
     print(f"{output}: {len(collection)} photos, {len(test)} of them test; {figures}")
 
 
+def count(text: str) -> int:
+    """A whole number of at least 1, as the command line takes it."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is no whole number of at least 1")
+    return int(text)
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description="Make the plaza sample: photos, truth and COLMAP model.")
     parser.add_argument("--output", type=Path, default=Path(__file__).parent / "plaza", help="folder to write (default: samples/plaza)")
     kinds = "; ".join(f"{name}: {what}" for name, what in shots.VARIANTS.items())
     parser.add_argument("--variant", choices=shots.VARIANTS, help=f"{kinds}; needs --output")
-    parser.add_argument("--times", type=int, default=1, help="as many photos of each light as that (default: 1); needs --output")
-    parser.add_argument("--grid", type=int, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)")
-    parser.add_argument("--processes", type=int, default=2, help="processes to work in (default: 2)")
+    parser.add_argument("--times", type=count, default=1, help="as many photos of each light as that (default: 1); needs --output")
+    parser.add_argument("--grid", type=count, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)")
+    parser.add_argument("--processes", type=count, default=2, help="processes to work in (default: 2)")
     parser.add_argument("--force", action="store_true", help="replace the folder if it holds such a collection")
     given = parser.parse_args()
     if (given.variant or given.times != 1) and given.output.resolve() == parser.get_default("output").resolve():

@@ -35,8 +35,8 @@ from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refined
 from core.evaluation.truth import FOLDER
 from core.looks.held_out_views import held_out_view
-from core.looks.trained import TrainedRun, load_run
-from core.training.on_disk import run_folders
+from core.looks.trained import TrainedRun
+from samples.measurements.opened import opened
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -47,10 +47,10 @@ KINDS = ("its own", "three that see most alike", "three of the others")
 
 @click.command(cls=OneLineErrors)
 @click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
-@click.option("--grid", default=2, help="Sub-samples of a pixel of the truth along each side.")
+@click.option("--grid", default=2, type=click.IntRange(min=1), help="Sub-samples of a pixel of the truth along each side.")
 def main(run_folder: Path | None, grid: int) -> None:
     """Score the looks of RUN's held-out photos as other cameras see them."""
-    trained = load_run(run_folders.find_run(run_folder))
+    trained, held_out = opened(run_folder)
     record = trained.collection.root / FOLDER / "looks.json"
     if not record.is_file():
         raise BadInput(f"{trained.folder} is of a scene whose lights are not known: there is no {record}.", "Take a run of samples/plaza.")
@@ -58,7 +58,6 @@ def main(run_folder: Path | None, grid: int) -> None:
     taken = {photo.name: known[Path(photo.name).stem] for photo in trained.collection.photos}
     world, scored = World(static_groups()), []
     with Terminal() as terminal:
-        held_out = trained.collection.split("test")
         for done, photo in enumerate(held_out, 1):
             look = Look(**taken[photo.name]["look"])
             looks = looks_of(trained, photo.name)

@@ -83,6 +83,14 @@ def test_what_cannot_be_drawn_is_refused(folder, options, words):
     assert result.exit_code == 1 and words in result.output
 
 
+def test_a_sheet_is_replaced_only_by_force_and_missed_before_the_work(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(lights, "find_look", None)
+    (tmp_path / "sheet.jpg").write_bytes(b"old")
+    for place, words in (("sheet.jpg", "sheet.jpg exists. Add --force"), ("gone/sheet.jpg", "There is no folder")):
+        result = CliRunner().invoke(lights.main, [str(folder), "--style", "photo_1.png", "-o", str(tmp_path / place)])
+        assert result.exit_code == 1 and words in result.output
+
+
 def test_the_truth_lies_in_the_scene_also_where_points_were_made_beside_it(folder, tmp_path):
     live = load_run(folder)
     known = live.collection.root / "truth" / "styles" / "dawn" / "photo_2.png"

@@ -116,6 +116,8 @@ def test_points_project_to_where_they_were_seen(model):
 def test_a_folder_of_other_files_is_not_replaced(tmp_path):
     (tmp_path / "mine.txt").write_text("precious")
     making = [sys.executable, str(PLAZA.parent / "make_plaza.py"), "--variant", "calm", "--output", str(tmp_path), "--force"]
-    told = subprocess.run([*making, "--grid", "0"], capture_output=True, text=True, check=False)
+    told = subprocess.run(making, capture_output=True, text=True, check=False)
     assert told.returncode == 2 and "is no collection made here" in told.stderr
+    told = subprocess.run([*making, "--times", "0"], capture_output=True, text=True, check=False)
+    assert told.returncode == 2 and "argument --times: 0 is no whole number of at least 1" in told.stderr
     assert (tmp_path / "mine.txt").read_text() == "precious"

@@ -40,7 +40,8 @@ class OneLineErrors(click.Command):
             if answer is None:
                 raise
             line, code = answer
-            click.secho(f"wegs: {line}", fg=None if os.environ.get("NO_COLOR") else "red", err=True)
+            line = f"wegs: {line}"
+            click.echo(line if os.environ.get("NO_COLOR") else click.style(line, fg="red"), err=True)
         sys.exit(code if isinstance(code, int) else 0)
 
 

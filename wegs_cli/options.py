@@ -147,8 +147,8 @@ def _parse(assignment: str) -> tuple[str, Any]:
     """KEY=VALUE with the value in the type of the setting."""
     name, _, text = map(str.strip, assignment.partition("="))
     name = name.replace("-", "_")
-    if not text:
-        raise BadSetting(f"--set {assignment} gives no value.", "Type: --set key=value")
+    if not name or not text:
+        raise BadSetting(f"--set {assignment} gives no {'value' if name else 'setting'}.", "Type: --set key=value")
     item = FIELDS.get(name)
     if item is None:
         raise no_setting(name)

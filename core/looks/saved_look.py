@@ -26,7 +26,7 @@ def path_of(folder: Path, name: str) -> Path:
     if name == NEUTRAL:
         raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
     if not re.fullmatch(r"\w[\w. -]*", name):
-        raise BadSetting(f"{name!r} cannot be the name of a look.", "Use letters, digits, '-', '_' and '.'.")
+        raise BadSetting(f"{name!r} cannot be the name of a look.", "Begin it with a letter, a digit or '_'; '.', '-' and spaces may follow.")
     return folder / LOOKS / f"{name}.json"
 
 

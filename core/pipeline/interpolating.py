@@ -53,13 +53,13 @@ def interpolate(
         report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
         pruner = pruner_of(trained, report) if ply else None
-        frames = []
+        frames, digits = [], max(3, len(str(steps - 1)))
         for step in range(steps):
             look = blend(*ends, step / (steps - 1))
             if ply:
-                write_look(trained, look, work / f"step_{step:03d}.ply", report if step == 0 else QUIET, pruner)
+                write_look(trained, look, work / f"step_{step:0{digits}d}.ply", report if step == 0 else QUIET, pruner)
             frames.append(to_8_bit(drawn(trained, bake(trained, look), camera)))
-            write_png(work / f"frame_{step:03d}.png", frames[-1])
+            write_png(work / f"frame_{step:0{digits}d}.png", frames[-1])
             report.progress("Frames", step + 1, steps)
         write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))
         try:

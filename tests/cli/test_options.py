@@ -77,6 +77,7 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
     "text, words",
     [
         ("steps", "^--set steps gives no value. Type: --set key=value$"),
+        ("=3", "^--set =3 gives no setting. Type: --set key=value$"),
         ("residual=", "gives no value"),
         ("stepz=3", "no setting 'stepz'. Did you mean steps\\?$"),
         ("r=2", "no setting 'r'. Did you mean resolution, residual, residual_bound, reach\\?$"),

@@ -165,7 +165,7 @@ def _without(name: str):
         (lambda data: data[:-300], "at row 3"),
         (lambda data: data[:100], "not a .ply"),
         (lambda data: b"", "not a .ply"),
-        (lambda data: b"\xff\xd8\xff\xe0 a jpeg", "not a .ply: its header is no text"),
+        (lambda data: b"\xff\xd8\xff\xe0 a jpeg", "not a .ply: its header has letters beyond ASCII, or is no text"),
         (lambda data: data.replace(b"element vertex", b"element corner"), "no element `vertex`"),
         (lambda data: header_of(data).replace(b"vertex 5", b"vertex 0"), "no Gaussians"),
         (_without("opacity"), "lacks the column opacity"),

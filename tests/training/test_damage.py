@@ -47,6 +47,12 @@ DAMAGE = {
     "a radius of zero": (change_config("frame", "radius", value=0), "no frame"),
     "a radius of NaN": (change_config("frame", "radius", value=float("nan")), "no frame"),
     "a centre of two numbers": (change_config("photos", 0, "camera", "centre", value=[1, 2]), "config.json cannot be used"),
+    "a camera of no width": (change_config("photos", 0, "camera", "width", value=0), r"a picture of [0, 36] px"),
+    "a focal length in words": (change_config("photos", 0, "camera", "fx", value="wide"), "config.json cannot be used: ValueError"),
+    "a photo without a path": (change_config("photos", 0, "path", value=None), "config.json cannot be used"),
+    "a split that there is not": (change_config("photos", 0, "split", value="val"), "of the split 'val'"),
+    "no photos": (change_config("photos", value=[]), "no photos"),
+    "a setting left open": (change_config("settings", "steps", value=-1), "steps is left open"),
     "a missing tensor": (change_checkpoint(lambda saved: saved.tensors.pop(MEANS)), "does not fit its run"),
     "missing counts": (change_checkpoint(lambda saved: saved.tensors.pop("gaussians.counts")), "KeyError: 'counts'"),
     "a moment of another shape": (

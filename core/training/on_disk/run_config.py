@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +14,7 @@ from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.data.made import CONFIG, followed, path_from, way_to
 from core.data.sfm.kept_points import MARK, home_of
+from core.data.split_table import SPLITS
 from core.errors import BadInput, BadSetting
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
@@ -50,6 +52,10 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         settings = Settings().changed(**facts["settings"])
+        if undecided := settings.undecided:
+            raise BadSetting(f"{undecided[0]} is left open.")
+        if not facts["photos"]:
+            raise ValueError("no photos")
         files = (MARK, *(photo["path"] for photo in facts["photos"]))  # of triangulated points, or of a scene
         read_from = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder, files)
         root = home_of(read_from)
@@ -96,8 +102,13 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
 
 
 def _photo_from_json(values: dict, home: Path) -> Photo:
+    if not (isinstance(values["name"], str) and isinstance(values["path"], str) and values["split"] in SPLITS):
+        raise ValueError(f"a photo called {values['name']!r} in {values['path']!r}, of the split {values['split']!r}")
     shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     camera = values["camera"] | {name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
+    sides, focal_lengths = ([camera[name] for name in names] for names in (("width", "height"), ("fx", "fy")))
+    if not all(type(side) is int and side > 0 for side in sides) or not all(0 < float(length) < math.inf for length in focal_lengths):
+        raise ValueError(f"a picture of {sides} px with focal lengths of {focal_lengths}")
     lens, mask_lens = values["lens"], values["mask_lens"]
 
     def file(key: str) -> Path | None:

@@ -1,0 +1,18 @@
+"""A run whose looks can be measured: it has looks, and photos that were held out."""
+
+from pathlib import Path
+
+from core.data.collection import Photo
+from core.errors import BadInput
+from core.looks.trained import TrainedRun, load_run
+from core.training.on_disk import run_folders
+
+
+def opened(folder: Path | None) -> tuple[TrainedRun, tuple[Photo, ...]]:
+    """The run (default: the newest) and its held-out photos; BadInput where it has no looks or none of them."""
+    trained = load_run(run_folders.find_run(folder))
+    if not trained.has_looks:
+        raise BadInput(f"{trained.folder} has one look only: nothing is read from photos.", "Take a run with appearance=full or exposure.")
+    if not (held_out := trained.collection.split("test")):
+        raise BadInput(f"{trained.folder} has no held-out photos.", "Take a run without --all-photos.")
+    return trained, held_out

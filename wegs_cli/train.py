@@ -31,21 +31,8 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
       wegs train --resume
     """
     if resume:
-        from core.data.made import is_of_run
-
-        context = click.get_current_context()
-        given = [
-            "SCENE" if parameter.name == "scene" else parameter.opts[-1]
-            for parameter in context.command.params
-            if parameter.name not in ("resume", "output") and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
-        ]
-        if given == ["SCENE"] and output is None and is_of_run(scene):
-            fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
-            raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
-        if given:
-            raise BadSetting(f"A resumed run keeps its scene and settings; {given[0]} changes them.", "Leave it out, or train a new run.")
-    else:
-        settings = settings_from(preset_name, config, assignments, typed)
+        _refuse_what_resuming_ignores(scene, output)
+    settings = None if resume else settings_from(preset_name, config, assignments, typed)
 
     from core import pipeline
     from wegs_cli.terminal import Terminal
@@ -55,3 +42,20 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
             pipeline.resume(output, terminal)
         else:
             pipeline.train(scene or Path("."), settings, output, terminal, force=force, masks=masks)
+
+
+def _refuse_what_resuming_ignores(scene: Path | None, output: Path | None) -> None:
+    """Raise BadSetting if anything but -o is given beside --resume."""
+    from core.data.made import names_wegs
+
+    context = click.get_current_context()
+    given = [
+        "SCENE" if parameter.name == "scene" else parameter.opts[-1]
+        for parameter in context.command.params
+        if parameter.name not in ("resume", "output") and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
+    ]
+    if given == ["SCENE"] and output is None and names_wegs(scene):
+        fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
+        raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
+    if given:
+        raise BadSetting(f"A resumed run keeps its scene and settings; {given[0]} changes them.", "Leave it out, or train a new run.")

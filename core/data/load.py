@@ -8,7 +8,7 @@ from core.data.collection import Collection
 from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, lacks_photos, read_colmap
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
-from core.data.made import is_of_run
+from core.data.made import names_wegs
 from core.data.photos.folder import fuller_below, list_photos, no_photos
 from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
@@ -132,4 +132,4 @@ def warn_of_others(path: Path, photos: Path, report: Report) -> None:
 def count_photos(path: Path) -> dict[Path, int]:
     """How many photos are in each folder that `path` may stand for: itself, or one of PHOTO_FOLDERS in it."""
     folders = [path / name for name in PHOTO_FOLDERS]
-    return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not is_of_run(folder)}
+    return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not names_wegs(folder)}

@@ -11,7 +11,7 @@ from core.system.atomic import MadeMeanwhile
 from core.words import list_names
 
 CONFIG = "config.json"  # of a run
-ORIGINALS = "photos.json"  # of a scene made of plain photos: these files
+MADE_OF = "photos.json"  # of a scene made of plain photos: these files
 # What other layers write into a run. Named here, as core.training.on_disk.run_folders, which deletes it all when a run is replaced, cannot import
 # them. EVALUATED: by protocol.
 LOOKS, PICTURES, CURVES = "appearance", "pictures", "curves"
@@ -87,15 +87,15 @@ def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -
     return together if may_be and any(os.path.isfile(together / file) for file in files) else place
 
 
-def is_of_run(folder: Path) -> bool:
-    """Whether the folder is a run, whose pictures are not photos."""
+def names_wegs(folder: Path) -> bool:
+    """Whether the folder's config.json is of wegs, as a run's is: its pictures are not photos. (`run_folders.is_run` takes a garbled one, too.)"""
     return "wegs" in read_mark(folder / CONFIG)
 
 
 def is_of_wegs(folder: Path) -> bool:
     """Whether the folder is a run, a scene made of plain photos, or holds the frames of an interpolation."""
-    is_scene = (folder / ORIGINALS).is_file() and (folder / "sparse").is_dir()
-    return is_scene or is_of_run(folder) or all(any(folder.glob(pattern)) for pattern in FADE[:2])
+    is_scene = (folder / MADE_OF).is_file() and (folder / "sparse").is_dir()
+    return is_scene or names_wegs(folder) or all(any(folder.glob(pattern)) for pattern in FADE[:2])
 
 
 def stamp(path: Path) -> list[int]:

@@ -182,15 +182,16 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
                 flat.append(f"{path.name}: {photo.pixels.mean():.0f} of 255")
     ends = [f"{end(sizes):.2g}" for end in (min, max) if sizes]
     figure = counted(len(paths), "photo") + (f" of {' to '.join(dict.fromkeys(ends))} MP" if ends else "")
-    pairs = most_pairs(len(sizes))
-    time = counted(math.ceil(pairs * PAIR_S / 60), "minute")
-    finds = f"`{command('wegs', 'train', root)}` finds them ({counted(pairs, 'pair')} to match, up to {time}) and trains"
-    meaning, fix = f"photos without cameras; next, {finds}", ""
-    if len(sizes) < LEAST_PHOTOS:
-        needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
-        meaning, fix = "photos without cameras", f"Add photos of the same place: {needed}."
     if around := scene_around(folder):
         meaning, fix = f"photos of the {around[1]} scene {around[0]}", "Give that folder to use its cameras."
+    elif len(sizes) < LEAST_PHOTOS:
+        needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
+        meaning, fix = "photos without cameras", f"Add photos of the same place: {needed}."
+    else:
+        pairs = most_pairs(len(sizes))
+        time = counted(math.ceil(pairs * PAIR_S / 60), "minute")
+        finds = f"`{command('wegs', 'train', root)}` finds them ({counted(pairs, 'pair')} to match, up to {time}) and trains"
+        meaning, fix = f"photos without cameras; next, {finds}", ""
     others = [path.name for path in list_unreadable(folder)]
     return [
         Finding("scene", figure, meaning, fix),

@@ -220,14 +220,14 @@ def test_the_scene_made_of_photos_of_which_some_are_gone_holds_no_photos_elsewhe
     scene = tmp_path / "runs" / "photos-scene"
     save_photos(scene / "images", 3)
     (scene / "sparse").mkdir()
-    write_json(scene / originals.FILES, {})
+    write_json(scene / originals.MADE_OF, {})
     assert "photos elsewhere" not in examined(tmp_path)[0]
 
 
 def mark_as_made(scene, placed, total, focal_px):
     """As if `placed` of `total` photos of 160 x 120 px had got a place."""
     lens = {"model": "SIMPLE_PINHOLE", "width": WIDTH, "height": HEIGHT, "params": [focal_px, WIDTH / 2, HEIGHT / 2]}
-    write_json(scene / originals.FILES, {})
+    write_json(scene / originals.MADE_OF, {})
     write_json(scene / originals.NAMES, {f"/photos/{number}.png": f"{number}.png" for number in range(total)})
     write_json(scene / originals.LENSES, {f"{number}.png": lens for number in range(placed)})
 

@@ -73,7 +73,7 @@ def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
     names = [*(photo.name for photo in trained.collection.photos), "lost.jpg"]
     for name in ("lost.jpg", "garbled.jpg"):
         (tmp_path / name).touch()
-    write_json(tmp_path / originals.FILES, {f"{tmp_path}/{name}": [1, 1] for name in (*names, "garbled.jpg")})
+    write_json(tmp_path / originals.MADE_OF, {f"{tmp_path}/{name}": [1, 1] for name in (*names, "garbled.jpg")})
     write_json(tmp_path / originals.NAMES, {f"{tmp_path}/{name}": name for name in names})
     made = replace(trained, collection=replace(trained.collection, root=tmp_path))
     for word, name in (("lost.jpg", "lost.jpg"), ("lost", "lost.jpg"), ("elsewhere/lost.jpg", "lost.jpg"), ("garbled.jpg", "garbled.jpg")):

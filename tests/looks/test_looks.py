@@ -209,7 +209,7 @@ def test_the_file_that_a_training_photo_was_made_of_has_its_look(trained, tmp_pa
     original = tmp_path / "original.png"
     original.write_bytes(photo.path.read_bytes())
     root.mkdir()
-    write_json(root / originals.FILES, originals.files_of(tmp_path))
+    write_json(root / originals.MADE_OF, originals.files_of(tmp_path))
     write_json(root / originals.NAMES, {str(original.resolve()): photo.name})
     made = replace(trained, collection=replace(trained.collection, root=root))
     look, by_name = (find_look(made, word, refine=False) for word in (str(original), photo.name))

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from core.data.made import digest, is_of_run, is_of_wegs
+from core.data.made import digest, is_of_wegs, names_wegs
 from core.errors import BadInput
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe", ".heic", ".heif", ".hif")
@@ -57,7 +57,7 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     if others := list_unreadable(folder):
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
         return BadInput(f"{name} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
-    if is_of_run(folder):
+    if names_wegs(folder):
         return BadInput(f"{name} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
     if below := fuller_below(folder, folder):
         inner = below.relative_to(folder)

@@ -39,4 +39,4 @@ def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
             report.warn(f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew.")
         reconstruct(photos, scene, report)
 
-    return made_once(wanted, originals.FILES, lambda folder: originals.is_made_of(folder, files), make, "Cameras as found", report)
+    return made_once(wanted, originals.MADE_OF, lambda folder: originals.is_made_of(folder, files), make, "Cameras as found", report)

@@ -2,14 +2,13 @@
 
 from pathlib import Path
 
-from core.data.made import ORIGINALS, read_mark, stamp
+from core.data.made import MADE_OF, read_mark, stamp
 from core.data.photos.distortion import colmap_camera
 from core.data.photos.folder import list_photos
 from core.data.placing import is_usual
 from core.scene.lens import Lens
 
-# In the scene's folder:
-FILES = ORIGINALS  # the files it was made of, each with its stamp
+# In the scene's folder, beside MADE_OF, which holds the files it was made of, each with its stamp:
 NAMES = "names.json"  # what it calls the photo of each file that could be read
 LENSES = "lenses.json"  # the lens through which each of its photos was taken, before it was undistorted
 LENS = {"model", "width", "height", "params"}  # what is known of a lens
@@ -22,7 +21,7 @@ def files_of(photos: Path) -> dict[str, list[int]]:
 
 def name_in(scene: Path, path: Path) -> str | None:
     """What the scene calls the photo that it made of the file `path`, which may have been moved; None for any other, or one that changed since."""
-    known, original = read_mark(scene / FILES), str(path.resolve())
+    known, original = read_mark(scene / MADE_OF), str(path.resolve())
     if original not in known:
         moved = [file for file in known if Path(file).name == path.name and not Path(file).exists()]
         original = moved[0] if len(moved) == 1 else original
@@ -31,13 +30,13 @@ def name_in(scene: Path, path: Path) -> str | None:
 
 def is_made_of(scene: Path, files: dict[str, list[int]]) -> bool:
     """Whether the scene was made of these very files (`files_of`): the same by name, size and modification time, wherever they lay then."""
-    made_of, found = ({Path(path).name: mark for path, mark in each.items()} for each in (read_mark(scene / FILES), files))
+    made_of, found = ({Path(path).name: mark for path, mark in each.items()} for each in (read_mark(scene / MADE_OF), files))
     return bool(found) and made_of == found
 
 
 def lenses_of(scene: Path) -> dict[str, Lens]:
     """The lenses through which the photos were taken, by the scene's names; empty for a scene that wegs did not make."""
-    found = read_mark(scene / LENSES) if (scene / FILES).is_file() else {}
+    found = read_mark(scene / LENSES) if (scene / MADE_OF).is_file() else {}
     return {name: Lens(**lens) for name, lens in found.items() if isinstance(lens, dict) and LENS <= lens.keys()}
 
 
@@ -55,7 +54,7 @@ def placed_of(scene: Path) -> tuple[int, int, int] | None:
 def left_out(scene: Path) -> list[Path]:
     """The files that structure from motion was given but could not place; none for a scene that wegs did not make."""
     names, placed = read_mark(scene / NAMES), lenses_of(scene)
-    return [Path(path) for path in read_mark(scene / FILES) if names and names.get(path) not in placed]
+    return [Path(path) for path in read_mark(scene / MADE_OF) if names and names.get(path) not in placed]
 
 
 def shortfall(scene: Path) -> str:

@@ -17,7 +17,7 @@ from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordabl
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
-from core.data.sfm.originals import FILES, LENSES, NAMES, files_of
+from core.data.sfm.originals import LENSES, MADE_OF, NAMES, files_of
 from core.data.sfm.usable import UsablePhoto, usable_photos
 from core.errors import BadInput
 from core.report import Report
@@ -56,7 +56,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         report.warn(line)
     made_of = files_of(photos)
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():
-        copies = _copy_upright(paths, work, report)
+        copies, originals = _copy_upright(paths, work, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
             raise BadInput(
@@ -70,8 +70,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         model = map_photos(work, names, report)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies, new / "scene")
-        write_json(new / "scene" / FILES, made_of)
-        originals = {paths[int(copy[:-4]) - 1]: name for copy, name in copies.items()}
+        write_json(new / "scene" / MADE_OF, made_of)
         write_json(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]
     for line in name_them("without a place among the others, left out", lost):
@@ -80,34 +79,43 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     return output
 
 
-def _copy_upright(paths: list[Path], work: Path, report: Report) -> dict[str, str]:
-    """Copy the readable photos into work/PHOTOS as COLMAP needs them; returns, by a copy's name, the photo's name in the scene.
+def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[str, str], dict[Path, str]]:
+    """Copy the readable photos into work/PHOTOS as COLMAP needs them; returns their names in the scene by those of the copies, and by file.
 
     COLMAP ignores EXIF rotation, so turned photos are written upright; anything but a JPEG is converted to one, and what is not opaque has its
     alpha in work/ALPHA, a PNG of the photo's name. Copies are named by numbers, because COLMAP splits its list of pairs at spaces.
     """
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
-    copies, turned, numbers = {}, 0, {path: number for number, path in enumerate(paths, 1)}
+    copies, originals, turned, numbers = {}, {}, 0, {path: number for number, path in enumerate(paths, 1)}
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, BadInput):
             report.warn(f"Left out: {photo.what}")
             continue
-        number, header = numbers[path], photo.header
-        copy = f"{number:06d}.jpg"
-        upright_jpeg = header.kind == "jpeg" and header.orientation == 1
+        name = _name_in_scene(path, photo, f"{numbers[path]}-", set(originals.values()))
+        originals[path] = name
+        copy = f"{numbers[path]:06d}.jpg"
+        copies[copy] = name
+        upright_jpeg = photo.header.kind == "jpeg" and photo.header.orientation == 1
         (work / PHOTOS / copy).write_bytes(path.read_bytes() if upright_jpeg else _encode(photo))
-        turned += header.orientation != 1
-        name = os.fsencode(path.name).decode("utf-8", "replace")  # COLMAP takes only UTF-8
-        suffixes = JPEG_SUFFIXES if photo.alpha is None else (".png",)
-        name = name if path.suffix.lower() in suffixes else f"{name}{suffixes[0]}"  # COLMAP writes in the format of the suffix
-        unfit = name in copies.values() or len(name.encode()) > LONGEST_NAME
-        copies[copy] = f"{number}-{name[-NAME_PART:]}" if unfit else name
+        turned += photo.header.orientation != 1
         if photo.alpha is not None:
-            (work / ALPHA / copies[copy]).write_bytes(encoded(".png", photo.alpha))
+            (work / ALPHA / name).write_bytes(encoded(".png", photo.alpha))
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
-    return dict(sorted(copies.items()))
+    return dict(sorted(copies.items())), {path: originals[path] for path in paths if path in originals}
+
+
+def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: set[str]) -> str:
+    """The photo's own name in UTF-8, which is all that COLMAP takes, with a suffix of the format that it is to be written in.
+
+    Where that is `taken`, or too long for a disk, its end behind the prefix.
+    """
+    name = os.fsencode(path.name).decode("utf-8", "replace")
+    suffixes = JPEG_SUFFIXES if photo.alpha is None else (".png",)
+    if path.suffix.lower() not in suffixes:
+        name += suffixes[0]
+    return f"{prefix}{name[-NAME_PART:]}" if name in taken or len(name.encode()) > LONGEST_NAME else name
 
 
 def _encode(photo: UsablePhoto) -> bytes:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from core.config import Settings
 from core.data.collection import Collection
-from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, is_of_run, read_mark
+from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, names_wegs, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
 from core.system.atomic import check_folder, check_named_as_folder, remove, swept
@@ -32,7 +32,7 @@ OURS = (
 
 def is_run(folder: Path) -> bool:
     """Whether `folder` holds a run: its config.json names wegs, as no other program's does, or is garbled beside a checkpoint."""
-    if is_of_run(folder):
+    if names_wegs(folder):
         return True
     config = folder / CONFIG
     return config.is_file() and not read_mark(config) and checkpoint.newest(folder) is not None

@@ -19,7 +19,7 @@ def calls(monkeypatch):
     def reconstruct(photos, output, report):
         names.append(output.name)
         output.mkdir(parents=True)
-        write_json(output / originals.FILES, originals.files_of(photos))
+        write_json(output / originals.MADE_OF, originals.files_of(photos))
         return output
 
     monkeypatch.setattr(kept_cameras, "reconstruct", reconstruct)
@@ -85,9 +85,9 @@ def test_of_two_trainings_begun_at_once_the_slower_takes_what_the_faster_found(p
     def reconstruct(folder, output, report):
         with replacing_folder(output) as work:
             (work / "scene").mkdir()
-            write_json(work / "scene" / originals.FILES, others or originals.files_of(folder))
+            write_json(work / "scene" / originals.MADE_OF, others or originals.files_of(folder))
             output.mkdir()
-            write_json(output / originals.FILES, others or originals.files_of(folder))  # by the other one
+            write_json(output / originals.MADE_OF, others or originals.files_of(folder))  # by the other one
 
     monkeypatch.setattr(kept_cameras, "reconstruct", reconstruct)
     others, heard = {}, Heard()

@@ -3,7 +3,7 @@
 import os
 
 from core.data.made import stamp
-from core.data.sfm.originals import FILES, NAMES, name_in
+from core.data.sfm.originals import MADE_OF, NAMES, name_in
 from core.system.atomic import write_json
 
 
@@ -14,7 +14,7 @@ def test_a_moved_photo_is_known_until_it_changes_or_another_of_its_name_is_gone_
     for path in (first, second):
         path.write_bytes(b"photo")
         os.utime(path, ns=(1, 1))
-    write_json(scene / FILES, {str(path.resolve()): stamp(path) for path in (first, second)})
+    write_json(scene / MADE_OF, {str(path.resolve()): stamp(path) for path in (first, second)})
     write_json(scene / NAMES, {str(path.resolve()): f"{path.parent.name}.jpg" for path in (first, second)})
     moved = first.rename(tmp_path / "0.jpg")
     assert [name_in(scene, path) for path in (moved, second)] == ["a.jpg", "b.jpg"]

@@ -157,7 +157,7 @@ def test_the_model_comes_last_into_a_folder_that_is_there(tmp_path, monkeypatch)
     monkeypatch.setattr(Path, "iterdir", lambda folder: iter(sorted(listed(folder), reverse=True)))
     monkeypatch.setattr(os, "replace", lambda part, place: (replaced.append(Path(place).name), put(part, place)))
     with replacing_folder(tmp_path) as work:
-        for name in ("sparse", "images", originals.FILES, originals.NAMES, originals.LENSES):
+        for name in ("sparse", "images", originals.MADE_OF, originals.NAMES, originals.LENSES):
             (work / "scene" / name).mkdir(parents=True)
     assert len(replaced) == 5 and replaced[-1] == "sparse"
 
@@ -216,7 +216,7 @@ def test_a_name_too_long_for_its_jpeg_is_cut(tmp_path):
     for name, texture in zip(names, textures(), strict=False):
         assert cv2.imwrite(str(tmp_path / name), texture)
     (tmp_path / "work").mkdir()
-    copies = _copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
+    copies, _ = _copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
     assert set(copies.values()) == {"1-" + ("a" * 52 + ".png.jpg"), names[1] + ".jpg"}
 
 
@@ -232,6 +232,6 @@ def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
     assert cv2.imwrite(str(tmp_path / "pano.png"), wide) and cv2.imwrite(str(tmp_path / "pano-small.jpg"), cv2.resize(wide, None, fx=0.5, fy=0.5))
     (tmp_path / "work").mkdir()
     heard = Heard()
-    copies = _copy_upright(list_photos(tmp_path), tmp_path / "work", heard)
+    copies, _ = _copy_upright(list_photos(tmp_path), tmp_path / "work", heard)
     assert list(copies.values()) == ["b.jpg", "c.jpg", "pano-small.jpg"]
     assert "! Left out: a.png is the picture b.jpg once more, with fewer pixels." in heard.lines

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.formats.model_file import holds_model, lacking_files, photos_in_model, read_model
+from core.data.formats.model_file import holds_model, lacking_files, photos_in_model, point_table, read_model
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
 from core.data.photos.names import is_file, relative_path
@@ -16,7 +16,7 @@ from core.data.posed import Points, Posed, PosedPhoto, usable_points
 from core.errors import BadInput
 from core.words import Note, name_them
 
-MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse")
+MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse", "dense/0/sparse")
 NERFSTUDIO_FOLDER = "colmap/sparse/0"
 NERFSTUDIO_FILE = "transforms.json"  # made of the model in that folder; it says more, but not which photo sees which point
 LENGTH_SLACK = 1e-9  # of a quaternion, which pycolmap takes to be of length 1
@@ -123,30 +123,31 @@ def posed_photo(image: pycolmap.Image, images: Path) -> PosedPhoto:
 
 def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:
     """The usable points of a model, if any, with which photo sees which, if the model says so; and notes."""
-    # By id: pycolmap returns them in a hash table's order, but every run must start the same.
-    points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
-    positions = np.array([point.xyz for _, point in points], np.float64).reshape(-1, 3)
-    good, notes = usable_points(positions)
-    if not points and any(image.num_points3D for image in reconstruction.images.values()):
+    table = point_table(reconstruction, model)
+    good, notes = usable_points(table.positions)
+    if not len(good) and any(image.num_points3D for image in reconstruction.images.values()):
         notes.append(f"{model} lacks the points that its photos see: copy it again if you have them.")
     if not good.any():
         return None, notes
-    kept = [item for item, is_good in zip(points, good, strict=True) if is_good]
-    colours = np.array([point.color for _, point in kept], np.float32) / 255
-    seen: dict[int, list[int]] = {number: [] for number in reconstruction.images}
-    for row, (_, point) in enumerate(kept):
-        for element in point.track.elements:
-            seen[element.image_id].append(row)
-    if not any(seen.values()):  # some programs write no tracks, others none that fit
-        rows = {number: row for row, (number, _) in enumerate(kept)}
-        for number, image in reconstruction.images.items():
-            seen[number] = [rows[point.point3D_id] for point in image.points2D if point.point3D_id in rows]
-        if not any(seen.values()):
-            return Points(positions[good], colours, None), notes
+    positions, colours = table.positions[good], table.colours[good].astype(np.float32) / 255
+    row_of = np.cumsum(good) - 1
+    kept = good[table.observed]
+    observers, observed = table.observers[kept], row_of[table.observed[kept]]
+    if not len(observers):  # some programs write no tracks, others none that fit
+        rows = {number: row for row, number in enumerate(table.ids[good].tolist())}
+        features = ((number, point.point3D_id) for number, image in reconstruction.images.items() for point in image.points2D)
+        sees = [(number, rows[point]) for number, point in features if point in rows]
+        if not sees:
+            return Points(positions, colours, None), notes
+        observers, observed = np.array(sees).T
         notes.append(f"The points of {model} do not say which of its photos see them: its photos do.")
+    order = np.argsort(observers, kind="stable")
+    observers, observed = observers[order], observed[order]
+    names = names_in(reconstruction)[0]
+    starts, ends = (np.searchsorted(observers, list(names), side) for side in ("left", "right"))
     # An image may see a point twice.
-    by_name = {name: np.unique(seen[number]).astype(np.int64) for number, name in names_in(reconstruction)[0].items()}
-    return Points(positions[good], colours, by_name), notes
+    seen = {name: np.unique(observed[start:end]) for name, start, end in zip(names.values(), starts, ends, strict=True)}
+    return Points(positions, colours, seen), notes
 
 
 def _other_models(model: Path) -> list[str]:
@@ -169,8 +170,12 @@ def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
         return len(nearly_named({folder / name: [folder, folder / relative_path(name).parent] for name in names}))
 
     for folders, count in ((usual, exact), (usual, alike), (originals, exact), (originals, alike)):
-        counts = {folder: count(folder) for folder in folders}
+        counts = {}
+        for folder in folders:
+            counts[folder] = count(folder)
+            if 2 * counts[folder] >= len(names):
+                return folder
         most = max(counts, key=counts.__getitem__)  # the first of equals
         if counts[most]:
-            return next((folder for folder, found in counts.items() if 2 * found >= len(names)), most)
+            return most
     return usual[0]

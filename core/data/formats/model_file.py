@@ -11,8 +11,10 @@ import tempfile
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from core.errors import BadInput
@@ -22,8 +24,24 @@ NEEDED, POINTS = ("cameras", "images"), "points3D"
 SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
 EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file with no points
 POSE_BYTES = 7 * 8  # quaternion and translation
-TRACK_BYTE, TRACK_COLUMN = 8 + 24 + 3 + 8, 8  # of a point, after its id, place, colour and error
+# A point in a binary file. Its track follows: for each photo that sees it the photo's id and the number of its feature.
+POINT = np.dtype([("id", "<u8"), ("position", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("photos", "<u8")])
+TRACK_COLUMN = 8  # of a point in text, after its id, place, colour and error
 REFUSALS = (ValueError, IndexError, RuntimeError)  # of pycolmap
+
+
+@dataclass(frozen=True)
+class PointTable:
+    """The points of a model, in the order of their ids (P,) so that every run starts the same: positions (P, 3) float64, colours (P, 3) uint8.
+
+    observers, observed: (N,) the id of an image, and the row of a point that it sees, as the points say.
+    """
+
+    ids: np.ndarray
+    positions: np.ndarray
+    colours: np.ndarray
+    observers: np.ndarray
+    observed: np.ndarray
 
 
 def holds_model(folder: Path) -> bool:
@@ -61,8 +79,8 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     files that are missing, truncated, damaged or not a model.
     """
     fix = "Copy the model again, or run COLMAP again."
-    whole = next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
-    suffix = whole or next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED)), None)
+    points = _points_file(folder)
+    suffix = points.suffix if points else next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED)), None)
     if suffix is None:
         raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking_files(folder))}.", fix)
     for part, walk in WALKS.items() if suffix == ".bin" else ():
@@ -70,13 +88,12 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
         if file.is_file() and not _whole(file.read_bytes(), walk):
             raise BadInput(f"{file} is truncated or damaged.", fix)
     names = _names_with_spaces(folder / "images.txt") if suffix == ".txt" else {}
-    points = folder / (POINTS + suffix)
     try:
         with quiet():
             try:
-                model = _read(folder, suffix, points if whole else EMPTY_POINTS[suffix])
+                model = _read(folder, suffix, points or EMPTY_POINTS[suffix])
             except REFUSALS:
-                if not whole:
+                if not points:
                     raise
                 model = _read(folder, suffix, _without_tracks(points))
             for number, name in names.items():
@@ -85,6 +102,28 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     except REFUSALS as problem:
         reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__
         raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None
+
+
+def point_table(model: pycolmap.Reconstruction, folder: Path) -> PointTable:
+    """The points of the model that `read_model` made of this folder. Binary files are read once more, as pycolmap tells of one point at a time."""
+    file = _points_file(folder)
+    if file is not None and file.suffix == ".bin":
+        has_tracks = any(point.track.length() for point in model.points3D.values())
+        points, observers = _points_and_observers(file.read_bytes() if has_tracks else _without_tracks(file))
+    else:
+        rows = [(number, point.xyz, point.color, point.error, point.track.length()) for number, point in model.points3D.items()]
+        points = np.array(rows, POINT)
+        observers = np.array([element.image_id for point in model.points3D.values() for element in point.track.elements], np.uint32)
+    order = np.argsort(points["id"])
+    row_of = np.empty_like(order)
+    row_of[order] = np.arange(len(order))
+    observed = np.repeat(row_of, points["photos"].astype(np.int64))
+    return PointTable(*(points[field][order] for field in ("id", "position", "colour")), observers, observed)
+
+
+def _points_file(folder: Path) -> Path | None:
+    """The file of points, if the model has all files of its kind."""
+    return next((folder / (POINTS + suffix) for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
 
 
 def _read(folder: Path, suffix: str, points: Path | bytes) -> pycolmap.Reconstruction:
@@ -133,11 +172,20 @@ def _without_tracks(path: Path) -> bytes:
     data = path.read_bytes()
     if path.suffix == ".txt":
         return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.removeprefix(BOM_UTF8).splitlines())
-    rows, start = [data[:8]], 8
+    points = _points_and_observers(data)[0].copy()
+    points["photos"] = 0
+    return data[:8] + points.tobytes()
+
+
+def _points_and_observers(data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """The points (P,), each a POINT, in a whole binary file of them, and the image ids (N,) of their tracks, one track after the other."""
+    points, tracks, start = [], [], 8
     while start < len(data):
-        rows += data[start : start + TRACK_BYTE], bytes(8)
-        start = _point(data, start)
-    return b"".join(rows)
+        track, end = start + POINT.itemsize, _point(data, start)
+        points.append(data[start:track])
+        tracks.append(data[track:end])
+        start = end
+    return np.frombuffer(b"".join(points), POINT), np.frombuffer(b"".join(tracks), "<u4")[::2]
 
 
 @contextmanager
@@ -178,8 +226,8 @@ def _image(data: bytes, start: int) -> int:
 
 
 def _point(data: bytes, start: int) -> int:
-    track = start + TRACK_BYTE
-    return track + 8 + 8 * _integer(data, track, "Q")
+    track = start + POINT.itemsize
+    return track + 8 * _integer(data, track - 8, "Q")
 
 
 def _integer(data: bytes, position: int, kind: str) -> int:

@@ -9,6 +9,7 @@ from core.scene.lens import Lens
 
 NEGLIGIBLE_PX = 0.01  # a lens that moves no pixel of the photo farther than this is a pinhole
 ROUND_TRIP_PX = 1.0  # a pixel whose ray does not lead back to it lies where the lens formula folds over
+NODES = 65  # a side of a grid of pixels; where all of their rays lead back, those of the others do
 BLOCK_PIXELS = 1 << 20  # rays are followed in blocks of rows, to bound memory
 
 # EXIF orientation -> rotation from the camera of the stored pixels to that of the displayed ones. The others are
@@ -92,17 +93,28 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
     model = colmap_camera(lens)
     to_pixels = np.array([width / lens.width, height / lens.height])
     focal = np.array([camera.fx, camera.fy])
+
+    def followed(wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rays (N, 3) of these pixels (N, 2) in the lens's axes, and where it shows them."""
+        directions = rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
+        return directions, model.img_from_cam(directions)
+
+    def off_px(directions: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """How far from these rays (N, 3) those lie that the lens formula leads back to."""
+        return np.linalg.norm((model.cam_from_img(seen) - directions[:, :2]) * focal, axis=1)
+
+    x, y = np.meshgrid(np.linspace(0, camera.width, NODES), np.linspace(0, camera.height, NODES))
+    folds = not (off_px(*followed(np.stack([x.ravel(), y.ravel()], axis=1))) < NEGLIGIBLE_PX).all()  # True for NaN
     picture = np.empty((camera.height, camera.width, pixels.shape[2]), np.uint8)
     valid = np.empty((camera.height, camera.width), bool)
     rows = max(1, BLOCK_PIXELS // camera.width)
     for top in range(0, camera.height, rows):
         y, x = np.mgrid[top : min(top + rows, camera.height), : camera.width] + 0.5
-        wanted = np.stack([x.ravel(), y.ravel()], axis=1)
-        directions = rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
-        seen = model.img_from_cam(directions)
-        off_px = np.linalg.norm((model.cam_from_img(seen) - directions[:, :2]) * focal, axis=1)
+        directions, seen = followed(np.stack([x.ravel(), y.ravel()], axis=1))
         source = seen * to_pixels
-        inside = ((source >= 0) & (source <= (width, height))).all(axis=1) & (off_px < ROUND_TRIP_PX)
+        inside = ((source >= 0) & (source <= (width, height))).all(axis=1)
+        if folds:
+            inside &= off_px(directions, seen) < ROUND_TRIP_PX
         # Far outside, remap's fixed-point coordinates would overflow.
         source = np.clip(np.nan_to_num(source - 0.5), -2, max(width, height) + 2).astype(np.float32)
         block = slice(top, top + x.shape[0])

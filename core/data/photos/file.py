@@ -59,7 +59,7 @@ def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
 
 
 def probe(path: Path) -> Header:
-    """The header of a photo. JPEG, PNG and HEIF are not decoded; the few other formats are.
+    """The header of a photo. JPEG, PNG, WebP and HEIF are not decoded; the few other formats are.
 
     Raises BadInput for a file that is missing, empty, truncated or not a photo. OpenCV decodes a truncated JPEG with its lower part grey
     and reports nothing, so the end of the file is checked here.
@@ -79,19 +79,19 @@ def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
     header = peek(path, data)
     if header.width:
         return header
-    turn = cv2.IMREAD_IGNORE_ORIENTATION if header.kind == "webp" else 0
-    height, width = decode(path, data[:], cv2.IMREAD_COLOR | turn).shape[:2]
+    height, width = decode(path, data[:], cv2.IMREAD_COLOR).shape[:2]
     return replace(header, width=width, height=height)
 
 
 def peek(path: Path, data: bytes | mmap.mmap) -> Header:
-    """As `read_header`, but nothing is decoded: width and height are 0 unless it is a JPEG, PNG or HEIF, and only these are checked to be whole."""
+    """As `read_header`, but nothing is decoded: of other formats than JPEG, PNG, WebP and HEIF width and height are 0, and it is not checked
+    that they are whole."""
     if data[:2] == JPEG_START:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:
         return _read_png(path, data)
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        return _read_webp(data)
+        return _read_webp(path, data)
     if is_heif(data):
         return _read_heif(path, data[:])
     return Header("other", 0, 0)
@@ -171,16 +171,34 @@ def _read_png(path: Path, data: bytes | mmap.mmap) -> Header:
     return Header("png", *size, orientation, exif)
 
 
-def _read_webp(data: bytes | mmap.mmap) -> Header:
+def _read_webp(path: Path, data: bytes | mmap.mmap) -> Header:
     """Walk the chunks to EXIF."""
-    position, exif = 12, b""
+    if 8 + int.from_bytes(data[4:8], "little") > len(data):
+        raise bad_photo(path, TRUNCATED)
+    position, size, exif = 12, None, b""
     while head := data[position : position + 8]:
         body, length = position + 8, int.from_bytes(head[4:], "little")
+        size = size or _webp_size(head[:4], data[body : body + 10].ljust(10, b"\0"))
         if head[:4] == b"EXIF":
             exif = data[body : body + length].removeprefix(JPEG_EXIF)
             break
         position = body + length + length % 2
-    return Header("webp", 0, 0, orientation_of(exif), exif)
+    if size is None or 0 in size:
+        raise bad_photo(path, "is a broken WebP")
+    return Header("webp", *size, orientation_of(exif), exif)
+
+
+def _webp_size(kind: bytes, body: bytes) -> tuple[int, int] | None:
+    """Width and height as a chunk of this kind states them in its first 10 bytes; None for one that does not."""
+    if kind == b"VP8X":
+        return 1 + int.from_bytes(body[4:7], "little"), 1 + int.from_bytes(body[7:10], "little")
+    if kind == b"VP8L":
+        sides = int.from_bytes(body[1:5], "little")
+        return 1 + (sides & 0x3FFF), 1 + (sides >> 14 & 0x3FFF)
+    if kind == b"VP8 ":
+        width, height = struct.unpack("<HH", body[6:10])
+        return width & 0x3FFF, height & 0x3FFF  # the upper bits are for display
+    return None
 
 
 def _read_heif(path: Path, data: bytes) -> Header:

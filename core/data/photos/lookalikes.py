@@ -16,6 +16,8 @@ FLAT = 3.0  # root mean square of a tile's detail, in 8-bit steps, below which i
 # Kermit differ by 0.2 or more and do not correlate. Detail alone would take one place in two lights for one picture; colours alone, a
 # column seen from two sides.
 SAME_COLOURS, SAME_DETAIL = 0.1, 0.75
+BLOCKS = 8  # a side: means of the colours in them rule out most pictures, as they differ by no more than the colours do
+ROUNDING = 1.001  # of sums in float32
 ASPECT_TOLERANCE = 0.02
 
 
@@ -40,13 +42,22 @@ class Thumbnail:
         """Whether both are of one picture."""
         if abs(self.aspect - other.aspect) > ASPECT_TOLERANCE:
             return False
-        if np.square(self.colours - other.colours).mean() >= (SAME_COLOURS * self.colours.std()) ** 2:
+        if np.square(self.colours - other.colours).mean() >= self.colours_slack():
             return False
         mine, its = self._tiles(), other._tiles()
         power, its_power = np.square(mine).mean(axis=1), np.square(its).mean(axis=1)
         shown = np.minimum(power, its_power) > FLAT**2
         correlations = (mine * its).mean(axis=1)[shown] / np.sqrt(power * its_power)[shown]
         return bool(shown.any() and correlations.min() > SAME_DETAIL)
+
+    def colours_slack(self) -> float:
+        """The mean square by which the colours of one picture do not differ."""
+        return (SAME_COLOURS * self.colours.std()) ** 2
+
+    def block_colours(self) -> np.ndarray:
+        """(BLOCKS * BLOCKS * 3,) means of the colours."""
+        side = SIDE // BLOCKS
+        return self.colours.reshape(BLOCKS, side, BLOCKS, side, 3).mean(axis=(1, 3)).ravel()
 
     def _tiles(self) -> np.ndarray:
         side = DETAIL_SIDE // TILES
@@ -57,12 +68,16 @@ class Pictures:
     """Pictures that were met, by name."""
 
     def __init__(self):
-        self._met: dict[str, Thumbnail] = {}
+        self._met: list[tuple[str, Thumbnail]] = []
+        self._blocks = np.empty((0, BLOCKS * BLOCKS * 3), np.float32)
 
     def meet(self, name: str, pixels: np.ndarray) -> str | None:
         """The name under which this picture was met before; None for a new one, which is remembered. pixels: as for `Thumbnail.of`."""
         thumbnail = Thumbnail.of(pixels)
-        before = next((other for other, met in self._met.items() if thumbnail.shows_same(met)), None)
+        blocks = thumbnail.block_colours()
+        near = np.square(self._blocks - blocks).mean(axis=1) < ROUNDING * thumbnail.colours_slack()
+        before = next((other for other, met in (self._met[row] for row in np.flatnonzero(near)) if thumbnail.shows_same(met)), None)
         if before is None:
-            self._met[name] = thumbnail
+            self._met.append((name, thumbnail))
+            self._blocks = np.vstack([self._blocks, blocks])
         return before

@@ -45,13 +45,12 @@ def read_pixels(path: Path) -> np.ndarray:
 def read_pixels_and_alpha(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """A photo as displayed, EXIF rotation applied: (H, W, 3) uint8 RGB; and its alpha, (H, W) uint8, None where all of it is opaque.
 
-    Grey, 16-bit (to within one 8-bit step), palette and CMYK photos are converted; transparent pixels are shown over white,
-    as viewers do.
+    Grey, 16-bit (to within one 8-bit step; those of no value above 255 as 8-bit), palette and CMYK photos are converted; transparent
+    pixels are shown over white, as viewers do.
     Raises BadInput for what is missing, truncated or no photo.
     """
     header, pixels, alpha = _read_file(path)
-    opaque = alpha is None or alpha.min() == 255
-    return upright(_over_white(pixels, alpha), header.orientation), None if opaque else upright(alpha, header.orientation)
+    return upright(_over_white(pixels, alpha), header.orientation), None if alpha is None else upright(alpha, header.orientation)
 
 
 def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
@@ -78,7 +77,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     header, pixels, alpha = _read_file(photo.path, (width, height))
     pixels = _over_white(pixels, alpha)
     valid = None if alpha is None or transparent_is_empty else alpha == 255
-    if transparent_is_empty and alpha is not None and (alpha < 255).any():
+    if transparent_is_empty and alpha is not None:
         pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
         shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
@@ -130,15 +129,15 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
     """
     with _called_a_mask():
         header, pixels, alpha = _read_file(path)
-    shade = pixels.mean(axis=2)
-    shade = 255 * shade if shade.max() == 1 else shade  # 0 and 1 are black and white in many programs that make masks
-    grey = ((shade > GREY[0]) & (shade < GREY[1]) & (True if alpha is None else alpha > 0)).mean()
+    shade = pixels[..., 0].astype(np.uint16) + pixels[..., 1] + pixels[..., 2]
+    shade = 255 * shade if shade.max() == 3 else shade  # 0 and 1 are black and white in many programs that make masks
+    grey = ((shade > 3 * GREY[0]) & (shade < 3 * GREY[1]) & (True if alpha is None else alpha > 0)).mean()
     if grey > MOST_GREY:
         if alpha is None or not alpha.min() < 128 <= alpha.max():
             raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
-        shade[:] = 255  # a cut-out
+        shade[:] = 3 * 255  # a cut-out
     shade = shade if alpha is None else shade * (alpha / 255)
-    white = upright((shade >= 128).astype(np.uint8), header.orientation)
+    white = upright((shade >= 3 * 128).astype(np.uint8), header.orientation)
     if photo is not None and photo.mask_lens is not None:
         found, seen = distortion.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(*size[::-1]))
         return (found[..., 0] >= 128) | ~seen
@@ -168,7 +167,7 @@ def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, masked: bool) -> np
 
 
 def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
-    """The header as of `peek`, stored pixels (H, W, 3) RGB, and alpha (H, W) or None.
+    """The header as of `peek`, stored pixels (H, W, 3) RGB, and alpha (H, W), None where all of it is opaque.
 
     A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
     """
@@ -184,15 +183,19 @@ def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Heade
             raise bad_photo(path, f"{TRUNCATED}, or has a grey border below, which is to be cut off")
         return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
     pixels = decode(path, data, cv2.IMREAD_UNCHANGED)  # the only way to alpha; ignores EXIF
-    if pixels.dtype == np.uint16:
-        pixels = (pixels >> 8).astype(np.uint8)
+    wide = pixels.dtype == np.uint16
+    few = wide and pixels.max() < 256  # as in some masks
+    if wide:
+        pixels = (pixels if few else pixels >> 8).astype(np.uint8)
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     if channels == 4 and pixels.dtype == np.uint8:
-        return header, cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[..., 3]
+        alpha = pixels[..., 3]
+        return header, cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), None if alpha.min() == 255 else alpha
     if header.kind != "other":
         return header, cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB), None
     # Decoded once more: for these formats only OpenCV knows the rotation, and how to convert to 8 bits.
-    return header, cv2.cvtColor(decode(path, data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), None
+    pixels = decode(path, data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH if few else cv2.IMREAD_COLOR).astype(np.uint8, copy=False)
+    return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
 
 
 def _reduction(header: Header, wanted: tuple[int, int] | None) -> int:

@@ -1,7 +1,6 @@
 """COLMAP folders: every layout and format read alike, everything unusable left out and named."""
 
 import os
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,7 +8,6 @@ import pycolmap
 import pytest
 
 from core.data import load_collection
-from core.data.formats.colmap import read_points
 from core.errors import BadInput
 from core.words import is_harmless
 from tests.data.checks import check_geometry, notes_with
@@ -23,6 +21,7 @@ from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_blo
         ("images", "sparse", 1.0),
         ("dense/images", "dense/sparse", 1.0),
         ("dense/images", "dense/sparse/0", 1.0),
+        ("dense/0/images", "dense/0/sparse", 1.0),  # COLMAP's automatic reconstructor
         ("images_2", "sparse/0", 0.5),
         ("images_4", "sparse/0", 0.25),
         ("images_8", "sparse", 0.125),
@@ -175,14 +174,6 @@ def test_names_that_are_not_in_utf_8_are_told_and_the_rest_goes_on(tmp_path, suf
     images.write_bytes(images.read_bytes().replace(b"a.png", b"\xe9.png"[:5]).replace(b"c.png", b"\xe8.png"))
     with pytest.raises(BadInput, match="has no photos with a pose: 3 photos of the model whose name is not in UTF-8"):
         load_collection(root)
-
-
-def test_a_photo_that_sees_a_point_twice_sees_one_point():
-    model = SmallScene().reconstruction()
-    model.delete_point3D(2)
-    model.add_observation(5, pycolmap.TrackElement(1, 1))
-    points, _ = read_points(model, Path("model"))
-    assert points.seen["photo_0.png"].tolist() == points.seen["photo_1.png"].tolist() == list(range(19))
 
 
 def test_cameras_far_from_all_others_are_told_and_used(tmp_path):

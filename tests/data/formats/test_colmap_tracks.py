@@ -1,8 +1,13 @@
 """COLMAP models whose points and photos do not say of each other what sees what, as some programs write them and hands leave them."""
 
+from pathlib import Path
+
+import numpy as np
+import pycolmap
 import pytest
 
 from core.data import load_collection
+from core.data.formats.colmap import read_points
 from core.doctor import examine
 from core.errors import BadInput
 from tests.data.checks import check_geometry, notes_with
@@ -63,6 +68,46 @@ def test_photos_that_were_taken_out_of_a_text_model_by_hand(tmp_path):
     collection = load_collection(root)
     assert {photo.name: len(photo.points) for photo in collection.photos} == {f"photo_{index}.png": 20 for index in (1, 2, 3)}
     assert notes_with(collection, "1 photo in") and notes_with(collection, "its photos do")
+
+
+def test_photos_that_were_taken_out_of_a_binary_model_by_hand(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    images = root / "sparse" / "0" / "images.bin"
+    data = images.read_bytes()
+    end = data.index(b"photo_1.png") - 64
+    images.write_bytes((3).to_bytes(8, "little") + data[end:])
+    collection = load_collection(root)
+    assert {photo.name: len(photo.points) for photo in collection.photos} == {f"photo_{index}.png": 20 for index in (1, 2, 3)}
+    assert notes_with(collection, "1 photo in") and notes_with(collection, "its photos do")
+
+
+def test_points_in_any_order_in_the_file_are_in_that_of_their_ids_with_their_tracks(tmp_path):
+    scene = SmallScene()
+    root = scene.write(tmp_path / "scene")
+    path, model = root / "sparse" / "0" / "points3D.bin", scene.reconstruction()
+    for number in range(1, 21):
+        for photo in range(1, number % 3 + 1):
+            model.delete_observation(photo, number - 1)
+    model.write_binary(str(path.parent))
+    data, records, start = path.read_bytes(), [], 8
+    while start < len(data):
+        end = start + 51 + 8 * data[start + 43]
+        records.append(data[start:end])
+        start = end
+    path.write_bytes(data[:8] + b"".join(sorted(records, reverse=True)))
+    collection = load_collection(root)
+    for index, photo in enumerate(collection.photos):
+        assert np.abs(photo.camera.project(collection.points)[0] - scene.seen(index)).max() < 1e-6
+    seen = [photo.points.tolist() for photo in collection.photos]
+    assert seen == [[number - 1 for number in range(1, 21) if photo > number % 3] for photo in range(1, 5)]
+
+
+def test_a_photo_that_sees_a_point_twice_sees_one_point():
+    model = SmallScene().reconstruction()
+    model.delete_point3D(2)
+    model.add_observation(5, pycolmap.TrackElement(1, 1))
+    points, _ = read_points(model, Path("model"))
+    assert points.seen["photo_0.png"].tolist() == points.seen["photo_1.png"].tolist() == list(range(19))
 
 
 def test_names_with_spaces_in_text(tmp_path):

@@ -99,6 +99,31 @@ def test_lens_formulas_that_fold_over_are_cut_at_the_fold():
     assert valid[radius < np.sqrt(2 / 3) - 0.05].all()  # right at the fold Newton's method may not converge
 
 
+def test_a_fold_within_a_ring_is_cut_out_as_if_every_pixel_were_led_back(monkeypatch):
+    """r (1 - 1.1 r^2 + 0.54 r^4) falls between r = 0.75 and 0.81 only; the corners, at 1.43, can be led back."""
+    _, valid = picture_through("RADIAL", [70.0, 80, 60, -1.1, 0.54])
+    assert valid[[0, 0, -1, -1], [0, -1, 0, -1]].all() and valid[60, 80] and not valid.all()
+    monkeypatch.setattr(distortion, "NEGLIGIBLE_PX", 0.0)
+    assert np.array_equal(valid, picture_through("RADIAL", [70.0, 80, 60, -1.1, 0.54])[1])
+
+
+@pytest.mark.parametrize("strength, pixels", [(-0.05, 0), (-0.5, WIDTH * HEIGHT)])
+def test_only_of_lenses_that_fold_every_pixel_is_led_back(monkeypatch, strength, pixels):
+    led_back, colmap_camera = [], distortion.colmap_camera
+
+    class Watched:
+        def __init__(self, lens):
+            self.img_from_cam, self.model = colmap_camera(lens).img_from_cam, colmap_camera(lens)
+
+        def cam_from_img(self, seen):
+            led_back.append(len(seen))
+            return self.model.cam_from_img(seen)
+
+    monkeypatch.setattr(distortion, "colmap_camera", Watched)
+    picture_through("SIMPLE_RADIAL", [60.0, 80, 60, strength])
+    assert sum(led_back) == distortion.NODES**2 + pixels
+
+
 def test_large_pictures_are_done_in_blocks(monkeypatch):
     whole = picture_through("OPENCV", LENSES["OPENCV"])
     monkeypatch.setattr(distortion, "BLOCK_PIXELS", 7 * WIDTH)

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from core.data.photos import file as photo_file
 from core.data.photos.file import orientation_of, probe, read_header, without_orientation
 from core.errors import BadInput
 from tests.data.small_scene import add_exif, exif_block
@@ -21,8 +22,19 @@ def test_size_is_the_decoders(tmp_path, suffix):
     assert (header.width, header.height, header.orientation) == (40, 24, 1)
 
 
-def test_progressive_jpeg_and_trailing_bytes_are_whole(tmp_path):
-    path = write(tmp_path / "photo.jpg", 24, 40, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+@pytest.mark.parametrize(("quality", "channels", "chunk"), [(80, 3, b"VP8 "), (101, 3, b"VP8L"), (80, 4, b"VP8X")])  # 101: lossless
+@pytest.mark.parametrize("size", [(1, 2), (300, 5000), (16383, 3)])
+def test_the_size_of_webp_is_read_without_decoding_it(tmp_path, monkeypatch, quality, channels, chunk, size):
+    path, (width, height) = tmp_path / "photo.webp", size
+    pixels = np.random.default_rng(0).integers(0, 256, (height, width, channels), np.uint8)
+    assert cv2.imwrite(str(path), pixels, [cv2.IMWRITE_WEBP_QUALITY, quality]) and path.read_bytes()[12:16] == chunk
+    monkeypatch.setattr(photo_file.cv2, "imdecode", None)
+    assert probe(path).displayed == size
+
+
+@pytest.mark.parametrize(("suffix", "options"), [(".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)), (".webp", ())])
+def test_progressive_jpeg_and_trailing_bytes_are_whole(tmp_path, suffix, options):
+    path = write(tmp_path / f"photo{suffix}", 24, 40, *options)
     path.write_bytes(path.read_bytes() + b"a film that the phone appended")
     assert probe(path).displayed == (40, 24)
 
@@ -69,8 +81,9 @@ def test_truncated_files_are_refused_by_name(tmp_path, suffix, share):
         probe(path)
 
 
-def test_every_cut_of_a_small_jpeg_is_noticed(tmp_path):
-    path = write(tmp_path / "photo.jpg", 4, 4)
+@pytest.mark.parametrize("suffix", [".jpg", ".webp"])
+def test_every_cut_of_a_small_photo_is_noticed(tmp_path, suffix):
+    path = write(tmp_path / f"photo{suffix}", 4, 4)
     data = path.read_bytes()
     for length in range(len(data)):
         with pytest.raises(BadInput):
@@ -82,8 +95,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.mark.parametrize(
     "content",
-    [b"text", b"\xff\xd8\xff\xe0", b"\xff\xd8abcd", PNG + b"\0" * 12, PNG + b"\0\0\0\0IHDR" + b"\0" * 4],
-    ids=["text", "segment cut short", "no segment", "empty chunk", "size missing"],
+    [b"text", b"\xff\xd8\xff\xe0", b"\xff\xd8abcd", PNG + b"\0" * 12, PNG + b"\0\0\0\0IHDR" + b"\0" * 4, b"RIFF\x04\0\0\0WEBP"],
+    ids=["text", "segment cut short", "no segment", "empty chunk", "size missing", "no chunks"],
 )
 def test_what_is_no_photo_is_refused(tmp_path, content):
     path = tmp_path / "photo.jpg"

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.data.photos.lookalikes import Thumbnail
+from core.data.photos.lookalikes import SAME_COLOURS, Pictures, Thumbnail
 
 
 def picture(seed, contrast=1.0, height=300, width=400):
@@ -54,3 +54,19 @@ def test_a_column_seen_from_two_sides_is_no_copy():
 def test_pictures_without_content_are_not_taken_for_one():
     for level in (0, 128):
         assert not same(np.full((30, 40, 3), level, np.uint8), np.full((30, 40, 3), level, np.uint8))
+
+
+def test_of_many_pictures_the_one_is_met_again_that_comparing_them_all_finds():
+    """Some are brighter by nearly as much as one picture may be, others by a little more."""
+    versions = [picture(seed, 1.8) for seed in range(5)]
+    limits = [SAME_COLOURS * Thumbnail.of(pixels).colours.std() for pixels in versions]
+    versions += [
+        np.clip(np.rint(a + share * b), 0, 255).astype(np.uint8) for share in (0.9, 1.3) for a, b in zip(versions[:5], limits[:5], strict=True)
+    ]
+    versions += [stored_again(pixels) for pixels in versions]
+    pictures, thumbnails, found = Pictures(), [Thumbnail.of(pixels) for pixels in versions], []
+    for number, thumbnail in enumerate(thumbnails):
+        new = (earlier for earlier in range(number) if found[earlier] is None)
+        found.append(next((earlier for earlier in new if thumbnail.shows_same(thumbnails[earlier])), None))
+        assert pictures.meet(number, versions[number]) == found[number]
+    assert found[:15] == [None] * 5 + [0, 1, 2, 3, 4] + [None] * 5 and found[15:20] == [0, 1, 2, 3, 4]

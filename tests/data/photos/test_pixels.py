@@ -11,7 +11,7 @@ import pytest
 from core.data.collection import Photo
 from core.data.photos import distortion
 from core.data.photos import file as photo_file
-from core.data.photos.pixels import _reduction, load_photo, read_light, read_pixels, upright
+from core.data.photos.pixels import _reduction, load_photo, read_light, read_mask, read_pixels, upright
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.lens import Lens
@@ -148,6 +148,25 @@ def test_what_is_transparent_in_a_mask_is_hidden(tmp_path, white, hidden):
     path = save(tmp_path / "mask.png", mask)
     photo = replace(photo_at(save(tmp_path / "a.png", noise()), 44, 30), mask=path)
     assert (load_photo(photo, 44, 30).valid == (np.arange(30) >= 10)[:, None]).all()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("white", [1, 255, 65535])
+def test_white_of_a_mask_of_16_bits_is_255_or_1_as_well(tmp_path, suffix, channels, white):
+    path, shades = save(tmp_path / "a.png", noise()), np.full((30, 44, channels), white, np.uint16)
+    shades[:10] = 0
+    mask = save(tmp_path / f"m{suffix}", shades)
+    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30).valid, shades[..., 0] == white)
+
+
+def test_what_is_white_is_told_by_the_mean_of_the_colours(tmp_path):
+    colours = np.full((30, 44, 3), 255, np.uint8)
+    colours[:8], colours[8:12], colours[12:16] = 0, (0, 128, 255), (127, 1, 255)  # the last two: 127.67
+    mask = save(tmp_path / "m.png", colours)
+    wanted = np.full((30, 44), True)
+    wanted[:16] = False
+    assert np.array_equal(read_mask(mask, (30, 44)), wanted)
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])

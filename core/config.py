@@ -302,7 +302,10 @@ def check(item, value: Any) -> None:
     raise BadSetting(f"{item.name}={value!r} is {fault}.", accepted(item))
 
 
-DECIDABLE = ("appearance", "transients", "sh_degree", "sky", "transparency", *LEAST, *WITHOUT_LOOKS)  # what may be left to the data
+DECIDABLE = (  # what may be left to the data
+    *("appearance", "transients", "sh_degree", "sky", "transparency"),
+    *("steps", "max_gaussians", "geometry_from", "densify_from", "prune_contribution"),
+)
 
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {

@@ -34,13 +34,6 @@ class DiskFull(WegsError):
 
 
 LESS_MEMORY = "Train on smaller photos (-r 320: 320 px wide) or with a lower --max-gaussians"  # what to do where memory runs out
-
-
-def not_made(folder: Path, problem: OSError) -> BadInput:
-    """The error for a folder of results that the system refuses to make."""
-    return BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.")
-
-
 FULL = (errno.ENOSPC, errno.EDQUOT)
 OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 

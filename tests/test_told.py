@@ -6,7 +6,7 @@ import pytest
 
 from core import pipeline
 from core.data import load_collection
-from core.pipeline.baking import ONE_LOOK
+from core.pipeline.opened import ONE_LOOK
 from core.training.tell import tell_collection, tell_plan
 from core.training.trainer import Trainer
 from tests.data.small_scene import SmallScene

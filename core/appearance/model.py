@@ -36,9 +36,9 @@ class AppearanceModel(nn.Module):
     """Everything about looks that is learned, built from the settings; what they switch off does not exist.
 
     photo_names: the photos that tables (GLO embeddings, MLP masks) have rows for, in the order of those rows.
-    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: the last one
-    remembered of each training photo, the very first for photos not met yet; no rows unless an encoder gives embeddings. A finished run has two rows
-    a photo (`load_run`).
+    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: a row a
+    training photo, the last one remembered, or the very first for photos not met yet; two rows a photo after `meet_as_finished`; none unless an
+    encoder gives embeddings.
     """
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
@@ -121,6 +121,10 @@ class AppearanceModel(nn.Module):
         both = [(self.read(picture, row).embedding, self.embedding_from_outside(picture)) for row, picture in enumerate(pictures)]
         masked, unmasked = zip(*both)
         return torch.stack(masked), torch.stack(unmasked)
+
+    def meet_as_finished(self, masked: Float[Tensor, "k e"], unmasked: Float[Tensor, "k e"]) -> None:
+        """Let `met_embeddings` be what `encoded` gave at the end of training, so that `reach` takes in these photos read either way."""
+        self.met_embeddings = torch.cat([masked, unmasked])
 
     def transfer(
         self,

@@ -38,7 +38,9 @@ def bound_softly(values, bound, base, output):
             y = ONE
         elif y < -ONE:
             y = -ONE
-        output[i] = base[i] + bound * y if len(base) else bound * y
+        output[i] = bound * y
+    for i in range(len(base)):  # on its own: contracted with the product, the sum would be rounded once less than the live look's
+        output[i] = base[i] + output[i]
 
 
 @part

@@ -37,10 +37,10 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
     for name, run in trained.items():
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
-            measured = partial(_course, run, protocol)
-            through = over_views(run, chosen, measured, f"Refinement of {name}, {protocol}", report, f"of {name} not measured by {protocol}")
+            course_of = partial(_course, run, protocol)
+            measured = over_views(run, chosen, course_of, f"Refinement of {name}, {protocol}", report, f"of {name} not measured by {protocol}")
             try:
-                courses = [course for _, course in through]
+                courses = [course for _, course in measured]
             except BadInput as found:
                 problem = found
                 report.warn(f"{name} is not measured by {protocol}: {problem}")
@@ -81,11 +81,11 @@ def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str
 
 def _points(curve: str, protocol: str, courses: list[list[dict[str, float]]]) -> list[Point]:
     """Medians and quartiles over the photos, a point for each number of steps."""
-    points, through = [], list(zip(*courses, strict=True))
-    for at in through:
+    points, by_step = [], list(zip(*courses, strict=True))
+    for at in by_step:
         spreads = {name: Spread.of([course[name] for course in at]) for name in at[0]}
         values = {name: spreads[name] for name in ("steps", "seconds")}
         values |= {f"{name}_{protocol}": spreads[name] for name in ("gain", "psnr")}
         steps = round(at[0]["steps"])
-        points.append(Point(curve, counted(steps, "step"), values, at is through[-1]))
+        points.append(Point(curve, counted(steps, "step"), values, at is by_step[-1]))
     return points

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from core.appearance.colouring import Colouring
 from core.appearance.refinement import Wanted, refinement
+from core.data.photos.fill import fill
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
 from core.evaluation.subject import Subject
@@ -61,6 +62,8 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
     region = photo[:, fitted]
     camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
     valid = None if view.valid is None else view.valid[:, fitted]
+    if valid is not None and fitted != scored:  # or what was transparent would have colours of the part that is scored
+        region = torch.from_numpy(fill(to_8_bit(region), valid.cpu().numpy())).to(region) / 255
     return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
 
 

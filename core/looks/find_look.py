@@ -107,21 +107,21 @@ def _left_out(trained: TrainedRun, word: str) -> Path | None:
 
 def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
     """The look of a photo of the collection; the rest as in `find_look`."""
+    kind = "training" if photo.split == "train" else "held-out"
+    named = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
+    if not trained.has_looks:
+        return named(neutral_look(trained).colouring)
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
-    kind = "training" if photo.split == "train" else "held-out"
-    look = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
-    if not trained.has_looks:
-        return look(neutral_look(trained).colouring)
+    learned = None
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
-    if mask is not None:
-        size = mask_size(mask)
-        photo = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
-        check_fits(mask, size, size_for_mask(photo))
-    learned = look(Colouring(trained.photo_embeddings[row])) if row is not None and mask is None and trained.photo_embeddings is not None else None
+    elif mask is None and trained.photo_embeddings is not None:
+        learned = named(Colouring(trained.photo_embeddings[row]))
     if learned is not None and not refine:
         return learned
+    if mask is not None:
+        photo = _masked_by_user(trained, photo, mask)
     try:
         sized = trained.sized_photo(photo)
     except BadInput as problem:
@@ -132,8 +132,16 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
         whole = look_of_photo(trained, replace(photo, mask=None, mask_lens=None), None, refine, report)
         report.warn(f"{problem.what} {photo.name} is read without its mask.")
         return whole
-    found = learned or look(Colouring(trained.model.read(sized.encoder_input, row).embedding))
+    found = learned or named(Colouring(trained.model.read(sized.encoder_input, row).embedding))
     return refined_of_collection(trained, found, sized, report) if refine else found
+
+
+def _masked_by_user(trained: TrainedRun, photo: Photo, mask: Path) -> Photo:
+    """The photo with this mask in place of its own; BadInput unless it fits."""
+    size = mask_size(mask)
+    masked = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
+    check_fits(mask, size, size_for_mask(masked))
+    return masked
 
 
 def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:

@@ -73,7 +73,7 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     collection = load_collection(trained.collection.read_from)
     if not collection.in_world_of(trained.collection):
         raise BadInput(f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again.")
-    names = {photo.name for photo in trained.collection.split("train")}
+    names = set(trained.model.photo_names)
     collection = replace(collection, photos=tuple(replace(photo, split="train") for photo in collection.photos if photo.name in names))
     if not (known := known_photos(collection)):
         raise BadInput(f"{collection.root} does not tell which photo shows which point.", "Use the COLMAP model with its points.")

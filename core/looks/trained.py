@@ -36,8 +36,8 @@ class TrainedRun:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
-    seconds: spent on training. photo_embeddings: of the training photos, in the order of `model.photo_names`: a table's, or an encoder's
-    once training is finished; the reach of looks then also takes in how these photos are read as from outside. It is a Subject of core.evaluation.
+    seconds: spent on training. photo_embeddings: (k, e), row i of `model.photo_names[i]`: from the GLO table, or from the encoder as it was at the
+    end of training; None for an encoder whose training is unfinished, and without looks. It is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -132,7 +132,7 @@ class TrainedRun:
         return core.rasterizer.create("auto" if moved else self.settings.backend, self.device.type)
 
     @property
-    def where(self) -> str:
+    def on_device_in_words(self) -> str:
         """Words for the user on the device in use, if the run was trained on a GPU; else nothing."""
         return f", on {device.named(self.device)}" if self.settings.device == "cuda" else ""
 
@@ -162,8 +162,8 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         model = AppearanceModel(settings, saved.facts["photos"]).to(place)
         model.load_state_dict(saved.part("model"))
         encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
-        if encoded:  # by the finished encoder, as photos of the collection and as photos from outside
-            model.met_embeddings = torch.cat([encoded["masked"], encoded["unmasked"]])
+        if encoded:
+            model.meet_as_finished(encoded["masked"], encoded["unmasked"])
         step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)

@@ -11,13 +11,12 @@ from core.looks import saved_look
 from core.looks.find_look import find_look
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
-from core.pipeline.opened import open_run
+from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
 from core.system.atomic import check_file
-from core.training.tell import tell_how_to_look
 from core.words import counted
 
-ONE_LOOK = "This run was trained without appearance: all its looks are one."
+VIEWER = "https://superspl.at/editor"
 
 
 def bake_to_file(
@@ -47,7 +46,7 @@ def bake_to_file(
     if save_as is not None:
         saved_look.check_free(trained.folder, save_as, force, trained.collection)
     look = find_look(trained, word, mask, refine, report)
-    report.say(f"{trained.folder}, step {trained.step}{trained.where}: look of {look.source}")
+    report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: look of {look.source}")
     for note in trained.collection.frame.offset_notes():
         report.say(note)
     if not trained.has_looks:
@@ -57,5 +56,12 @@ def bake_to_file(
         kept = saved_look.save(trained.folder, replace(look, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
     report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
-    tell_how_to_look(trained.folder, output, with_sky and trained.sky > 0, report)
+    _tell_how_to_look(trained.folder, output, with_sky and trained.sky > 0, report)
     return output
+
+
+def _tell_how_to_look(folder: Path, look: Path, has_sky: bool, report: Report) -> None:
+    """What to do with the file of a look. folder: of its run. has_sky: the file holds the dome."""
+    report.say(f"Next: drag {look} into {VIEWER}, and {folder / 'cameras.json'} as well for the photos' viewpoints")
+    if has_sky:
+        report.say("In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in")

@@ -35,7 +35,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     over = ", over white" if trained.transparent_is_empty else ""
     there = sum(is_file(photo.path) for photo in photos)
     count = f"{there} of " * (there < len(photos)) + counted(len(photos), "held-out photo")
-    report.say(f"{trained.folder}, step {trained.step}{trained.where}: {count}, protocol {protocol}{over}")
+    report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: {count}, protocol {protocol}{over}")
     if (distance := lpips.load()) is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
     else:
@@ -43,8 +43,8 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     start = time.perf_counter()
     kept = trained.folder / PICTURES / protocol
     with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:
-        through = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
-        views, rows, scale = _gathered(through, png_paths(photo.name for photo in photos), work)
+        measured = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
+        views, rows, scale = _gathered(measured, png_paths(photo.name for photo in photos), work)
     results = Results(
         protocol=protocol,
         views=views,
@@ -74,14 +74,14 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
 
 
 def _gathered(
-    through: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]], paths: dict[str, Path], work: Path | None
+    measured: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]], paths: dict[str, Path], work: Path | None
 ) -> tuple[tuple[ViewResult, ...], list[Row], float]:
     """The figures of each photo, its row of the sheet, and the mean size of photos, 1 as on disk. work: where pictures are kept, if at all."""
     views, rows, scales = [], [], []
-    for photo, (measured, pictures) in through:
-        views.append(measured)
-        scales.append(measured.width / photo.camera.width)
-        figures = (f"{WAYS[look]} {score.psnr:.2f} dB" for look, score in measured.scores["photo"].items())
+    for photo, (result, pictures) in measured:
+        views.append(result)
+        scales.append(result.width / photo.camera.width)
+        figures = (f"{WAYS[look]} {score.psnr:.2f} dB" for look, score in result.scores["photo"].items())
         rows.append(row_of(pictures, ", ".join(figures)))
         if work is not None:
             write_view(work, paths[photo.name], pictures)

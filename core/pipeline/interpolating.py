@@ -10,8 +10,7 @@ from core.looks.find_look import find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake, blend, drawn
-from core.pipeline.baking import ONE_LOOK
-from core.pipeline.opened import open_run
+from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
 from core.system.atomic import check_apart, check_fillable, check_named_as_folder, filling
 from core.words import counted
@@ -46,7 +45,7 @@ def interpolate(
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
     ends = looks[first], looks[last]
     camera = trained.camera(photo)
-    report.say(f"{trained.folder}{trained.where}: {steps} steps, seen from {photo.name}")
+    report.say(f"{trained.folder}{trained.on_device_in_words}: {steps} steps, seen from {photo.name}")
     for which, end in zip(("from", "to"), ends, strict=True):
         report.say(f"  {which} {end.source}")
     if not trained.has_looks:

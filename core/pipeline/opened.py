@@ -6,6 +6,8 @@ from core.looks.trained import TrainedRun, load_run
 from core.report import Report
 from core.training.on_disk import checkpoint, run_folders
 
+ONE_LOOK = "This run was trained without appearance: all its looks are one."
+
 
 def open_run(folder: Path | None, report: Report) -> TrainedRun:
     """The run in `folder`, or the newest one for None, as of its last checkpoint; a warning if that is not its last step."""

@@ -80,13 +80,15 @@ def shares_of_slots(
     rows, columns = grid(camera.height, camera.width)
     tiles_across = -(-columns // TILE_CELLS)
     cells = cell_of_pixels(camera, weight.device)
-    quarters = cells // columns % TILE_CELLS * TILE_CELLS + cells % columns % TILE_CELLS
+    quarter_of_pixels = cells // columns % TILE_CELLS * TILE_CELLS + cells % columns % TILE_CELLS
     found = []
     for first in range(0, TILE_CELLS**2, 3):
-        channels = range(first, min(first + 3, TILE_CELLS**2))
-        asked = torch.stack([weight * (quarters == channels[number]) if number < len(channels) else weight * 0 for number in range(3)], dim=2)
+        quarters = range(first, min(first + 3, TILE_CELLS**2))
+        asked = weight.new_zeros(*weight.shape, 3)
+        for channel, quarter in enumerate(quarters):
+            asked[..., channel] = weight * (quarter_of_pixels == quarter)
         sums = colour_gradients(asked)
-        for channel, quarter in enumerate(channels):
+        for channel, quarter in enumerate(quarters):
             slots = sums[:, channel].nonzero()[:, 0]
             row = TILE_CELLS * (tiles[slots] // tiles_across) + quarter // TILE_CELLS
             column = TILE_CELLS * (tiles[slots] % tiles_across) + quarter % TILE_CELLS

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from core.errors import FULL, BadInput, BadSetting, WegsError, command, disk_full, not_made
+from core.errors import FULL, BadInput, BadSetting, WegsError, command, disk_full
 from core.system.lock import taken
 
 TEMPORARY = ".wegs-"  # in the names of temporary folders
@@ -111,6 +111,11 @@ def made(folder: Path, may_exist: bool = True) -> Iterator[None]:
                 path.rmdir()
 
 
+def _not_made(folder: Path, problem: OSError) -> BadInput:
+    """The error for a folder of results that the system refuses to make."""
+    return BadInput(f"The folder {folder} could not be made: {problem.strerror}.", "Choose another -o.")
+
+
 @contextmanager
 def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
     """As `made`, for a folder that the user chose: BadInput if it cannot be made, FileExistsError only if it is there though it must not be."""
@@ -120,7 +125,7 @@ def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
         except OSError as problem:
             if not may_exist and isinstance(problem, FileExistsError) and Path(problem.filename) == folder:
                 raise
-            raise not_made(folder, problem) from None
+            raise _not_made(folder, problem) from None
         yield
 
 
@@ -178,7 +183,7 @@ def replacing_folder(output: Path) -> Iterator[Path]:
         try:
             work = stack.enter_context(temporary_folder(output))
         except OSError as problem:
-            raise not_made(output, problem) from None
+            raise _not_made(output, problem) from None
         try:
             with _named(output), named_if_full(work, disk_full(output)):
                 yield work

@@ -18,7 +18,7 @@ from core.words import counted
 # (fountain) and 0.1 at 5.1 (calm plaza with gains of 4 %), and won 0.1 at 9.2 (gains of 9 %).
 LEAST_COLOUR_SPREAD = 6.0
 # 8-bit steps. At the error of in-the-wild runs (20 dB, 25 steps) as much unexplained costs less than 0.1 dB.
-LEAST_SPREAD_BEYOND_TONE = 3.5
+LEAST_SPREAD_BEYOND_EXPOSURE = 3.5
 LEAST_STRANGE_SHARE = 0.015  # columns and corners make 0.5 to 1 % of calm photos (plaza) look so, crowds in the same light 3.7 %
 # Photos. Masks learned from ten photos of plaza found hardly anyone (three times ten: IoU 0.04 to 0.13, 0.0 dB zero-shot, - 0.1 refined), those
 # from eight of kermit, where nobody passes, hid the background and cost 0.9 and 0.5 dB (two seeds; all at `quick`).
@@ -40,6 +40,9 @@ class Decision:
     because: str
 
 
+Judgement = tuple[str | int, float | None, str]  # value, figure and because of a Decision
+
+
 def decide(settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto]) -> tuple[Settings, tuple[Decision, ...]]:
     """Settings in which nothing is left to be decided, and the decisions taken; none where all was given.
 
@@ -52,55 +55,55 @@ def decide(settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto])
     if not asked:
         return settings.decided(), ()
     evidence = gather_evidence(points, photos)
-    taken = {name: judge(evidence) for name, judge in JUDGES.items()}
+    taken = {name: Decision(name, *judge(evidence)) for name, judge in JUDGES.items()}
     if empty:
-        taken |= {name: _of_renders(name) for name in ("appearance", "transients") if taken[name].figure is None}
+        taken |= {name: Decision(name, *_judge_renders()) for name in ("appearance", "transients") if taken[name].figure is None}
     decided = settings.decided(**{name: decision.value for name, decision in taken.items()})
     return decided, tuple(taken[name] for name in asked)
 
 
-def appearance(evidence: Evidence) -> Decision:
+def judge_appearance(evidence: Evidence) -> Judgement:
     """off, exposure or full."""
     if evidence.colour_spread is None:
-        return Decision("appearance", "full", None, f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out")
+        return "full", None, f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out"
     steps = f"a point's colour differs by {evidence.colour_spread:.1f} of 255 between photos"
     if evidence.colour_spread < LEAST_COLOUR_SPREAD:
-        return Decision("appearance", "off", evidence.colour_spread, f"{steps}, less than {LEAST_COLOUR_SPREAD:g}")
-    rest = f"{steps}; a gain and offset a photo leave {evidence.spread_beyond_tone:.1f}"
-    if evidence.spread_beyond_tone < LEAST_SPREAD_BEYOND_TONE:
-        return Decision("appearance", "exposure", evidence.spread_beyond_tone, f"{rest}, less than {LEAST_SPREAD_BEYOND_TONE:g}")
-    return Decision("appearance", "full", evidence.spread_beyond_tone, rest)
+        return "off", evidence.colour_spread, f"{steps}, less than {LEAST_COLOUR_SPREAD:g}"
+    rest = f"{steps}; a gain and offset a photo leave {evidence.spread_beyond_exposure:.1f}"
+    if evidence.spread_beyond_exposure < LEAST_SPREAD_BEYOND_EXPOSURE:
+        return "exposure", evidence.spread_beyond_exposure, f"{rest}, less than {LEAST_SPREAD_BEYOND_EXPOSURE:g}"
+    return "full", evidence.spread_beyond_exposure, rest
 
 
-def transients(evidence: Evidence) -> Decision:
+def judge_transients(evidence: Evidence) -> Judgement:
     """off or on."""
     if evidence.strange_share is None:
         why = TOO_FEW if evidence.colour_spread is None else f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby, too few to tell"
         why += " whether there are passers-by"
         if evidence.photos < FEWEST_FOR_MASKS:
             few = f"{counted(evidence.photos, 'photo')} hardly teach what these look like"
-            return Decision("transients", "off", None, f"{why}, and {few}; `--transients on` makes masks")
-        return Decision("transients", "on", None, f"{why}; `--transients off` leaves masks out")
+            return "off", None, f"{why}, and {few}; `--transients on` makes masks"
+        return "on", None, f"{why}; `--transients off` leaves masks out"
     share = f"{evidence.strange_share:.1%} of the places look unlike what photos from nearby show there"
     if evidence.strange_share < LEAST_STRANGE_SHARE:
-        return Decision("transients", "off", evidence.strange_share, f"{share}, less than {LEAST_STRANGE_SHARE:.1%}")
-    return Decision("transients", "on", evidence.strange_share, share)
+        return "off", evidence.strange_share, f"{share}, less than {LEAST_STRANGE_SHARE:.1%}"
+    return "on", evidence.strange_share, share
 
 
-def sh_degree(evidence: Evidence) -> Decision:
+def judge_sh_degree(evidence: Evidence) -> Judgement:
     """0 or 1."""
     if evidence.view_dependence is None:
         why = f"too few points are seen by {FEWEST_VIEWS} photos to tell whether colours depend on the viewing direction"
-        return Decision("sh_degree", USUAL_DEGREE, None, why)
+        return USUAL_DEGREE, None, why
     share = f"the viewing direction explains {evidence.view_dependence:.0%} of what colours differ by within a look"
     if evidence.view_dependence < LEAST_VIEW_DEPENDENCE:
-        return Decision("sh_degree", 0, evidence.view_dependence, f"{share}, less than {LEAST_VIEW_DEPENDENCE:.0%}")
-    return Decision("sh_degree", 1, evidence.view_dependence, share)
+        return 0, evidence.view_dependence, f"{share}, less than {LEAST_VIEW_DEPENDENCE:.0%}"
+    return 1, evidence.view_dependence, share
 
 
-def _of_renders(name: str) -> Decision:
+def _judge_renders() -> Judgement:
     """Renders of one thing in one light: there, looks and masks that are kept unjudged cost 1.8 dB (biker, 200 px, 600 steps)."""
-    return Decision(name, "off", None, f"{TOO_FEW} what differs, and photos cut out of empty space are taken for renders in one light")
+    return "off", None, f"{TOO_FEW} what differs, and photos cut out of empty space are taken for renders in one light"
 
 
-JUDGES = {"appearance": appearance, "transients": transients, "sh_degree": sh_degree}
+JUDGES = {"appearance": judge_appearance, "transients": judge_transients, "sh_degree": judge_sh_degree}

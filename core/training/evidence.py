@@ -1,4 +1,4 @@
-"""Figures on how photos of the same points differ: by look, by tone alone, by where they were taken from, by who stood there.
+"""Figures on how photos of the same points differ: by look, by exposure alone, by where they were taken from, by who stood there.
 
 What neighbouring points of a photo share is look; what each has for itself is noise (texture, features a pixel off) and
 averages out of the product of neighbours, as the nugget does from a variogram (Matheron 1963). Nothing is learned.
@@ -13,10 +13,10 @@ from core.training.sightings import FEWEST_PHOTOS, NEAR_DEGREES, Sightings, find
 from core.training.sized_photos import SizedPhoto
 
 FEWEST_SIGHTINGS = 600
-FEWEST_IN_PHOTO = 40  # matches, against the 6 unknowns of its tone
-ROUNDS = 4  # of tones and base colours in turn; the figures move by less than 2 % after the third
+FEWEST_IN_PHOTO = 40  # matches, against the 6 unknowns of its exposure
+ROUNDS = 4  # of exposures and base colours in turn; the figures move by less than 2 % after the third
 CLIP = 4.0  # medians; larger differences count as this large, so that wrong matches do not decide
-TONE_PRIOR = 0.4  # sightings' worth of belief in gain 1 and offset 0: against extrapolating from a few alike
+EXPOSURE_PRIOR = 0.4  # sightings' worth of belief in gain 1 and offset 0: against extrapolating from a few alike
 FEWEST_VIEWS = 7  # of a point, for the 4 unknowns of a colour linear in the viewing direction
 CLOSEST = 1000  # expected or matched places looked at for passers-by: those seen again from nearest by
 FEWEST_CLOSEST = 300
@@ -28,14 +28,14 @@ STEPS = 255.0
 class Evidence:
     """What the photos say, of which there are `photos`; None where they say too little.
 
-    colour_spread: of a point over the photos, 8-bit steps. spread_beyond_tone: the same after a gain and an offset for each photo and
-    channel, its tone. view_dependence: share, up to 1, of the latter that the viewing direction explains. strange_share: of places, those
+    colour_spread: of a point over the photos, 8-bit steps. spread_beyond_exposure: the same after a gain and an offset for each photo and
+    channel, its exposure. view_dependence: share, up to 1, of the latter that the viewing direction explains. strange_share: of places, those
     that look unlike what photos from nearly the same place show.
     """
 
     photos: int
     colour_spread: float | None = None
-    spread_beyond_tone: float | None = None
+    spread_beyond_exposure: float | None = None
     view_dependence: float | None = None
     strange_share: float | None = None
 
@@ -46,19 +46,19 @@ def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidenc
     matched = places[places.matched]
     if len(matched) < FEWEST_SIGHTINGS or len(np.unique(matched.photo)) < FEWEST_PHOTOS:
         return Evidence(len(photos))
-    base, tones = fit_tones(matched)
-    left = matched.colour - in_tone(tones, matched.photo, base[matched.point])
+    base, exposures = fit_exposures(matched)
+    left = matched.colour - exposed(exposures, matched.photo, base[matched.point])
     return Evidence(
         len(photos),
         colour_spread=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
-        spread_beyond_tone=shared_spread(matched, left),
+        spread_beyond_exposure=shared_spread(matched, left),
         view_dependence=view_dependence(matched, left),
-        strange_share=strange_share(places, places.colour - in_tone(tones, places.photo, base[places.point])),
+        strange_share=strange_share(places, places.colour - exposed(exposures, places.photo, base[places.point])),
     )
 
 
 def _judgeable(places: Sightings) -> Sightings:
-    """Those of photos with enough matches for a tone, of points that two such photos matched, and of photos that then have any."""
+    """Those of photos with enough matches for an exposure, of points that two such photos matched, and of photos that then have any."""
     for kind, fewest in (("photo", FEWEST_IN_PHOTO), ("point", 2), ("photo", 1)):
         numbers = getattr(places, kind)
         counts = np.bincount(numbers, weights=places.matched)
@@ -66,42 +66,42 @@ def _judgeable(places: Sightings) -> Sightings:
     return places
 
 
-# --- tones: colour = gain * base + offset, for each photo and channel
+# --- exposures: colour = gain * base + offset, for each photo and channel
 
 
-def fit_tones(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
-    """(base, tones): base colours (P, 3) of the points, gain and offset (K, 2, 3) of the photos.
+def fit_exposures(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
+    """(base, exposures): base colours (P, 3) of the points, gain and offset (K, 2, 3) of the photos.
 
     Least squares of one and the other in turn, with Huber's weights.
     """
     base = _mean_colours(sightings)
     for _ in range(ROUNDS):
-        tones = tones_of(sightings.photo, base[sightings.point], sightings.colour)
-        gain, offset = tones[sightings.photo, 0], tones[sightings.photo, 1]
+        exposures = exposures_of(sightings.photo, base[sightings.point], sightings.colour)
+        gain, offset = exposures[sightings.photo, 0], exposures[sightings.photo, 1]
         weight = _huber(sightings.colour - gain * base[sightings.point] - offset)
         above = _sums(sightings.point, weight * gain * (sightings.colour - offset))
         below = _sums(sightings.point, weight * gain**2)
         base = np.where(below > 0, above / np.maximum(below, 1e-9), base)
-    return base, tones_of(sightings.photo, base[sightings.point], sightings.colour)
+    return base, exposures_of(sightings.photo, base[sightings.point], sightings.colour)
 
 
-def tones_of(group: np.ndarray, base: np.ndarray, colour: np.ndarray) -> np.ndarray:
+def exposures_of(group: np.ndarray, base: np.ndarray, colour: np.ndarray) -> np.ndarray:
     """Gain and offset (G, 2, 3) that lead from base colours (N, 3) to colours (N, 3) in each group (N,) of sightings."""
     weight = np.ones((len(group), 1))
     for _ in range(ROUNDS):
-        ones = _sums(group, weight) + TONE_PRIOR
+        ones = _sums(group, weight) + EXPOSURE_PRIOR
         x, y = _sums(group, weight * base), _sums(group, weight * colour)
-        xx = _sums(group, weight * base**2) + TONE_PRIOR
-        xy = _sums(group, weight * base * colour) + TONE_PRIOR
+        xx = _sums(group, weight * base**2) + EXPOSURE_PRIOR
+        xy = _sums(group, weight * base * colour) + EXPOSURE_PRIOR
         gain = (ones * xy - x * y) / (ones * xx - x**2)  # Cauchy-Schwarz and the prior keep the divisor above 0
-        tones = np.stack([gain, (y - gain * x) / ones], axis=1)
-        weight = _huber(colour - in_tone(tones, group, base))
-    return tones
+        exposures = np.stack([gain, (y - gain * x) / ones], axis=1)
+        weight = _huber(colour - exposed(exposures, group, base))
+    return exposures
 
 
-def in_tone(tones: np.ndarray, group: np.ndarray, base: np.ndarray) -> np.ndarray:
-    """Base colours (N, 3) in the tone of their groups (N,)."""
-    return tones[group, 0] * base + tones[group, 1]
+def exposed(exposures: np.ndarray, group: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """Base colours (N, 3) in the exposure of their groups (N,)."""
+    return exposures[group, 0] * base + exposures[group, 1]
 
 
 # --- figures

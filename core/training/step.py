@@ -26,8 +26,8 @@ from core.training.transparency import transparent_is_empty
 
 
 @dataclass
-class Step:
-    """What the steps of a run work with. generator: of their random draws."""
+class Stepper:
+    """Takes the steps of a run, with what they all work with. generator: of their random draws."""
 
     settings: Settings
     photos: SizedPhotos

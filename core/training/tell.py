@@ -13,8 +13,6 @@ from core.training.on_disk import run_folders
 from core.training.trainer import StepReport, Trainer
 from core.words import counted, is_harmless
 
-VIEWER = "https://superspl.at/editor"
-
 
 def tell_collection(collection: Collection, report: Report) -> None:
     """What was found, and what of it is not used."""
@@ -55,13 +53,6 @@ def tell_step(step: StepReport, settings: Settings, report: Report) -> None:
         report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
     share = schedule.time_through(settings, step.step)
     report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {counted(step.gaussians, 'Gaussian')}", share)
-
-
-def tell_how_to_look(folder: Path, look: Path, has_sky: bool, report: Report) -> None:
-    """What to do with the file of a look. folder: of its run. has_sky: the file holds the dome."""
-    report.say(f"Next: drag {look} into {VIEWER}, and {folder / 'cameras.json'} as well for the photos' viewpoints")
-    if has_sky:
-        report.say("In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in")
 
 
 def next_step(folder: Path, settings: Settings, neutral: Path) -> str:

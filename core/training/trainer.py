@@ -28,7 +28,7 @@ from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
 from core.training.sized_photos import SizedPhotos, Sizes
-from core.training.step import Step
+from core.training.step import Stepper
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
 
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
@@ -91,7 +91,7 @@ class Trainer:
             self.model.encoder.start_apart(sized.encoder_input for sized in self.photos)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
-        self.one_step = Step(settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
+        self.stepper = Stepper(settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
@@ -145,7 +145,7 @@ class Trainer:
         self.order.pop()
         usual = guards.usual_loss(self.last_losses)
         foreseen, self.foreseen = self.foreseen, None
-        reading, on_the_way = self.one_step.take(self.gaussians, index, self.done, usual, self.mask_mean, foreseen)
+        reading, on_the_way = self.stepper.take(self.gaussians, index, self.done, usual, self.mask_mean, foreseen)
         self.done += 1
         self._look_ahead()
         facts = StepFacts(*on_the_way.arrived())

@@ -40,11 +40,13 @@ def test_bound_keeps_what_is_not_a_number():
 
 
 def test_bound_is_added_to_what_is_given():
-    """One rounding: of the sum."""
-    values, base = np.linspace(-3, 3, 77, dtype=np.float32), np.linspace(5, -5, 77, dtype=np.float32)
-    found = np.empty_like(values)
-    afresh(bound_softly)(values, np.float32(2), base, found)
-    assert np.allclose(found, base + 2 * np.tanh(values.astype(np.float64) / 2), rtol=0, atol=4 * EPS)
+    """As the live look adds its residual: bit for bit, whatever the bound."""
+    values, base = np.linspace(-3, 3, 777, dtype=np.float32), np.linspace(5, -5, 777, dtype=np.float32)
+    for bound in (0.3, 2):
+        found, residual = np.empty_like(values), np.empty_like(values)
+        afresh(bound_softly)(values, np.float32(bound), base, found)
+        afresh(bound_softly)(values, np.float32(bound), NOTHING, residual)
+        assert np.array_equal(found, base + residual)
 
 
 @pytest.mark.parametrize("octaves", [0, 1, 4, 7])

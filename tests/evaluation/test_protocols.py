@@ -11,7 +11,7 @@ import torch
 
 import core
 from core.errors import BadInput, BadSetting
-from core.evaluation.protocols import HeldOutView, compare, measure
+from core.evaluation.protocols import HeldOutView, compare, fit_of, measure
 from core.evaluation.results import Results
 from core.evaluation.truth import Truth, load_truth
 from tests.flat_view import FlatView
@@ -59,6 +59,20 @@ def test_half_embeds_the_left_and_measures_the_right():
     assert result.scores["photo"]["zero_shot"].psnr == pytest.approx(-20 * math.log10(51 / 255), abs=1e-4)
     assert "refined" not in result.scores["photo"]
     assert (pictures.render == 102).all() and pictures.photo[0, -1].tolist() == [153] * 3
+
+
+def test_half_reads_no_colours_of_the_right_where_the_left_is_transparent():
+    valid = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+    valid[:, 8:13] = False
+    embedded = []
+    for right in (0.0, 1.0):
+        picture = halves(0.4, right)
+        picture[:, 8:13] = right  # as a photo is filled when it is loaded
+        fit = fit_of(Flat(), view(picture=picture, valid=valid), "half")
+        assert torch.equal(fit.region, torch.full((HEIGHT, 13, 3), 102 / 255))
+        embedded.append(fit.start)
+    assert torch.equal(*embedded)
+    assert torch.equal(fit_of(Flat(), view(picture=picture, valid=valid), "full").region, picture)
 
 
 def test_full_embeds_and_measures_the_whole():

@@ -202,6 +202,12 @@ def test_they_are_searched_for_again_once_all_photos_are_back(trained, tmp_path)
     assert len(refined_look.landmarks_of_run(run, Report()).counts) == 5 and list(run.folder.iterdir())
 
 
+def test_photos_that_were_damaged_in_training_already_are_not_waited_for(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(trained.model, "photo_names", [name for name in trained.model.photo_names if name != "4.png"])
+    run = replace(trained, folder=tmp_path)
+    assert len(refined_look.landmarks_of_run(run, Report()).counts) == 4 and list(tmp_path.iterdir())
+
+
 def test_a_scene_that_does_not_tell_which_photo_shows_what_is_said_to(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(refined_look, "known_photos", lambda collection: [])
     wall = tmp_path / "wall.png"

@@ -32,14 +32,14 @@ def differences(function, at):
 def test_ellipse(beside):
     """L = sum_p g_p log(alpha_p) over random pixels p: its gradients by offset, quaternion, log scales and centre."""
     random = np.random.default_rng(3)
-    view = camera(fx=35.0, fy=50.0)
-    rotation, _, lens, limits, _ = backend.arguments_of(view)
-    offset = rotation.T @ np.array([beside + 0.2, -0.1 - beside, 2.0])
+    view = backend.view_of(camera(fx=35.0, fy=50.0))
+    seen = view.rotation, view.lens, view.limits
+    offset = view.rotation.T @ np.array([beside + 0.2, -0.1 - beside, 2.0])
     quaternion, log_scales = random.normal(size=(1, 4)), random.normal(-1.5, 0.5, (1, 3))
     pixels, weights = random.uniform(0, 40, (2, 20)), random.normal(size=20)
 
     def moments(offset, quaternion, log_scales):
-        x, y, _, b, c, determinant = ellipse(0, tuple(offset), quaternion, log_scales, rotation, lens, limits)
+        x, y, _, b, c, determinant = ellipse(0, tuple(offset), quaternion, log_scales, *seen)
         dy = pixels[1] - y
         return pixels[0] - x - b / c * dy, dy, c, determinant
 
@@ -52,7 +52,7 @@ def test_ellipse(beside):
     for column, terms in ((SUM_G, 1), (SUM_GE, e), (SUM_GEE, e**2), (SUM_GY, dy), (SUM_GEY, e * dy), (SUM_GYY, dy**2)):
         sums[column] = np.sum(weights * terms)
     to_quaternion, to_log_scales, to_probe = np.zeros((1, 4)), np.zeros((1, 3)), np.zeros((1, 2))
-    to_offset = ellipse_backward(0, tuple(offset), quaternion, log_scales, rotation, lens, limits, sums, to_quaternion, to_log_scales, to_probe)
+    to_offset = ellipse_backward(0, tuple(offset), quaternion, log_scales, *seen, sums, to_quaternion, to_log_scales, to_probe)
     pairs = [
         (to_offset, differences(lambda moved: loss(moved, quaternion, log_scales), offset)),
         (to_quaternion, differences(lambda moved: loss(offset, moved, log_scales), quaternion)),

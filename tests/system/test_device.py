@@ -154,7 +154,7 @@ def test_a_run_of_a_gpu_keeps_its_picture_sizes_on_a_cpu(machine, tmp_path):
         photos = tuple(large(photo) for photo in loaded.collection.photos)
         loaded = replace(loaded, collection=replace(loaded.collection, photos=photos))
         assert loaded.camera(photos[0]).width == width
-        assert loaded.where == (", on the CPU" if place == "cuda" else "")
+        assert loaded.on_device_in_words == (", on the CPU" if place == "cuda" else "")
         if place == "cuda":
             asked = replace(loaded, settings=loaded.settings.changed(backend="cuda"))
             assert type(asked.rasterizer) is type(loaded.rasterizer)

@@ -55,7 +55,7 @@ def test_a_wild_collection_keeps_everything():
     taken = decided_for(load_collection(SAMPLE))
     assert values(taken) == ("full", "on")
     assert taken["sh_degree"].figure < 0.6 * decisions.LEAST_VIEW_DEPENDENCE  # 4 %: light changes far more than the viewing direction
-    assert taken["appearance"].figure > 3 * decisions.LEAST_SPREAD_BEYOND_TONE  # 12.9
+    assert taken["appearance"].figure > 3 * decisions.LEAST_SPREAD_BEYOND_EXPOSURE  # 12.9
     assert taken["transients"].figure > 2 * decisions.LEAST_STRANGE_SHARE  # 4.9 %
 
 
@@ -104,28 +104,33 @@ def test_too_little_to_judge_by_keeps_looks_and_says_so(tmp_path):
 
 def test_figures_on_either_side_of_a_bound_decide():
     def evidence(**figures):
-        usual = {"photos": 20, "colour_spread": 20.0, "spread_beyond_tone": 9.0, "view_dependence": 0.9, "strange_share": 0.1}
+        usual = {"photos": 20, "colour_spread": 20.0, "spread_beyond_exposure": 9.0, "view_dependence": 0.9, "strange_share": 0.1}
         return Evidence(**usual | figures)
 
     for seen, why in (
         (evidence(strange_share=None), "fewer than 300 places"),
         (Evidence(20), "too few points are known to be shared by photos to tell"),
     ):
-        taken = decisions.transients(seen)
-        assert taken.value == "on" and why in taken.because and "whether there are passers-by; `--transients off` leaves masks out" in taken.because
-        few = decisions.transients(replace(seen, photos=19))
-        assert few.value == "off" and why in few.because and "19 photos hardly teach what these look like; `--transients on`" in few.because
-    assert "to tell whether their light differs; `--appearance off` leaves looks out" in decisions.appearance(Evidence(3)).because
-    assert decisions.appearance(evidence(colour_spread=decisions.LEAST_COLOUR_SPREAD - 0.01)).value == "off"
-    assert decisions.appearance(evidence(spread_beyond_tone=decisions.LEAST_SPREAD_BEYOND_TONE - 0.01)).value == "exposure"
-    assert decisions.appearance(evidence()).value == "full"
-    assert decisions.transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE - 0.001)).value == "off"
-    assert decisions.transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE)).value == "on"
-    assert decisions.sh_degree(evidence(view_dependence=decisions.LEAST_VIEW_DEPENDENCE - 0.01)).value == 0
-    assert decisions.sh_degree(evidence()).value == 1
+        value, _, because = decisions.judge_transients(seen)
+        assert value == "on" and why in because and "whether there are passers-by; `--transients off` leaves masks out" in because
+        value, _, because = decisions.judge_transients(replace(seen, photos=19))
+        assert value == "off" and why in because and "19 photos hardly teach what these look like; `--transients on`" in because
+    _, _, because = decisions.judge_appearance(Evidence(3))
+    assert "to tell whether their light differs; `--appearance off` leaves looks out" in because
+    assert decisions.judge_appearance(evidence(colour_spread=decisions.LEAST_COLOUR_SPREAD - 0.01))[0] == "off"
+    assert decisions.judge_appearance(evidence(spread_beyond_exposure=decisions.LEAST_SPREAD_BEYOND_EXPOSURE - 0.01))[0] == "exposure"
+    assert decisions.judge_appearance(evidence())[0] == "full"
+    assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE - 0.001))[0] == "off"
+    assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE))[0] == "on"
+    assert decisions.judge_sh_degree(evidence(view_dependence=decisions.LEAST_VIEW_DEPENDENCE - 0.01))[0] == 0
+    assert decisions.judge_sh_degree(evidence())[0] == 1
 
 
 # --- who may overrule it
+
+
+def test_what_has_a_default_that_depends_on_the_photos_may_be_left_to_them():
+    assert {*config.LEAST, *config.WITHOUT_LOOKS, *config.WITH_LOOKS, *decisions.JUDGES} <= set(config.DECIDABLE)
 
 
 def test_what_is_given_is_not_decided(tmp_path, monkeypatch):

@@ -7,12 +7,12 @@ import pytest
 
 from core.training.evidence import (
     Evidence,
-    fit_tones,
+    exposed,
+    exposures_of,
+    fit_exposures,
     gather_evidence,
-    in_tone,
     shared_spread,
     strange_share,
-    tones_of,
     view_dependence,
 )
 from core.training.sightings import NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
@@ -72,10 +72,10 @@ def test_neighbours_are_in_the_same_photo_and_do_not_share_their_blur(random):
     assert len(first) > 0.95 * len(made) and np.median(apart) < 0.05
 
 
-# --- tones
+# --- exposures
 
 
-def test_tones_are_found_among_wrong_matches(random):
+def test_exposures_are_found_among_wrong_matches(random):
     base = random.uniform(0.2, 0.8, (POINTS, 3))
     gain, offset = random.uniform(0.6, 1.2, (PHOTOS, 3)), random.uniform(-0.1, 0.1, (PHOTOS, 3))
 
@@ -85,17 +85,17 @@ def test_tones_are_found_among_wrong_matches(random):
         return colours
 
     made = sightings(random, colour)
-    found = tones_of(made.photo, base[made.point], made.colour)
+    found = exposures_of(made.photo, base[made.point], made.colour)
     np.testing.assert_allclose(found[:, 0], gain, atol=0.03)  # the prior of 0.4 matches, against 300
     np.testing.assert_allclose(found[:, 1], offset, atol=0.03)
-    bases, tones = fit_tones(made)  # of unknown base colours: only what they give together is known
-    left = np.abs(made.colour - in_tone(tones, made.photo, bases[made.point])).max(axis=1)
+    bases, exposures = fit_exposures(made)  # of unknown base colours: only what they give together is known
+    left = np.abs(made.colour - exposed(exposures, made.photo, bases[made.point])).max(axis=1)
     assert np.quantile(left, 0.9) < 3 / 255
 
 
-def test_a_photo_of_one_colour_has_a_tone_all_the_same(random):
+def test_a_photo_of_one_colour_has_an_exposure_all_the_same(random):
     made = sightings(random)  # all is grey: gain and offset cannot be told apart
-    found = tones_of(made.photo, made.colour, made.colour)
+    found = exposures_of(made.photo, made.colour, made.colour)
     np.testing.assert_allclose(found[:, 0] * 0.5 + found[:, 1], 0.5, atol=1e-3)
 
 

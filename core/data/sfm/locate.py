@@ -4,14 +4,15 @@ from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pycolmap
 
 from core.data.collection import Photo
 from core.data.formats.model_file import quiet
-from core.data.photos.file import probe
-from core.data.placing import focal_length_of
-from core.data.sfm.features import DATABASE, MASKS, SEED, extract, match, write_picture
+from core.data.photos.file import decode, probe
+from core.data.placing import focal_length_of, is_usual
+from core.data.sfm.features import DATABASE, JPEG_QUALITY, MASKS, PHOTOS, SEED, encoded, extract, match, write_picture
 from core.data.sfm.landmarks import NEAR_PX, NO_POINT, Landmarks
 from core.report import Report
 from core.scene.camera import Camera
@@ -21,8 +22,10 @@ QUERY = "query.jpg"
 OFF = 0.006  # RANSAC's largest reprojection error, of the long side: 10 of 1600 px; COLMAP takes 12
 USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
 # Training photos, each located by the others: 17 of 19 of the Statue of Liberty are found to within 1 px of 400, with 13 to 296 inliers, 44
-# to 100 % of all matches; wrong matches alone give at most 11 inliers of 332.
+# to 100 % of all matches; wrong matches alone give at most 11 inliers of 332. Of its mirrored photos, which show another place, 7 of 76 had 12 to 22
+# inliers, a third to 60 % of all matches, as the two sides of a statue look alike; all of these had more once they were mirrored back.
 LEAST_AGREEING, LEAST_SHARE = 12, 1 / 3
+SURE = 50  # inliers from which on the mirrored photo need not be asked
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     """The camera of a photo file; None if too few of its features match the landmarks or agree on a camera.
 
     Features are matched with the landmarks photo by photo; each match pairs a pixel with a point, and the camera follows from these pairs
-    (P3P, or P4P if the focal length is unknown, in LO-RANSAC). mask: a picture, white where the photo is to be used.
+    (P3P, or P4P if the focal length is unknown, in LO-RANSAC). A mirrored photo is of another place. mask: a picture, white where the photo is
+    to be used.
     The same for any number of threads. Raises BadInput for a photo that cannot be read, or that its mask hides altogether.
     """
     width, height = probe(path).displayed
@@ -47,9 +51,26 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     photo = Photo(path.name, path, anywhere, "test", mask=mask)
     with scratch("locate") as work, quiet():
         camera = write_picture(photo, anywhere, work, QUERY)
-        extract(work, [QUERY], report, work / MASKS)
-        pixels, points = _matched(work, landmarks, report)
-    return _camera_of(pixels, points, _lens(path, camera.width, camera.height), (width, height))
+        lens = _lens(path, camera.width, camera.height)
+
+        def located() -> Located | None:
+            extract(work, [QUERY], report, work / MASKS)
+            return _camera_of(*_matched(work, landmarks, report), lens, (width, height))
+
+        found = located()
+        if found is None or found.agreeing >= SURE:
+            return found
+        _mirror(work)
+        mirrored = located()
+    return None if mirrored is not None and mirrored.agreeing > found.agreeing else found
+
+
+def _mirror(work: Path) -> None:
+    """Mirror the picture QUERY and its mask, and forget its features."""
+    for path in (work / PHOTOS / QUERY, work / MASKS / f"{QUERY}.png"):
+        mirrored = cv2.flip(decode(path, path.read_bytes(), cv2.IMREAD_UNCHANGED), 1)
+        path.write_bytes(encoded(path.suffix, mirrored, cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
+    (work / DATABASE).unlink()
 
 
 def _matched(work: Path, landmarks: Landmarks, report: Report) -> tuple[np.ndarray, np.ndarray]:
@@ -105,13 +126,16 @@ def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, si
     estimation.ransac.max_error = max(NEAR_PX, OFF * max(lens.width, lens.height))
     estimation.ransac.random_seed = SEED
     refinement.refine_focal_length = True
-    found = fitted = None
+    answers = []
     for unknown in (False, True) if lens.has_prior_focal_length else (True,):
-        estimation.estimate_focal_length, tried = unknown, copy(lens)
-        answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, tried, estimation, refinement)
-        if answer is not None and (found is None or answer["num_inliers"] > found["num_inliers"]):
-            found, fitted = answer, tried
-    if found is None or found["num_inliers"] < max(LEAST_AGREEING, LEAST_SHARE * len(points)):
+        estimation.estimate_focal_length, fitted = unknown, copy(lens)
+        if (answer := pycolmap.estimate_and_refine_absolute_pose(pixels, points, fitted, estimation, refinement)) is not None:
+            answers.append((answer, fitted))
+    if not answers:
+        return None
+    found, fitted = max(answers, key=lambda each: each[0]["num_inliers"])
+    agreeing = len(np.unique(points[found["inlier_mask"]], axis=0))  # a feature of several orientations, and one landmark twice, are one witness
+    if agreeing < LEAST_AGREEING or found["num_inliers"] < LEAST_SHARE * len(points) or not is_usual(fitted):
         return None
     rotation = found["cam_from_world"].rotation.matrix()
     centre = -rotation.T @ found["cam_from_world"].translation

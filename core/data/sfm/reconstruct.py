@@ -109,13 +109,17 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
 def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: set[str]) -> str:
     """The photo's own name in UTF-8, which is all that COLMAP takes, with a suffix of the format that it is to be written in.
 
-    Where that is `taken`, or too long for a disk, its end behind the prefix.
+    Where that is `taken`, or too long for a disk, its end behind the prefix, more than once if need be.
     """
     name = os.fsencode(path.name).decode("utf-8", "replace")
     suffixes = JPEG_SUFFIXES if photo.alpha is None else (".png",)
     if path.suffix.lower() not in suffixes:
         name += suffixes[0]
-    return f"{prefix}{name[-NAME_PART:]}" if name in taken or len(name.encode()) > LONGEST_NAME else name
+    if len(name.encode()) > LONGEST_NAME:
+        name = prefix + name[-NAME_PART:]
+    while name in taken:
+        name = prefix + name[-NAME_PART:]
+    return name
 
 
 def _encode(photo: UsablePhoto) -> bytes:

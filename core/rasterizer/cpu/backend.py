@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -38,7 +39,7 @@ class CpuRasterizer:
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         arrays = arrays_of(splats)
         flags = np.empty(len(splats), dtype=np.bool_)
-        view = arguments_of(camera)
+        view = view_of(camera)
         in_parallel(lambda *block: find_visible(*block, *arrays, *view, flags), len(flags), ROWS_A_BLOCK)
         rows = np.flatnonzero(flags)
         return Visible(torch.from_numpy(rows), tile_lists(arrays, rows, NOTHING, camera))
@@ -97,8 +98,9 @@ class _Render(torch.autograd.Function):
         outputs = [gradient.numpy() for gradient in gradients]
         outputs.append(NOTHING if probe_gradient is None else probe_gradient.numpy())
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
-        *view, _ = arguments_of(ctx.camera)
-        in_parallel(lambda *rows: project_backward(*rows, *arrays, *view, *slots, *outputs), len(arrays[0]), ROWS_A_BLOCK)
+        view = view_of(ctx.camera)
+        seen = view.rotation, view.centre, view.lens, view.limits
+        in_parallel(lambda *rows: project_backward(*rows, *arrays, *seen, *slots, *outputs), len(arrays[0]), ROWS_A_BLOCK)
         return None, None, probe_gradient, None, *gradients
 
 
@@ -137,21 +139,21 @@ def coloured_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera, 
     lists = tile_lists(arrays, np.arange(len(means)), probe, camera) if known is None else known
     if len(lists.footprints) != len(means):
         raise BadInput(f"{len(means)} Gaussians were given with what is known of {len(lists.footprints)}.", "Give those that are visible.")
-    footprints, (_, centre, *_) = np.empty_like(lists.footprints), arguments_of(camera)
-    given = means, sh, centre, lists.slot_starts, lists.footprints, footprints
+    footprints = np.empty_like(lists.footprints)
+    given = means, sh, view_of(camera).centre, lists.slot_starts, lists.footprints, footprints
     in_parallel(lambda *block: colour_footprints(*block, *given), len(means), ROWS_A_BLOCK)
     return replace(lists, footprints=footprints, drawn_chunks=np.zeros(len(lists.entries), dtype=np.uint32))
 
 
 def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, camera: Camera) -> TileLists:
     """Project these rows of the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
-    count = len(rows)
+    view, count = view_of(camera), len(rows)
     tiles = -(-camera.width // layout.TILE) * -(-camera.height // layout.TILE)
     footprints = np.empty((count, layout.FOOTPRINT_COLUMNS), dtype=np.float32)
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)
     *geometry, _ = arrays
-    given = rows, *geometry, probe, *arguments_of(camera), footprints, depths, tile_counts
+    given = rows, *geometry, probe, *view, footprints, depths, tile_counts
     block = max(ROWS_A_BLOCK, -(-count // MOST_BLOCKS))
     loads = np.zeros((-(-count // block), tiles), dtype=np.int32)
     in_parallel(lambda begin, end: project(begin, end, *given, loads[begin // block]), count, block)
@@ -161,7 +163,7 @@ def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, ca
     inputs.check_lists(count, pairs, BYTES_A_PAIR, MEMORY_BUDGET, camera)
     entries = np.empty((pairs, 2), dtype=np.int32)
     order = front_to_back(depths, tile_counts)
-    lists = order, footprints, slot_starts, tile_starts, (camera.width, camera.height), entries
+    lists = order, footprints, slot_starts, tile_starts, view.size, entries
     in_parallel(lambda half, _: fill_lists(half == 1, *lists), 2, 1)
     return TileLists(footprints, slot_starts, tile_starts, entries, np.empty(0, dtype=np.uint32))
 
@@ -206,15 +208,27 @@ def on_all_tiles(lists: TileLists, work: Callable[[np.ndarray, int, int], None])
     in_parallel(walk, walkers, 1)
 
 
-def arguments_of(camera: Camera) -> tuple:
-    """What the kernels take of a camera.
+class View(NamedTuple):
+    """What the kernels take of a camera, in their order.
 
-    Rotation, centre, (fx, fy, cx, cy), the limits of x / z and y / z in the Jacobian, and (width, height).
+    rotation: (3, 3) float64, world to camera. lens: fx, fy, cx, cy. limits: see `jacobian_limits`. size: width, height.
     """
-    rotation = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
-    centre = tuple(float(x) for x in camera.centre)
-    lens = float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
-    return rotation, centre, lens, jacobian_limits(camera), (int(camera.width), int(camera.height))
+
+    rotation: np.ndarray
+    centre: tuple[float, float, float]
+    lens: tuple[float, float, float, float]
+    limits: tuple[float, float, float, float]
+    size: tuple[int, int]
+
+
+def view_of(camera: Camera) -> View:
+    return View(
+        rotation=np.ascontiguousarray(camera.world_to_camera, dtype=np.float64),
+        centre=tuple(float(x) for x in camera.centre),
+        lens=(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
+        limits=jacobian_limits(camera),
+        size=(int(camera.width), int(camera.height)),
+    )
 
 
 def arrays_of(splats: Splats) -> list[np.ndarray]:

@@ -18,9 +18,10 @@ from torch.autograd.function import once_differentiable
 
 from core.kernels.compiled import kernel, part
 from core.system.threads import in_parallel
-from core.training.losses.photometric import C1, C2, RADIUS, Target, window
+from core.training.losses.photometric import C1, C2, RADIUS, WINDOW, Target, window
 
 BLOCK_PIXELS = 10_000  # a block of work: a quarter of a millisecond
+assert WINDOW == 11  # `_down` and `_along` are written out for it
 _TAPS = tuple(np.float32(tap) for tap in window()[: RADIUS + 1])
 _K0, _K1, _K2, _K3, _K4, _K5 = _TAPS
 _C1, _C2 = np.float32(C1), np.float32(C2)
@@ -95,15 +96,15 @@ def _along(line, i):
 @kernel
 def _forward_rows(x, y, y_mean, y_mean_square, weights, share, scale, begin, end, error, slopes):
     width = weights.shape[1]
-    lines = np.zeros((3, width + 10), np.float32)
+    lines = np.zeros((3, width + 2 * RADIUS), np.float32)
     for row in range(begin, end):
         error[row] = _ZERO
         for channel in range(3):
             _blur_products(x[channel], y[channel], row, lines)
             _compare(
-                lines, x[channel, row + 5], y[channel, row + 5], y_mean[channel, row], y_mean_square[channel, row],
+                lines, x[channel, row + RADIUS], y[channel, row + RADIUS], y_mean[channel, row], y_mean_square[channel, row],
                 weights[row], share, scale, error[row],
-                slopes[0, channel, row + 5], slopes[1, channel, row + 5], slopes[2, channel, row + 5],
+                slopes[0, channel, row + RADIUS], slopes[1, channel, row + RADIUS], slopes[2, channel, row + RADIUS],
             )  # fmt: skip
 
 
@@ -111,14 +112,15 @@ def _forward_rows(x, y, y_mean, y_mean_square, weights, share, scale, begin, end
 def _blur_products(x, y, row, lines):
     """The window down every column of x, x^2 and x y, from `row` on, into the middle of three padded lines."""
     width = x.shape[1]
-    means, squares, products = lines[0, 5 : 5 + width], lines[1, 5 : 5 + width], lines[2, 5 : 5 + width]
+    means, squares, products = lines[0, RADIUS : RADIUS + width], lines[1, RADIUS : RADIUS + width], lines[2, RADIUS : RADIUS + width]
     means[:] = _ZERO
     squares[:] = _ZERO
     products[:] = _ZERO
-    for tap in range(5):
-        _add_rows(_TAPS[tap], x[row + tap], x[row + 10 - tap], y[row + tap], y[row + 10 - tap], means, squares, products)
+    for tap in range(RADIUS):
+        first, last = row + tap, row + 2 * RADIUS - tap
+        _add_rows(_TAPS[tap], x[first], x[last], y[first], y[last], means, squares, products)
     # The middle row, as two halves of itself.
-    _add_rows(_HALF * _K5, x[row + 5], x[row + 5], y[row + 5], y[row + 5], means, squares, products)
+    _add_rows(_HALF * _K5, x[row + RADIUS], x[row + RADIUS], y[row + RADIUS], y[row + RADIUS], means, squares, products)
 
 
 @part
@@ -159,13 +161,13 @@ def _compare(lines, x, y, y_means, y_squares, weights, share, scale, error, by_m
 @kernel
 def _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, gradient):
     width = weights.shape[1]
-    lines = np.zeros((3, width + 10), np.float32)
+    lines = np.zeros((3, width + 2 * RADIUS), np.float32)
     line = np.empty(width, np.float32)
     for row in range(begin, end):
         for channel in range(3):
             for k in range(3):
-                _blur_down(slopes[k, channel], row, lines[k, 5:])
-            _combine(lines, x[channel, row + 5], y[channel, row + 5], weights[row], (_ONE - share) * scale, factor, line)
+                _blur_down(slopes[k, channel], row, lines[k, RADIUS:])
+            _combine(lines, x[channel, row + RADIUS], y[channel, row + RADIUS], weights[row], (_ONE - share) * scale, factor, line)
             for i in range(width):
                 gradient[row, i, channel] = line[i]
 

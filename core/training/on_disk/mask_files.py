@@ -15,8 +15,8 @@ FOLDER = "masks"
 
 
 def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> int:
-    """FOLDER/masks/NAME.png for every photo that has a mask, at its training size: white is used, black is hidden, by the network or by the mask
-    that the user gave. Returns how many."""
+    """`masks/NAME.png` in the run folder for every photo that has a mask, at its training size: white is used, black is hidden, by the network or
+    by the mask that the user gave. Returns how many."""
     paths = png_paths(sized.photo.name for sized in photos)
     learns_masks, written = model.settings.transients == "on", 0
     for index, sized in enumerate(photos):

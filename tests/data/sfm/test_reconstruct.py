@@ -220,6 +220,15 @@ def test_a_name_too_long_for_its_jpeg_is_cut(tmp_path):
     assert set(copies.values()) == {"1-" + ("a" * 52 + ".png.jpg"), names[1] + ".jpg"}
 
 
+def test_no_two_photos_have_one_name(tmp_path):
+    for name, texture in zip(("3-a.tif.jpg", "a.tif", "a.tif.jpg"), (*textures(), 255 - textures()[0]), strict=False):
+        assert cv2.imwrite(str(tmp_path / name), texture)
+    (tmp_path / "work").mkdir()
+    copies, originals = _copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
+    assert len(set(copies.values())) == 3 and set(copies.values()) == set(originals.values())
+    assert originals[tmp_path / "3-a.tif.jpg"] == "3-a.tif.jpg"
+
+
 def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
     """However few bytes it has; and one that cannot be used is no reason to leave out another."""
     noise_photo(tmp_path / "b.jpg", 1, cells=(12, 16))

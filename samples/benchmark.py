@@ -30,7 +30,8 @@ import rich.table
 import torch
 
 from core.bench.machine import made_on
-from core.system.atomic import check_file, write_json
+from core.system.atomic import write_json
+from core.system.outputs import check_file
 from samples.measurements import baking, drawing, first_use, steps, targets, threads
 from samples.measurements.stopwatch import peak_memory
 from wegs_cli.main import OneLineErrors

@@ -24,7 +24,8 @@ import torch
 
 from core.bench.machine import made_on
 from core.system import device
-from core.system.atomic import check_file, write_json
+from core.system.atomic import write_json
+from core.system.outputs import check_file
 from wegs_cli.main import OneLineErrors
 
 NAMES = ("picture", "baked", "steps", "paper", "kernels")

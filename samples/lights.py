@@ -34,7 +34,8 @@ from core.looks.find_look import find_look, look_of_photo
 from core.looks.refined_look import refined
 from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run
 from core.report import QUIET, Report
-from core.system.atomic import check_file, write_bytes
+from core.system.atomic import write_bytes
+from core.system.outputs import check_file
 from core.training.on_disk import run_folders
 from core.words import counted
 from wegs_cli.main import OneLineErrors

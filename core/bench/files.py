@@ -10,7 +10,8 @@ from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import check_folder, check_named_as_folder, write_bytes, write_json, write_text
+from core.system.atomic import write_bytes, write_json, write_text
+from core.system.outputs import check_folder, check_named_as_folder
 
 SUFFIXES = (".csv", ".json", ".png")
 

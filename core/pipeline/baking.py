@@ -13,7 +13,7 @@ from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
-from core.system.atomic import check_file
+from core.system.outputs import check_file
 from core.words import counted
 
 VIEWER = "https://superspl.at/editor"

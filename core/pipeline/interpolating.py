@@ -12,7 +12,8 @@ from core.looks.pruning import pruner_of
 from core.looks.trained import bake, blend, drawn
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
-from core.system.atomic import check_apart, check_fillable, check_named_as_folder, filling
+from core.system.atomic import filling
+from core.system.outputs import check_apart, check_fillable, check_named_as_folder
 from core.words import counted
 
 

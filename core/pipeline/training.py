@@ -17,7 +17,7 @@ from core.looks.pruning import pruner_of
 from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
 from core.system import device
-from core.system.atomic import check_apart
+from core.system.outputs import check_apart
 from core.training.interrupt import StopRequest
 from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders
 from core.training.on_disk.claim import held, new_run

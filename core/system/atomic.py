@@ -6,15 +6,15 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from core.errors import FULL, BadInput, BadSetting, WegsError, command, disk_full
+from core.errors import FULL, BadInput, WegsError, disk_full
 from core.system.lock import taken
+from core.system.outputs import TEMPORARY, check_file, check_fillable
 
-TEMPORARY = ".wegs-"  # in the names of temporary folders
 KEPT = f"{TEMPORARY}kept"  # the end of the names of those that outlive a stop
 NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
 FRESH_S = 5  # a temporary folder younger than this may be one that its process is about to hold
@@ -23,47 +23,6 @@ _REFUSED = (
     *(errno.ENOENT, errno.ENOTDIR),  # the folder is gone
     errno.EFBIG,  # of the disk (4 GB on FAT), or `ulimit -f`
 )
-
-
-def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
-    """Raise BadInput unless `folder` can be written in, or be made. fix: what to do where it is read-only."""
-    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
-    if not there.is_dir():
-        raise BadInput(f"{there} is not a folder.", "Write to another folder.")
-    if not os.access(there, os.W_OK):
-        raise BadInput(f"The folder {there} may not be written in.", fix)
-
-
-def check_named_as_folder(output: Path, suffixes: tuple[str, ...], what: str) -> None:
-    """Raise BadSetting for a new -o with one of the `suffixes` of files. what: words for what is made of it, a folder."""
-    if output.suffix.lower() in suffixes and not output.exists():
-        raise BadSetting(f"-o {output}: {what}.", f"Type: {command('-o', output.with_suffix(''))}")
-
-
-def files_in(folder: Path) -> list[Path]:
-    """What the folder holds, without the temporary folders of work in progress or killed."""
-    return [path for path in folder.iterdir() if TEMPORARY not in path.name]
-
-
-def check_apart(folder: Path, given: Iterable[Path]) -> None:
-    """Raise BadInput where something that the user gave lies in `folder`, whose files are about to be deleted for new ones."""
-    for path in given:
-        # A link in the folder goes as well, though what it leads to stays.
-        inside = path.resolve().is_relative_to(folder.resolve()) or path.absolute().is_relative_to(folder.absolute())
-        if inside and path.exists():
-            raise BadInput(f"{path} lies in {folder}, whose files are replaced.", "Choose another -o, or move it out first.")
-
-
-def check_file(path: Path) -> None:
-    """Raise BadInput unless a file can be written as `path`: asked before the work, not after it."""
-    if path.is_dir():
-        raise BadInput(f"{path} is a folder.", "Give the name of a file.")
-    check_folder(path.parent)
-    if path.parts[0] == "~":
-        raise BadInput(f"{path} names no home folder: the shell replaces ~ only at the start of a word.", f"Type: -o {path}, with a space")
-    if not path.parent.exists():
-        fix = f"Type: {command('mkdir', '-p', path.parent)}"
-        raise BadInput(f"There is no folder {path.parent} to write {path.name} in.", fix)
 
 
 @contextmanager
@@ -226,18 +185,6 @@ def named_if_full(folder: Path, full: WegsError) -> Iterator[None]:
         if folder.exists() and shutil.disk_usage(folder).free < 1 << 20:
             raise full from None
         raise
-
-
-def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:
-    """What `filling` would replace; raises BadInput where `filling` would, but before the work."""
-    check_folder(folder)
-    old = files_in(folder) if folder.exists() else []
-    foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
-    if foreign:
-        raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder, or move them out.")
-    if old and not force:
-        raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
-    return old
 
 
 @contextmanager

@@ -10,7 +10,8 @@ import pytest
 
 from core.errors import BadInput, WegsError
 from core.system import atomic, lock
-from core.system.atomic import check_file, check_folder, files_in, filling, replacing, write_json
+from core.system.atomic import filling, replacing, write_json
+from core.system.outputs import files_in
 
 
 def test_a_file_keeps_its_old_content_when_writing_fails(tmp_path):
@@ -166,21 +167,6 @@ def test_an_error_names_the_folder_and_not_where_it_is_being_filled(tmp_path):
     with pytest.raises(WegsError, match="fade/a.png") as caught, fade as work, replacing(work / "a.png"):
         raise OSError(errno.ENOSPC, "full")
     assert work.name not in str(caught.value)
-
-
-def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(BadInput, match="file is not a folder"):
-        check_file(tmp_path / "file" / "a.ply")
-    with pytest.raises(BadInput, match="mkdir -p .*'?no such'?"):
-        check_file(tmp_path / "no such" / "a.ply")
-    with pytest.raises(BadInput, match="names no home folder.*Type: -o ~/a.ply, with a space"):
-        check_file(Path("~/a.ply"))
-    check_folder(tmp_path / "none" / "none")  # can be made
-    monkeypatch.setattr(os, "access", lambda path, mode: False)  # who runs the tests may be root, who may write anywhere
-    for check, path in ((check_file, tmp_path / "a.ply"), (check_folder, tmp_path / "none" / "none")):
-        with pytest.raises(BadInput, match=f"{tmp_path} may not be written in"):
-            check(path)
 
 
 def test_a_temporary_file_that_cannot_be_removed_hides_no_error(tmp_path, monkeypatch):

@@ -23,7 +23,8 @@ from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.lens import Lens
-from core.system.atomic import NAME_PART, check_folder, files_in, replacing_folder, write_json
+from core.system.atomic import NAME_PART, replacing_folder, write_json
+from core.system.outputs import check_folder, files_in
 from core.words import counted, name_them
 
 ALPHA = "alpha"  # folder, in the work folder, of what is known of transparency

@@ -16,10 +16,11 @@ from torch import Tensor
 
 from core.errors import BadInput, command
 from core.system import atomic
+from core.system.outputs import TEMPORARY
 
 NAME = re.compile(r"checkpoint_\d{6,}\.safetensors")
 BEING_WRITTEN = "checkpoint"  # whose temporary folder, one for all steps, also holds what safetensors writes first
-TEMPORARY = f".{BEING_WRITTEN}{atomic.TEMPORARY}*"  # that folder, as a killed run may leave it until it goes on
+TEMPORARY = f".{BEING_WRITTEN}{TEMPORARY}*"  # that folder, as a killed run may leave it until it goes on
 VERSION = 2
 Read = TypeVar("Read")
 

@@ -13,8 +13,9 @@ from core.data.collection import Collection
 from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, names_wegs, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
-from core.system.atomic import check_folder, check_named_as_folder, remove, swept
+from core.system.atomic import remove, swept
 from core.system.lock import taken
+from core.system.outputs import check_folder, check_named_as_folder
 from core.training.decisions import Decision
 from core.training.on_disk import checkpoint, history, mask_files, viewer_files
 from core.training.on_disk.run_config import write_config

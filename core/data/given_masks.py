@@ -124,7 +124,7 @@ def with_masks_by_name(collection: Collection, masks: dict[str, Path], source: P
         heard = said if photo.split == "train" else Reasons()  # masks never enter a figure
         photos.append(_with_mask_if_usable(photo, masks.get(photo.name), lenses.get(photo.name), heard))
     count = sum(photo.mask is not None for photo in photos if photo.split == "train")
-    summary = [Note(f"{counted(count, 'photo')} with a mask from {source}.", harmless=True)] * (count > 0)
+    summary = [Note(f"{counted(count, 'photo')} with a mask from {source}.", harmless=True)] if count else []
     return replace(collection, photos=tuple(photos), notes=(*collection.notes, *summary, *said.notes()))
 
 

@@ -35,7 +35,8 @@ def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Call
     """
     folder, number, others = wanted, 1, []
     while os.path.lexists(folder) and not is_it(folder):
-        others += [str(folder)] * (folder / mark).is_file()
+        if (folder / mark).is_file():
+            others.append(str(folder))
         number += 1
         folder = wanted.with_name(f"{wanted.name}-{number}")
     if not os.path.lexists(folder):

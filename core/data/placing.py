@@ -91,7 +91,7 @@ class Placing:
         many = f"of {self.placed} with a focal length that no lens has, so expect a poor scene"
         what = "with an unusual focal length, used all the same" if few else many
         notes = self.said.notes() + name_them(what, self.unusual, harmless=few)
-        return notes + [Note(undistorted, harmless=True)] * bool(self.undistorted)
+        return [*notes, Note(undistorted, harmless=True)] if self.undistorted else notes
 
 
 def focal_length_of(camera: Camera | pycolmap.Camera) -> float:

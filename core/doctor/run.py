@@ -60,7 +60,8 @@ def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
         asked += "; it is still being trained"
     elif steps < wanted or (len(trained.splats) and not any(trained.folder.glob(run_folders.CLOUDS))):  # of no Gaussian there is no file
         advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
-        asked += "; the results were not written" * (steps == wanted)
+        if steps == wanted:
+            asked += "; the results were not written"
     skipped = facts["skipped"]
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
     findings = [

@@ -63,7 +63,7 @@ def placed_photos(scene: Path) -> list[Finding]:
     if (counts := placed_of(scene)) is None:
         return []
     total, placed, _ = counts
-    meaning = "by structure from motion" + "; the others are left out" * (placed < total)
+    meaning = "by structure from motion" if placed == total else "by structure from motion; the others are left out"
     advice = "Expect a poor scene. Add photos from in between." if shortfall(scene) else ""
     return [Finding("photos placed", f"{placed} of {total}", meaning, advice)]
 

@@ -34,7 +34,9 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
     over = ", over white" if trained.transparent_is_empty else ""
     there = sum(is_file(photo.path) for photo in photos)
-    count = f"{there} of " * (there < len(photos)) + counted(len(photos), "held-out photo")
+    count = counted(len(photos), "held-out photo")
+    if there < len(photos):
+        count = f"{there} of {count}"
     report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: {count}, protocol {protocol}{over}")
     if (distance := lpips.load()) is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
@@ -68,7 +70,8 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     results.save(trained.folder)
     *_, sheet = names = EVALUATED[protocol]
     write_png(trained.folder / sheet, picture_sheet(rows, protocol, trained.step))
-    names += (f"{PICTURES}/{protocol}/",) * keep_pictures
+    if keep_pictures:
+        names = (*names, f"{PICTURES}/{protocol}/")
     report.say(f"{trained.folder}: {', '.join(names)}")
     return results
 

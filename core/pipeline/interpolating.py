@@ -66,8 +66,12 @@ def interpolate(
             write_video(work / "video.mp4", frames)
         except WegsError as problem:  # the frames took the time: they are kept
             report.warn(str(problem).replace(str(work), str(output)))
-    files = f", {counted(steps, '.ply file')}" * ply + ", video.mp4" * (output / "video.mp4").is_file()
-    report.say(f"{output}: {steps} frames, sheet.png{files}")
+    files = [f"{steps} frames", "sheet.png"]
+    if ply:
+        files.append(counted(steps, ".ply file"))
+    if (output / "video.mp4").is_file():
+        files.append("video.mp4")
+    report.say(f"{output}: {', '.join(files)}")
     return output
 
 

@@ -41,7 +41,10 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")
     looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
     parts = [looks[settings.appearance]]
-    parts += ["masks of passers-by"] * (settings.transients == "on") + ["a sky dome"] * (settings.sky == "dome")
+    if settings.transients == "on":
+        parts.append("masks of passers-by")
+    if settings.sky == "dome":
+        parts.append("a sky dome")
     report.say(f"It learns {', '.join(parts)}; harmonics of degree {settings.sh_degree}")
 
 

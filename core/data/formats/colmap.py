@@ -27,7 +27,8 @@ def find_model(root: Path) -> Path | None:
     """The folder of the COLMAP model: below `root`, or `root` itself if it also holds the photos; else None. BadInput if the model lacks files."""
     folders = [root / name for name in MODEL_FOLDERS]
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
-    folders += [root / NERFSTUDIO_FOLDER] * (not (root / NERFSTUDIO_FILE).exists())
+    if not (root / NERFSTUDIO_FILE).exists():
+        folders.append(root / NERFSTUDIO_FOLDER)
     for folder in folders:
         if holds_model(folder):
             others = _models_beside(folder)

@@ -153,7 +153,8 @@ class _Reading:
             return points
         name = facts.get("ply_file_path")
         if not isinstance(name, str):
-            self.notes += [f"The ply_file_path {name!r} is no name of a file."] * (name is not None)
+            if name is not None:
+                self.notes.append(f"The ply_file_path {name!r} is no name of a file.")
             return None
         path = self.find(name)
         if not is_file(path):

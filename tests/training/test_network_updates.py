@@ -1,9 +1,34 @@
-"""When the encoder is taught: as soon as the embedding has its gradient, or at the end."""
+"""How the networks learn: each at its own rate, and the encoder as soon as the embedding has its gradient, or at the end."""
 
+import pytest
 import torch
 
+from core.appearance.model import AppearanceModel
 from core.training import network_updates
 from core.training.losses.backward import backward
+from tests.small import small_settings
+from tests.training.conftest import RATES
+
+PHOTOS = ["a.jpg", "b.jpg"]
+
+
+@pytest.mark.parametrize(
+    "changes, expected",
+    [
+        ({}, {"encoder.enc": 0.8, "encoder.channel_attention": 0.8, "encoder.unet": 0.7, "sh_transfer": 0.7}),
+        ({"embedding": "glo", "mask": "mlp"}, {"embedding_table": 0.6, "mask_network": 0.7, "sh_transfer": 0.7}),
+    ],
+    ids=["encoder", "tables"],
+)
+def test_every_network_learns_at_its_own_rate(changes, expected):
+    settings = small_settings(**RATES, **changes)
+    model = AppearanceModel(settings, PHOTOS)
+    groups = network_updates.optimizer_of(model, settings).param_groups
+    rates = {weight: group["rate"] for group in groups for weight in group["params"]}
+    for name, weight in model.named_parameters():
+        (rate,) = (rate for part, rate in expected.items() if name.startswith(part))
+        assert rates.pop(weight) == rate, name
+    assert not rates
 
 
 def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way(monkeypatch):

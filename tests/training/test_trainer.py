@@ -129,6 +129,18 @@ def test_the_cap_always_holds(collection, tmp_path):
     assert max(report.gaussians for report in reports) <= 150
 
 
+def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
+    trainer = trainer_of(steps=40, densify_rounds=4, max_gaussians=600)
+    rounds = sorted(trainer.grow_at)
+    for number, step in enumerate(rounds, 1):
+        trainer.done = step
+        trainer.gaussians.gradient_sum.fill_(1.0)
+        trainer.gaussians.seen.fill_(1.0)
+        trainer.control_density()
+        assert trainer.gaussians.solid <= round(600 * (0.25 + 0.75 * number / len(rounds))), number
+    assert trainer.gaussians.solid == 600
+
+
 def test_what_is_off_is_never_built(collection, tmp_path):
     trainer, _ = run(collection, tmp_path / "run", small_settings(appearance="off", transients="off"))
     assert not list(trainer.model.parameters())

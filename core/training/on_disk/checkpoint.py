@@ -15,12 +15,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from core.errors import BadInput, command
-from core.system import atomic
-from core.system.outputs import TEMPORARY
+from core.system import atomic, outputs
 
 NAME = re.compile(r"checkpoint_\d{6,}\.safetensors")
 BEING_WRITTEN = "checkpoint"  # whose temporary folder, one for all steps, also holds what safetensors writes first
-TEMPORARY = f".{BEING_WRITTEN}{TEMPORARY}*"  # that folder, as a killed run may leave it until it goes on
+TEMPORARY = f".{BEING_WRITTEN}{outputs.TEMPORARY}*"  # that folder, as a killed run may leave it until it goes on
 VERSION = 2
 Read = TypeVar("Read")
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.training.losses import mask_weights
+from core.training.losses import mask_weights, regularisers
 from core.training.losses.photometric import Target, photometric_of_mask
 
 
@@ -65,3 +65,25 @@ def test_collapsed_masks_are_raised_in_the_pictures_loss(trainer_of, monkeypatch
     hidden, whole = torch.full((1, 9, 12), 0.1), torch.ones(1, 9, 12)
     by_mask, unmasked = (float(trainer.objective.picture(image, target, mask, *rest).detach()) for mask in (hidden, whole))
     assert by_mask == pytest.approx(share * unmasked, rel=1e-3)
+
+
+def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(trainer_of):
+    trainer = trainer_of(mask_start=0.2, mask_apply=0.6, transient_regularisation=1e-3)
+    trainer.gaussians.parameters["logit_opacities"].zero_()
+    camera, splats, mask = trainer.photos[0].camera, trainer.gaussians.splats, torch.zeros(1, 9, 12)
+    visible = trainer.rasterizer.visible(splats, camera)
+    splats = splats[visible.rows]
+    front = trainer.rasterizer.contributions(splats, camera)
+    rows = regularisers.transient_rows(splats.means, front, mask, camera)
+    opacity = torch.sigmoid(splats.logit_opacities[rows]).sum()
+    assert opacity > 1
+
+    def mean_of_twenty_steps(progress):
+        found = []
+        for step in range(1, 21):
+            found.append(float(trainer.objective.transient(splats, camera, visible.known, mask, progress, step).detach()))
+        return sum(found) / 20
+
+    assert [mean_of_twenty_steps(progress) for progress in (0.0, 0.3, 0.59)] == [0, 0, 0]
+    for progress in (0.6, 1.0):
+        assert mean_of_twenty_steps(progress) == pytest.approx(1e-3 * float(opacity), rel=1e-5)

@@ -1,0 +1,128 @@
+"""Density control: which Gaussians go, what pulls at those that stay, and where new ones come from."""
+
+import numpy as np
+import pytest
+import torch
+
+from core.training.gaussians import densify
+from tests.small import small_settings
+
+
+def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gaussians):
+    solid, sky = gaussians.solid, gaussians.sky
+    gaussians.parameters["logit_opacities"][0] = -20
+    gaussians.parameters["log_scales"][1] = 5
+    gaussians.parameters["means"][2] = float("nan")
+    densify.prune(gaussians, small_settings())
+    assert (gaussians.solid, gaussians.sky) == (solid - 3, sky)
+    assert all(len(tensor) == len(gaussians) for tensor in gaussians.tensors().values())
+
+
+def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gaussians):
+    points = gaussians.parameters["means"][: gaussians.solid].double().numpy()
+    gaussians.parameters["means"][0] = float("nan")
+    gaussians.parameters["means"][1] = 50.0
+    densify.prune(gaussians, small_settings(), densify.Surroundings(points, reach=4.0))
+    assert gaussians.solid == len(points) - 2
+
+
+@pytest.mark.parametrize("reaching", [0.0, 0.1, 0.5, 1.0])
+def test_a_quarter_stays_whatever_it_contributes_and_no_more_than_that_of_the_faint(gaussians, reaching):
+    solid, means = gaussians.solid, gaussians.parameters["means"].clone()
+    largest = torch.zeros(len(gaussians))
+    largest[: round(reaching * solid)] = torch.linspace(0.15, 0.05, round(reaching * solid))
+    strong = int((largest >= 0.1).sum())
+    densify.prune_by_contribution(gaussians, largest, 0.1)
+    quarter = solid - int(0.75 * solid)
+    assert gaussians.solid == max(strong, quarter) and gaussians.sky == len(means) - solid
+    assert torch.equal(gaussians.parameters["means"][: gaussians.solid], means[: gaussians.solid])  # the strongest
+    gaussians.keep(torch.zeros(len(gaussians), dtype=torch.bool))
+    densify.prune_by_contribution(gaussians, torch.zeros(len(gaussians)), 0.1)
+    assert gaussians.solid == 0
+
+
+@pytest.mark.parametrize("gather", [densify.gather, densify.plain_gather])
+def test_what_pulls_at_the_seen_is_gathered_in_half_pictures_unless_the_step_is_dropped(gaussians, gather):
+    rows, pulls = torch.tensor([1, 4, 5]), torch.tensor([[3.0, 0.0], [0.0, -2.0], [0.6, 0.4]])
+    for taken in (True, True, False):
+        gather(gaussians, rows, pulls if taken else pulls * float("nan"), 20, 30, torch.tensor(taken))
+    assert gaussians.seen[:6].tolist() == [0, 2, 0, 0, 2, 2]
+    expected = torch.tensor([0, 60, 0, 0, 60, 2 * 72**0.5])  # hypot(0.6 * 10, 0.4 * 15) = sqrt(72)
+    torch.testing.assert_close(gaussians.gradient_sum[:6], expected)
+
+
+def test_growth_clones_the_small_and_splits_the_large(gaussians):
+    solid = gaussians.solid
+    gaussians.seen.fill_(1)
+    gaussians.gradient_sum[:2] = 1.0
+    gaussians.parameters["log_scales"][0] = np.log(0.5)
+    gaussians.parameters["log_scales"][1] = np.log(0.001)
+    small = gaussians.parameters["means"][1].clone()
+    densify.grow(gaussians, 100, torch.Generator().manual_seed(0))
+    parameters = gaussians.parameters
+    assert gaussians.solid == solid + 2
+    expected = torch.full((3,), 0.5 / 1.6)
+    torch.testing.assert_close(parameters["log_scales"][0].exp(), expected)
+    torch.testing.assert_close(parameters["log_scales"][solid].exp(), expected)
+    assert torch.equal(parameters["means"][solid + 1], small) and torch.equal(parameters["means"][1], small)
+
+
+def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
+    gaussians.seen.fill_(1)
+    gaussians.gradient_sum[: gaussians.solid] = torch.arange(gaussians.solid) + 1.0
+    solid = gaussians.solid
+    strongest = gaussians.parameters["sh"][solid - 3 : solid].clone()
+    densify.grow(gaussians, 3, torch.Generator().manual_seed(0))
+    assert gaussians.solid == solid + 3
+    assert torch.equal(gaussians.parameters["sh"][solid : solid + 3], strongest)
+
+
+def test_growth_asks_for_the_mean_pull_of_a_view_and_counts_afresh(gaussians):
+    solid, seldom = gaussians.solid, gaussians.parameters["sh"][0].clone()
+    for budget in (1, 0):
+        gaussians.seen[:2] = torch.tensor([1.0, 10.0])
+        gaussians.gradient_sum[:2] = torch.tensor([2e-3, 3e-3])
+        before = gaussians.solid
+        densify.grow(gaussians, budget, torch.Generator().manual_seed(0))
+        assert gaussians.solid == before + budget
+        assert not gaussians.seen.any() and not gaussians.gradient_sum.any()
+    assert torch.equal(gaussians.parameters["sh"][solid], seldom)
+
+
+def test_what_a_long_gaussian_splits_into_lies_along_it(gaussians):
+    solid, half_turn = gaussians.solid, np.deg2rad(40) / 2
+    parameters = gaussians.parameters
+    parameters["quaternions"][:solid] = torch.tensor([np.cos(half_turn), 0, 0, np.sin(half_turn)]).float()
+    parameters["log_scales"][:solid] = torch.tensor([0.1, 1e-6, 1e-6]).log()
+    gaussians.gradient_sum[:solid] = 1.0
+    before = parameters["means"][:solid].clone()
+    densify.grow(gaussians, solid, torch.Generator().manual_seed(0))
+    moved = gaussians.parameters["means"][: 2 * solid] - before.repeat(2, 1)
+    along = torch.tensor([np.cos(2 * half_turn), np.sin(2 * half_turn), 0]).float()
+    assert (moved - (moved @ along)[:, None] * along).norm(dim=1).max() < 1e-5
+    assert 0.09 < (moved @ along).std() < 0.11 and not torch.equal(moved[:solid], moved[solid:])
+
+
+def test_growth_that_finds_no_memory_changes_nothing(gaussians, monkeypatch):
+    gaussians.gradient_sum[:] = 1.0
+    gaussians.seen.fill_(1)
+    gaussians.parameters["log_scales"][:5] = -1.5  # these would split
+    before = {name: tensor.clone() for name, tensor in gaussians.tensors().items() if name not in ("gradient_sum", "seen")}
+
+    def full(*_, **__):
+        raise torch.OutOfMemoryError("CUDA out of memory")
+
+    monkeypatch.setattr(torch, "cat", full)
+    with pytest.raises(torch.OutOfMemoryError):
+        densify.grow(gaussians, 5, torch.Generator().manual_seed(0))
+    for name, tensor in before.items():
+        assert torch.equal(tensor, gaussians.tensors()[name]), name
+
+
+def test_gaussians_are_allowed_in_the_ball_of_any_point_nearby():
+    """Five points close together have small balls; that of the lonely one reaches to them."""
+    points = np.zeros((6, 3))
+    points[:, 0] = [0.0, 0.01, 0.02, 0.03, 0.04, 1.0]
+    means = torch.zeros(4, 3)
+    means[:, 0] = torch.tensor([-0.5, 0.02, 0.3, 2.5])
+    assert densify.Surroundings(points, reach=1.0).outside(means).tolist() == [True, False, False, True]

@@ -1,0 +1,46 @@
+"""What of the Gaussians learns, from when on, and how fast."""
+
+import pytest
+import torch
+
+from core.training import network_updates
+from core.training.gaussians.gaussians import learning_rates
+from tests.small import small_settings
+from tests.training.conftest import RATES
+
+
+def test_until_its_time_the_geometry_stays_and_only_harmonics_learn(trainer_of):
+    trainer = trainer_of(steps=10, geometry_from=0.5)
+    before = {name: tensor.clone() for name, tensor in trainer.gaussians.parameters.items()}
+    for step in range(1, 11):
+        trainer.step()
+        moved = {name for name, tensor in trainer.gaussians.parameters.items() if not torch.equal(tensor, before[name])}
+        assert moved == ({"sh"} if step <= 5 else set(before)), step
+
+
+def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth():
+    rates = learning_rates(small_settings(latent_size=3, latents_from=0.0, geometry_from=0.0, **RATES), 0.0)
+    for name, expected in {
+        "means": [0.1] * 3,
+        "quaternions": [0.2] * 4,
+        "log_scales": [0.3] * 3,
+        "logit_opacities": [0.4],
+        "sh": [0.5] * 3 + [0.025] * 9,
+        "latents": [0.6] * 3,
+    }.items():
+        assert rates.pop(name).tolist() == pytest.approx(expected), name
+    assert not rates
+
+
+def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(trainer_of):
+    trainer = trainer_of(latent_size=3, latents_from=0.0, geometry_from=0.0, **RATES)
+    used, slowed = [], {"means": 0.01, "latents": 0.1}
+    for progress in (0.0, 0.5, 1.0):
+        used.append(learning_rates(trainer.settings, progress))
+        for name, rates in used[-1].items():
+            torch.testing.assert_close(rates, used[0][name] * slowed.get(name, 1.0) ** progress)
+        network_updates.update(trainer.optimizer, progress, torch.tensor(True))
+        for group in trainer.optimizer.param_groups:
+            assert group["lr"] == pytest.approx(group["rate"] * 0.1**progress)
+    assert used[0]["means"].tolist() == pytest.approx([0.1] * 3)
+    assert used[0]["latents"].tolist() == pytest.approx([0.6] * 3)

@@ -1,0 +1,11 @@
+"""What keeps the base harmonics at the neutral look: how a residual is weighed."""
+
+import torch
+
+from core.training.losses.gauge import Gauge
+
+
+def test_the_gauge_is_the_mean_over_gaussians_of_the_squared_residual(trainer_of, monkeypatch):
+    trainer = trainer_of()
+    monkeypatch.setattr(trainer.model.sh_transfer, "forward", lambda sh, *_: torch.full_like(sh, 2.0))
+    assert float(Gauge(trainer.model)(trainer.gaussians, trainer.generator)) == 4 * 3 * 2.0**2

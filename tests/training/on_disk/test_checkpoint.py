@@ -1,0 +1,82 @@
+"""Checkpoints: the newest is found, read back whole or refused, and none is lost to a full disk or a kill."""
+
+import os
+
+import pytest
+import torch
+
+from core.errors import BadInput
+from core.system import lock
+from core.training.on_disk import checkpoint, run_folders
+from tests.small import small_collection, small_settings
+
+
+def test_the_newest_checkpoint_is_the_one_of_the_highest_step(tmp_path):
+    for name in ("000400", "999999", "1000000"):
+        (tmp_path / f"checkpoint_{name}.safetensors").write_text("")
+    (tmp_path / "checkpoint_of_yesterday.safetensors").write_text("")
+    assert checkpoint.newest(tmp_path).name == "checkpoint_1000000.safetensors"
+
+
+def test_a_checkpoint_that_cannot_be_written_says_how_to_go_on(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
+    checkpoint.save(tmp_path, saved)
+    monkeypatch.setattr(checkpoint, "save_file", full)
+    with pytest.raises(BadInput, match="No space left.*wegs train --resume -o"):
+        checkpoint.save(tmp_path, checkpoint.Checkpoint(saved.tensors, {"step": 8}))
+    checkpoint.newest(tmp_path).unlink()
+    with pytest.raises(BadInput, match="then type: wegs train --resume -o"):
+        checkpoint.save(tmp_path, saved)
+
+
+@pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_what_a_kill_left_of_a_checkpoint_goes_with_the_next_one_or_with_the_run(tmp_path):
+    def killed():
+        left = tmp_path / f".checkpoint{outputs.TEMPORARY}abc"
+        left.mkdir()
+        (left / ".tmpxyz").touch()  # safetensors' own
+        os.utime(left, (1e9, 1e9))
+
+    killed()
+    path = checkpoint.save(tmp_path, checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7}))
+    assert list(tmp_path.iterdir()) == [path]
+    killed()
+    run_folders.create(tmp_path, small_collection(tmp_path / "scene"), small_settings())
+    assert not [*tmp_path.glob(".*"), *tmp_path.glob("checkpoint*")]
+
+
+def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
+    saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
+    path = checkpoint.save(tmp_path, saved)
+    assert checkpoint.newest(tmp_path) == path
+    loaded = checkpoint.load(path)
+    assert torch.equal(loaded.part("a")["b"], torch.arange(3)) and loaded.facts["step"] == 7
+    (tmp_path / "other").touch()
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode  # whoever may read a file may read a checkpoint
+    path.write_bytes(path.read_bytes()[:40])
+    with pytest.raises(BadInput, match="not a readable checkpoint"):
+        checkpoint.load(path)
+
+
+def test_a_checkpoint_that_the_next_one_replaces_while_it_is_read_is_no_damage(tmp_path):
+    def saved(step):
+        return checkpoint.save(tmp_path, checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": step}))
+
+    first, read = saved(7), []
+
+    def read_late(path):
+        read.append(path.name)
+        if path == first:
+            saved(8)
+        return checkpoint.load(path)
+
+    path, found = checkpoint.read_newest(tmp_path, read_late)
+    assert found.facts["step"] == 8 and read == [first.name, path.name]
+    path.write_bytes(b"")
+    with pytest.raises(BadInput, match="not a readable checkpoint"):
+        checkpoint.read_newest(tmp_path, checkpoint.load)
+    path.unlink()
+    assert checkpoint.read_newest(tmp_path, checkpoint.load) is None

@@ -1,0 +1,21 @@
+"""Schedules are fractions of a run, however many steps it has."""
+
+import numpy as np
+import pytest
+
+from core.training import schedule
+from tests.small import whole_settings
+
+
+def test_schedules_are_fractions_of_the_steps():
+    short, long = whole_settings(steps=100), whole_settings(steps=100_000)
+    assert schedule.densification_steps(long)[-1] == 1000 * schedule.densification_steps(short)[-1]
+    assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until * 0.6, 0.9)] == [4, 2, 1]
+    assert schedule.evenly(4, 100) == {25, 50, 75, 100}
+    assert schedule.contribution_steps(short) == {65, 85}
+    through = [schedule.time_through(short, step) for step in range(101)]
+    times = np.diff(through)
+    assert (through[0], through[-1]) == (0.0, pytest.approx(1.0))
+    assert times[5] / times[50] == pytest.approx(1 / 3) and times[15] / times[50] == pytest.approx(1 / 2)
+    late = whole_settings(steps=100, densify_until=0.9)
+    assert min(schedule.contribution_steps(late)) > schedule.densification_steps(late)[-1]

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.system import lock
+from core.system import lock, outputs
 from core.training.on_disk import checkpoint, run_folders
 from tests.small import small_collection, small_settings
 

@@ -35,7 +35,7 @@ from core.looks.refined_look import refined
 from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run
 from core.report import QUIET, Report
 from core.system.atomic import write_bytes
-from core.system.outputs import check_file
+from core.system.outputs import check_replaceable
 from core.training.on_disk import run_folders
 from core.words import counted
 from wegs_cli.main import OneLineErrors
@@ -62,9 +62,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
     if output.suffix.lower() not in (".jpg", ".jpeg"):
         raise BadInput(f"{output} is not named like a JPEG.", "End it in .jpg.")
     for path in filter(None, (lights, output)):
-        check_file(path)
-        if path.exists() and not force:
-            raise BadInput(f"{path} exists.", "Add --force to replace it, or choose another -o.")
+        check_replaceable(path, force)
     if len(views) > 1 and not renders:
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
     if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):

@@ -122,11 +122,15 @@ def find_photos(path: Path) -> Path:
 
 def warn_of_others(path: Path, photos: Path, report: Report) -> None:
     """Name the photos in and below `path` that are not used because `photos` is the folder that `find_photos` found there."""
-    for folder, count in count_photos(path).items():
-        if count and folder != photos:
-            report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
+    for folder, count in passed_over(path, photos).items():
+        report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
     if below := fuller_below(path, photos):
         report.warn(f"{counted(len(list_photos(below)), 'photo')} in {below} not used: subfolders are not searched. Give that folder to use them.")
+
+
+def passed_over(path: Path, photos: Path) -> dict[Path, int]:
+    """How many photos are in the other folders with any that `path` may stand for, of which `find_photos` chose `photos`."""
+    return {folder: count for folder, count in count_photos(path).items() if count and folder != photos}
 
 
 def count_photos(path: Path) -> dict[Path, int]:

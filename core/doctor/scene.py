@@ -9,7 +9,7 @@ import numpy as np
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection, Photo, astray
-from core.data.load import count_photos
+from core.data.load import passed_over
 from core.data.photos.file import named_with_fault
 from core.data.photos.folder import fuller_below, list_photos, list_unreadable
 from core.data.photos.pixels import load_photo
@@ -207,8 +207,7 @@ def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
     used = len(list_photos(folder))
     findings = [
         Finding("photos elsewhere", f"{count} in {other}, beside the {used} in {folder}", "only one folder is used", "Put all photos into one.")
-        for other, count in count_photos(root).items()
-        if count and other != folder
+        for other, count in passed_over(root, folder).items()
     ]
     if below := fuller_below(root, folder):
         figure = f"{len(list_photos(below))} in {below}, more than the {used} in {folder}"

@@ -1,19 +1,17 @@
 """A trained run and a look -> one file: what `wegs bake` does."""
 
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import core.export
-from core.errors import BadInput
 from core.looks import saved_look
 from core.looks.find_look import find_look
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
-from core.system.outputs import check_file
+from core.system.outputs import check_replaceable
 from core.words import counted
 
 VIEWER = "https://superspl.at/editor"
@@ -39,9 +37,7 @@ def bake_to_file(
     """
     start = time.perf_counter()
     core.export.check_format(output)
-    check_file(output)
-    if os.path.lexists(output) and not force:  # a link to nothing, too, would be replaced
-        raise BadInput(f"{output} exists.", "Add --force to replace it, or choose another -o.")
+    check_replaceable(output, force)
     trained = open_run(folder, report)
     if save_as is not None:
         saved_look.check_free(trained.folder, save_as, force, trained.collection)

@@ -50,6 +50,13 @@ def check_file(path: Path) -> None:
         raise BadInput(f"There is no folder {path.parent} to write {path.name} in.", fix)
 
 
+def check_replaceable(path: Path, force: bool) -> None:
+    """As `check_file`; BadInput, too, for a file that is there, unless `force` is given."""
+    check_file(path)
+    if os.path.lexists(path) and not force:  # a link to nothing, too, would be replaced
+        raise BadInput(f"{path} exists.", "Add --force to replace it, or choose another -o.")
+
+
 def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:
     """What `core.system.atomic.filling` would replace; raises BadInput where that would."""
     check_folder(folder)

@@ -134,8 +134,8 @@ def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, si
     if not answers:
         return None
     found, fitted = max(answers, key=lambda each: each[0]["num_inliers"])
-    agreeing = len(np.unique(points[found["inlier_mask"]], axis=0))  # a feature of several orientations, and one landmark twice, are one witness
-    if agreeing < LEAST_AGREEING or found["num_inliers"] < LEAST_SHARE * len(points) or not is_usual(fitted):
+    witnesses = len(np.unique(points[found["inlier_mask"]], axis=0))  # a feature of several orientations, and one landmark twice, are one witness
+    if witnesses < LEAST_AGREEING or found["num_inliers"] < LEAST_SHARE * len(points) or not is_usual(fitted):
         return None
     rotation = found["cam_from_world"].rotation.matrix()
     centre = -rotation.T @ found["cam_from_world"].translation

@@ -88,13 +88,14 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
     """
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
-    copies, originals, turned, numbers = {}, {}, 0, {path: number for number, path in enumerate(paths, 1)}
+    copies, originals, taken, turned, numbers = {}, {}, set(), 0, {path: number for number, path in enumerate(paths, 1)}
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, BadInput):
             report.warn(f"Left out: {photo.what}")
             continue
-        name = _name_in_scene(path, photo, f"{numbers[path]}-", set(originals.values()))
+        name = _name_in_scene(path, photo, f"{numbers[path]}-", taken)
         originals[path] = name
+        taken.add(name)
         copy = f"{numbers[path]:06d}.jpg"
         copies[copy] = name
         upright_jpeg = photo.header.kind == "jpeg" and photo.header.orientation == 1
@@ -116,9 +117,7 @@ def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: set[str])
     suffixes = JPEG_SUFFIXES if photo.alpha is None else (".png",)
     if path.suffix.lower() not in suffixes:
         name += suffixes[0]
-    if len(name.encode()) > LONGEST_NAME:
-        name = prefix + name[-NAME_PART:]
-    while name in taken:
+    while name in taken or len(name.encode()) > LONGEST_NAME:
         name = prefix + name[-NAME_PART:]
     return name
 

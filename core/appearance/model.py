@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.appearance.colouring import UNCHANGED, Weights
-from core.appearance.encoder import PhotoEncoder, PlainMask, shrink
+from core.appearance.encoder import PhotoEncoder, PlainMask, mask_size, shrink
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
 from core.appearance.reach import Reach
@@ -16,7 +16,6 @@ from core.appearance.sh_transfer import SHTransfer
 from core.config import Settings
 from core.errors import BadInput, BadSetting
 from core.scene.splats import Splats
-from core.system.cuda_graph import Replayed
 from core.system.threads import one_torch_thread
 
 TABLE_SPREAD = 1.0  # of GLO embeddings at the start; the strongest component of an encoder's has 0.7
@@ -54,7 +53,6 @@ class AppearanceModel(nn.Module):
         self.sh_transfer = None
         if (with_appearance and settings.embedding == "encoder") or (with_masks and settings.mask == "attention"):
             self.encoder = PhotoEncoder(settings)
-            self.encode = Replayed(self.encoder)
         if with_appearance and settings.embedding == "glo":
             size = len(self.photo_names), settings.embedding_size
             self.embedding_table = nn.Parameter(TABLE_SPREAD * torch.randn(size))
@@ -88,7 +86,7 @@ class AppearanceModel(nn.Module):
         embedding = mask = None
         with one_torch_thread():  # a few ms of work: more threads cost more than they save, and would round differently
             if self.encoder is not None:
-                embedding, mask = self.encode(picture)
+                embedding, mask = self.encoder(picture)
                 if embedding is not None and row is None:
                     embedding = self.reach.nearest(embedding)
             if self.embedding_table is not None and row is not None:
@@ -96,8 +94,7 @@ class AppearanceModel(nn.Module):
             if isinstance(self.mask_network, PlainMask):
                 mask = self.mask_network(picture)
             elif self.mask_network is not None and row is not None:
-                height, width = (-(-side // 4) for side in picture.shape[1:])
-                mask = self.mask_network(row, height, width)
+                mask = self.mask_network(row, *mask_size(picture))
         return Reading(self.mean_embedding if embedding is None else embedding, mask)
 
     @torch.no_grad()

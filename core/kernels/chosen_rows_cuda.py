@@ -16,7 +16,7 @@ BLOCK = 1024  # numbers a program, eight a thread
 
 @triton.jit(do_not_specialize=["count"])
 def take_rows(sources, copies, rows, count, COLUMNS: tl.constexpr, BLOCK: tl.constexpr):
-    """Write `count` rows of each array of `sources`, which has as many COLUMNS, to its place in `copies`; both are tuples.
+    """Write `count` rows of each array of `sources`, which has as many COLUMNS, to its place in `copies`, zeros for a row of -1; both are tuples.
 
     A program writes BLOCK numbers of one of them, the first programs those of the first.
     """
@@ -27,8 +27,8 @@ def take_rows(sources, copies, rows, count, COLUMNS: tl.constexpr, BLOCK: tl.con
             # Or Triton would give each lane four numbers side by side, which the mask lets it move one by one only.
             at = tl.max_contiguous(block * BLOCK + tl.arange(0, BLOCK), 1)
             known = at < size
-            row = tl.load(rows + at // COLUMNS[array], mask=known, other=0)
-            number = tl.load(sources[array] + row * COLUMNS[array] + at % COLUMNS[array], mask=known, other=0.0)
+            row = tl.load(rows + at // COLUMNS[array], mask=known, other=-1)
+            number = tl.load(sources[array] + row * COLUMNS[array] + at % COLUMNS[array], mask=row >= 0, other=0.0)
             tl.store(copies[array] + at, number, mask=known)
         block -= tl.cdiv(size, BLOCK)  # counted from the next array's first on
 

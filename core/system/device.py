@@ -1,5 +1,6 @@
 """Where to compute: what the setting `device` means on this machine."""
 
+from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from subprocess import SubprocessError
@@ -77,18 +78,10 @@ def sent(tensor: Tensor, device: torch.device) -> Tensor:
     return (tensor.pin_memory() if device.type == "cuda" else tensor).to(device, non_blocking=True)
 
 
-class OnTheWay:
-    """Numbers that a device is still computing, requested without waiting for them; only `arrived` waits, if they have not come by then."""
-
-    def __init__(self, numbers: Tensor):
-        self.numbers = numbers.to(CPU, non_blocking=True)  # from a GPU: into pinned memory
-        self.event = torch.cuda.current_stream(numbers.device).record_event() if numbers.device.type == "cuda" else None
-
-    def arrived(self) -> list[float]:
-        """The numbers, once the device has computed them."""
-        if self.event is not None and not self.event.query():  # where they have come, no wait is counted
-            self.event.synchronize()
-        return self.numbers.tolist()
+def sent_together(tensors: Sequence[Tensor], device: torch.device) -> list[Tensor]:
+    """As `sent`, tensors of one type, by one copy."""
+    flat = sent(torch.cat([tensor.flatten() for tensor in tensors]), device)
+    return [part.view_as(tensor) for part, tensor in zip(flat.split([tensor.numel() for tensor in tensors]), tensors)]
 
 
 def of_run(trained_on: str) -> torch.device:

@@ -28,13 +28,18 @@ def usual_loss(last_losses: list[float | None]) -> float:
     return median(known) if known else math.inf
 
 
-def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], usual: float) -> Bool[Tensor, ""]:
-    """Whether a step with these losses is to be taken."""
-    return (total.abs() < math.inf) & (picture_loss <= max(SPIKE * usual, LEAST_SPIKE))
+def largest_loss(usual: float) -> float:
+    """The picture loss beyond which a step is not to be taken. usual: see `usual_loss`."""
+    return max(SPIKE * usual, LEAST_SPIKE)
+
+
+def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], largest: Float[Tensor, ""]) -> Bool[Tensor, ""]:
+    """Whether a step with these losses is to be taken. largest: see `largest_loss`."""
+    return (total.abs() < math.inf) & (picture_loss <= largest)
 
 
 class StepFacts(NamedTuple):
-    """What is told of a step: scalars of the device that computes it, numbers once they have arrived.
+    """What is told of a step, as scalars of the device that computes it, and as numbers.
 
     loss: what the step minimised. residual_size: mean absolute residual. shown_share: of the photo, by its mask. sound: whether the losses are
     in order. taken: whether the Gaussians' gradient is finite, too, so that they are updated. learned: whether the networks' is, too, so that

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from core.appearance.tone import LARGEST_GAIN
 from core.config import Settings
-from core.system.device import sent
 from core.training.losses.photometric import Target
 
 
@@ -22,8 +21,7 @@ def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "
 
 
 def jittered(shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None) -> tuple[Float[Tensor, "3 h w"], Target]:
-    """Both with each channel times its gain; for None as they are."""
+    """Both with each channel times its gain, on the same device; for None as they are."""
     if gain is None:
         return shown, target
-    gain = sent(gain, shown.device)
     return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)

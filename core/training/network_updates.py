@@ -1,6 +1,6 @@
 """How the networks learn: encoder, mask, SH transfer and tables, each by Adam at its own rate."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 
 import torch
@@ -25,7 +25,14 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
         groups.setdefault(rate, []).append(weight)
     if not groups:
         return None
-    return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True)
+    on_cpu = next(model.parameters()).device.type == "cpu"
+    return torch.optim.Adam([{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True, capturable=not on_cpu)
+
+
+def rates_at(optimizer: torch.optim.Adam | None, progress: float) -> list[float]:
+    """The learning rate of each of its groups at this moment of the run."""
+    groups = [] if optimizer is None else optimizer.param_groups
+    return [schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY) for group in groups]
 
 
 @contextmanager
@@ -47,15 +54,18 @@ def encoder_backward_beside(work: Callable[[], None], embedding: Float[Tensor, "
     (started[0] if started else work)()
 
 
-def update(optimizer: torch.optim.Adam | None, progress: float, taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
-    """One step at the rates of this moment, if the step is `taken` and all gradients are finite, which is returned."""
+def update(optimizer: torch.optim.Adam | None, rates: Iterable[float | Tensor], taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
+    """One step at these rates, of each group, if the step is `taken` and all gradients are finite, which is returned.
+
+    rates: on a GPU tensors () there, as all that a recorded step reads.
+    """
     if optimizer is None:
         return taken
     learned = taken & guards.finite((weight.grad for group in optimizer.param_groups for weight in group["params"]), taken.device)
     if guards.refused(learned):
         return learned
-    for group in optimizer.param_groups:
-        group["lr"] = schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY)
+    for group, rate in zip(optimizer.param_groups, rates, strict=True):
+        group["lr"] = rate
     if learned.device.type != "cpu":
         optimizer.found_inf = (~learned).float()  # as torch's GradScaler leaves the choice to the GPU
     optimizer.step()

@@ -34,6 +34,11 @@ def _phase_ends(settings: Settings) -> tuple[float, float, float]:
     return settings.coarse_until / 2, settings.coarse_until, 1.0
 
 
+def begun(settings: Settings, progress: float) -> tuple[bool, ...]:
+    """Which parts of a run have begun, of those that are switched on on the way."""
+    return tuple(progress >= start for start in (settings.geometry_from, settings.latents_from, settings.mask_start, settings.mask_apply))
+
+
 def densification_steps(settings: Settings) -> list[int]:
     """The steps after which Gaussians are pruned and grown, ascending and distinct."""
     first, last = settings.densify_from * settings.steps, settings.densify_until * settings.steps

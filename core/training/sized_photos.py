@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.encoder import shrink
+from core.appearance.encoder import mask_size, shrink
 from core.config import AUTO_PIXELS, UNDECIDED, Settings
 from core.data.collection import Photo
 from core.data.photos.file import named_with_fault
@@ -21,6 +21,7 @@ from core.report import QUIET, Report
 from core.scene.camera import Camera
 from core.system import memory
 from core.system.device import CPU
+from core.training.losses.canvas import TargetOnCanvas
 from core.training.losses.photometric import Target
 from core.words import Reasons
 
@@ -28,6 +29,7 @@ DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
 SMALLEST_WIDTH_PX = 64  # below, a width is taken for a mistyped divisor
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
+LEAST_FILLED = 0.4  # of a canvas, by the mean photo: upright and wide ones together fill three quarters, panoramas less
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
 
 
@@ -115,7 +117,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
     def __init__(
         self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False, report: Report = QUIET
     ):
-        self.device = device
+        self.device, self.transparent_is_empty = device, transparent_is_empty
         self.photos: list[SizedPhoto] = []
         damaged = Reasons()
         for number, photo in enumerate(photos, 1):
@@ -135,10 +137,20 @@ class SizedPhotos(Sequence[SizedPhoto]):
     def __getitem__(self, index: int) -> SizedPhoto:
         return self.photos[index]
 
+    def canvas(self, factor: int) -> tuple[int, int] | None:
+        """Height and width (px) of what all photos fit on when shrunk by `factor`. None where they do not share a canvas: on a CPU, where
+        transparent pixels mean empty space, and where the photos would leave most of it empty.
+        """
+        if self.device.type == "cpu" or self.transparent_is_empty:
+            return None
+        sizes = np.array([_shrunk(sized.camera, factor) for sized in self.photos])
+        width, height = sizes.max(axis=0).tolist()
+        return (height, width) if sizes.prod(axis=1).mean() >= LEAST_FILLED * height * width else None
+
     def target(self, index: int, factor: int) -> tuple[Camera, Target]:
         """The photo as a training target, shrunk by `factor`, and its camera at that size."""
         sized = self.photos[index]
-        width, height = max(1, sized.camera.width // factor), max(1, sized.camera.height // factor)
+        width, height = _shrunk(sized.camera, factor)
         key = (index, factor)
         if key not in self._targets:
             pixels, valid, empty = sized.pixels, sized.valid, sized.empty
@@ -150,11 +162,19 @@ class SizedPhotos(Sequence[SizedPhoto]):
                 if empty is not None:
                     empty = cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA)
             shown = as_tensors(pixels, valid, self.device)
-            self._targets[key] = Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
+            if canvas := self.canvas(factor):
+                self._targets[key] = TargetOnCanvas(*shown, canvas, mask_size(sized.encoder_input))
+            else:
+                self._targets[key] = Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
             self._bytes += self._targets[key].nbytes
             while self._bytes > self._most_bytes and len(self._targets) > 1:
                 self._bytes -= self._targets.popitem(last=False)[1].nbytes
         return sized.camera.resized(width, height), self._targets[key]
+
+
+def _shrunk(camera: Camera, factor: int) -> tuple[int, int]:
+    """Width and height (px) of a photo shrunk by `factor`."""
+    return max(1, camera.width // factor), max(1, camera.height // factor)
 
 
 def _doubtful_masks(photos: list[SizedPhoto]) -> list[str]:

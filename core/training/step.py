@@ -3,14 +3,16 @@
 A name in `_later` is a result that is still being computed beside what follows: calling it waits for it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
 from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
-from core.rasterizer import Rasterizer, Visible
-from core.system.device import OnTheWay
+from core.rasterizer import Colour, Rasterizer, Visible
+from core.scene.camera import Camera
 from core.system.threads import beside
 from core.training import guards, network_updates, schedule
 from core.training.background import background_of_step
@@ -25,6 +27,40 @@ from core.training.sized_photos import SizedPhotos
 from core.training.transparency import transparent_is_empty
 
 
+@dataclass(frozen=True)
+class Moment:
+    """Which step it is: of the photo `index`, after `done` others. camera: at the size of the step. background: of its picture."""
+
+    index: int
+    done: int
+    progress: float
+    camera: Camera
+    background: Colour
+
+
+@dataclass(frozen=True)
+class StepInputs:
+    """The numbers that differ between two steps, where they are computed.
+
+    encoder_input: the photo as the encoder takes it; target: as the picture's; gain: (3,), of the exposure that both are seen in, None for their
+    own. half_size: (2,), half of the picture's width and height, px. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of
+    the Gaussians, see `learning_rates`; network_rates: of the networks, see `network_updates`. neutral: (e,), the mean embedding. gauge_rows:
+    see `Objective.gauge`. view: the camera as a GPU reads it, see core.rasterizer.cuda.view.
+    """
+
+    encoder_input: Tensor
+    target: Target
+    gain: Tensor | None
+    half_size: Tensor
+    largest_loss: Tensor
+    mask_mean: Tensor
+    rates: dict[str, Tensor]
+    network_rates: list[float] | list[Tensor]
+    neutral: Tensor
+    gauge_rows: Tensor | None
+    view: Tensor | None = None
+
+
 @dataclass
 class Stepper:
     """Takes the steps of a run, with what they all work with. generator: of their random draws."""
@@ -37,46 +73,69 @@ class Stepper:
     rasterizer: Rasterizer
     generator: torch.Generator
 
-    def take(self, gaussians: Gaussians, index: int, done: int, usual: float, mask_mean: float, foreseen: Visible | None) -> tuple[Reading, OnTheWay]:
+    def take(self, gaussians: Gaussians, index: int, done: int, usual: float, mask_mean: float) -> tuple[Reading, StepFacts]:
         """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
-        index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights.pixel_weights`.
-        foreseen: what the photo shows, where that is known. Returns what was read in the photo, and the StepFacts, on their way from the device.
+        index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights`. Returns
+        what was read in the photo, and the facts, as numbers.
         """
-        settings, model, objective = self.settings, self.model, self.objective
-        progress = done / settings.steps
+        settings, generator, progress = self.settings, self.generator, done / self.settings.steps
+        camera, target = self.photos.target(index, schedule.shrink_factor(settings, progress))
+        inputs = StepInputs(
+            encoder_input=self.photos[index].encoder_input,
+            target=target,
+            gain=draw_gain(settings, generator),
+            half_size=torch.tensor([camera.width / 2, camera.height / 2]),
+            largest_loss=torch.tensor(guards.largest_loss(usual)),
+            mask_mean=torch.tensor(mask_mean),
+            rates=learning_rates(settings, progress),
+            network_rates=network_updates.rates_at(self.optimizer, progress),
+            neutral=self.model.mean_embedding,
+            gauge_rows=self.objective.drawn_for_gauge(gaussians, generator),
+        )
+        background = background_of_step(transparent_is_empty(settings), generator)
+        return self._taken(gaussians, inputs, Moment(index, done, progress, camera, background))
+
+    def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+        visible = lambda: (self.rasterizer.visible(gaussians.splats, moment.camera), None)
+        reading, facts = self._learn(gaussians, inputs, moment, visible)
+        return reading, StepFacts(*facts.tolist())
+
+    def _learn(
+        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, look: Callable[[], tuple[Visible, Tensor | None]]
+    ) -> tuple[Reading, Tensor]:
+        """The step itself. look: tells what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`."""
+        model, objective, progress = self.model, self.objective, moment.progress
         if self.optimizer is not None:
             self.optimizer.zero_grad()
-        camera, photo = self.photos.target(index, schedule.shrink_factor(settings, progress))
-        gain, background = draw_gain(settings, self.generator), background_of_step(transparent_is_empty(settings), self.generator)
 
         # The photo, read by the encoder, then the gauge. Meanwhile, which Gaussians the photo's camera shows.
         def read_photo() -> tuple[Reading, Target]:
-            shown, target = jittered(self.photos[index].encoder_input, photo, gain)
-            return model.read(shown, index), target.over(background)
+            encoder_input, target = jittered(inputs.encoder_input, inputs.target, inputs.gain)
+            return model.read(encoder_input, moment.index), target.over(moment.background)
 
         read_later = beside(read_photo)
-        gauge_loss_later = beside(lambda: objective.gauge(gaussians, self.generator))
-        visible = foreseen or self.rasterizer.visible(gaussians.splats, camera)
+        gauge_loss_later = beside(lambda: objective.gauge(gaussians, inputs.gauge_rows, inputs.neutral))
+        visible, shown = look()
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
 
         # The visible Gaussians in that look, and their picture. Gradients end in embedding, leaves and probe: zeros added to the centres (px).
         embedding = reading.embedding.detach().requires_grad_()
         sh, residual = model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
-        residual_loss_later = beside(lambda: objective.residual(residual))
+        residual_loss_later = beside(lambda: objective.residual(residual, shown))
         splats = splats_of(leaves).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
-        image = self.rasterizer.render(splats, camera, background, probe, visible.known)
+        image = self.rasterizer.render(splats, moment.camera, moment.background, probe, visible.known)
 
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
-        picture_loss = objective.picture(image, target, reading.mask, progress, mask_mean)
-        rendered_loss = picture_loss + objective.transient(splats, camera, visible.known, reading.mask, progress, done)
+        picture_loss = objective.picture(image, target, reading.mask, progress, inputs.mask_mean)
+        rendered_loss = picture_loss + objective.transient(splats, moment.camera, visible.known, reading.mask, progress, moment.done)
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()
-        sound = guards.sound(loss, picture_loss.detach(), usual)
+        sound = guards.sound(loss, picture_loss.detach(), inputs.largest_loss)
 
         # The gradients, then the updates.
         def teach_encoder() -> None:
@@ -89,10 +148,10 @@ class Stepper:
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             if not guards.refused(taken):
-                densify.gather(gaussians, visible.rows, probe.grad, camera.width, camera.height, taken)
-                gaussians.step(visible.rows, leaves, learning_rates(settings, progress), taken)
-            learned = network_updates.update(self.optimizer, progress, taken)  # not if the encoder's gradient overflows
+                densify.gather(gaussians, visible.rows, probe.grad, inputs.half_size, taken)
+                gaussians.step(visible.rows, leaves, inputs.rates, taken)
+            learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if the encoder's gradient overflows
 
         shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
         facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
-        return reading, OnTheWay(torch.stack([fact.float() for fact in facts]))
+        return reading, torch.stack([fact.double() for fact in facts])

@@ -13,7 +13,6 @@ from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
-from core.rasterizer import Visible
 from core.rasterizer.views import largest_contributions
 from core.report import QUIET, Report
 from core.system import device
@@ -23,7 +22,6 @@ from core.training.background import background_of_figures
 from core.training.gaussians import densify
 from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
-from core.training.guards import StepFacts
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
@@ -91,7 +89,7 @@ class Trainer:
             self.model.encoder.start_apart(sized.encoder_input for sized in self.photos)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
-        self.stepper = Stepper(settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator)
+        self.stepper = self._stepper()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
@@ -103,7 +101,6 @@ class Trainer:
         self.skipped = 0
         self.skipped_in_a_row = 0
         self.collapse_told = False
-        self.foreseen: Visible | None = None  # by the next step
 
     @classmethod
     def of_new_run(cls, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET) -> "Trainer":
@@ -111,6 +108,14 @@ class Trainer:
         trainer = cls(collection, settings, folder, report)
         run_folders.create(folder, collection, trainer.settings, trainer.decisions)
         return trainer
+
+    def _stepper(self) -> Stepper:
+        given = self.settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator
+        if self.device.type == "cpu":
+            return Stepper(*given)
+        from core.training.step_on_gpu import StepperOnGpu  # Triton, which a machine without a GPU need not have
+
+        return StepperOnGpu(*given)
 
     # --- the loop
 
@@ -142,13 +147,9 @@ class Trainer:
     def _step(self) -> StepReport:
         progress = self.done / self.settings.steps
         index = self._next_photo()
-        self.order.pop()
         usual = guards.usual_loss(self.last_losses)
-        foreseen, self.foreseen = self.foreseen, None
-        reading, on_the_way = self.stepper.take(self.gaussians, index, self.done, usual, self.mask_mean, foreseen)
+        reading, facts = self.stepper.take(self.gaussians, index, self.done, usual, self.mask_mean)
         self.done += 1
-        self._look_ahead()
-        facts = StepFacts(*on_the_way.arrived())
         fault = guards.fault(facts, usual)
         if fault is None:
             self.skipped_in_a_row = 0
@@ -167,13 +168,6 @@ class Trainer:
             residual=facts.residual_size,
             messages=tuple(messages),
         )
-
-    def _look_ahead(self) -> None:
-        """On a GPU, ask what the next photo shows before the facts of this step are read: the host then waits once for both."""
-        if self.device.type != "cpu" and self.done < self.settings.steps:
-            factor = schedule.shrink_factor(self.settings, self.done / self.settings.steps)
-            camera, _ = self.photos.target(self._next_photo(), factor)
-            self.foreseen = self.rasterizer.visible(self.gaussians.splats, camera)
 
     def _watch_masks(self, shown_share: float, progress: float) -> list[str]:
         """Let a photo's mask enter the running mean; a line, once, when masks come to hide too much."""
@@ -204,10 +198,10 @@ class Trainer:
         return f"Step {self.done} {outcome}: its {fault} (photo {name})."
 
     def _next_photo(self) -> int:
-        """The photo that the next step takes off `order`; on a GPU it is asked for twice, see `_look_ahead`."""
+        """The photo that the next step takes off `order`."""
         if not self.order:
             self.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
-        return self.order[-1]
+        return self.order.pop()
 
     # --- density, quality, checkpoints
 
@@ -222,15 +216,13 @@ class Trainer:
 
     def control_density(self) -> None:
         """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
-        settings, self.foreseen = self.settings, None
-        densify.prune(self.gaussians, settings, self.surroundings)
+        densify.prune(self.gaussians, self.settings, self.surroundings)
         now = sum(step <= self.done for step in self.grow_at) / len(self.grow_at)
-        allowed = round(settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
+        allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
         densify.grow(self.gaussians, allowed - self.gaussians.solid, self.generator)
 
     def prune_by_contribution(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
-        self.foreseen = None
         cameras = [sized.camera for sized in self.photos]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
@@ -260,7 +252,7 @@ class Trainer:
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:
             raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
-        self.gaussians, self.foreseen = gaussians.to(self.device), None
+        self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))

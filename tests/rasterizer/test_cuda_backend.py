@@ -18,7 +18,9 @@ from tests.rasterizer.test_cpu_lists import alphas_of
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
+from core.kernels import chosen_rows_cuda
 from core.rasterizer.cuda import backend, bin
+from core.rasterizer.cuda.view import view_of
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 VIEW = camera(20, 17)
@@ -111,6 +113,32 @@ def test_pairs_that_are_known_change_nothing(splats):
     for room in (visible.known, visible.known._replace(pairs=pairs + 7)):
         assert all(torch.equal(a, b) for a, b in zip(results(seen, known=room), expected, strict=True))
         assert torch.equal(rasterizer.contributions(seen, VIEW, room), largest)
+
+
+def test_more_room_than_a_view_needs_changes_nothing(splats):
+    """Room for Gaussians is filled with rows of -1, that for pixels with the background."""
+    rasterizer = backend.CudaRasterizer()
+    visible, background = rasterizer.visible(splats, VIEW), (0.2, 0.5, 0.1)
+    count, pairs = len(visible.rows), visible.known.pairs
+    room = backend.Room(VIEW.width + 21, VIEW.height + 3, count + 5, pairs + 7)
+    within, needed = rasterizer.visible_within(splats, view_of(VIEW).to(DEVICE), room)
+    assert needed.tolist() == [count, pairs] and within.rows.tolist() == visible.rows.tolist() + [-1] * 5
+    seen = Splats(**chosen_rows_cuda.chosen_rows(splats.tensors(), within.rows))
+    image = rasterizer.render(seen, VIEW, background, None, within.known)
+    assert torch.equal(image[: VIEW.height, : VIEW.width], rasterizer.render(splats, VIEW, background))
+    beyond = torch.ones(image.shape[:2], dtype=torch.bool, device=DEVICE)
+    beyond[:-(-VIEW.height // TILE) * TILE, : -(-VIEW.width // TILE) * TILE] = False  # tiles at the rim may show what sticks out
+    assert (image[beyond] == torch.tensor(background, device=DEVICE)).all()
+
+
+def test_where_there_is_too_little_room_it_is_told(splats):
+    rasterizer = backend.CudaRasterizer()
+    visible = rasterizer.visible(splats, VIEW)
+    room = backend.Room(VIEW.width, VIEW.height, len(visible.rows) // 2, visible.known.pairs // 3)
+    within, needed = rasterizer.visible_within(splats, view_of(VIEW).to(DEVICE), room)
+    assert needed.tolist() == [len(visible.rows), visible.known.pairs] and len(within.rows) == room.gaussians
+    image = rasterizer.render(splats[within.rows], VIEW, known=within.known)
+    assert image.isfinite().all()
 
 
 def test_memory_layout_does_not_matter(splats):

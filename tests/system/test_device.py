@@ -94,11 +94,10 @@ def test_a_gpu_too_old_for_torch_is_told_and_a_full_one_is_not_taken_for_it(firs
         first_use(torch_fails=torch.OutOfMemoryError("CUDA out of memory."))
 
 
-@pytest.mark.parametrize("there", [False, True])
-def test_numbers_are_waited_for_only_while_they_are_on_the_way(there):
-    on_the_way, waits = device.OnTheWay(torch.tensor([1.0, 2.0])), []
-    on_the_way.event = SimpleNamespace(query=lambda: there, synchronize=lambda: waits.append(1))
-    assert on_the_way.arrived() == [1.0, 2.0] and len(waits) == (not there)
+def test_tensors_sent_together_are_themselves():
+    tensors = [torch.rand(3), torch.rand(()), torch.rand(2, 2), torch.rand(0)]
+    for ours, expected in zip(device.sent_together(tensors, device.CPU), tensors, strict=True):
+        assert torch.equal(ours, expected)
 
 
 def test_a_gpu_convolves_in_whole_float32(machine, monkeypatch):

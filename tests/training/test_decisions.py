@@ -203,7 +203,7 @@ def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_pat
     monkeypatch.setattr(mask_weights, "pixel_weights", never)
     for name in ("transient_rows", "residual_norm"):
         monkeypatch.setattr(regularisers, name, never)
-    monkeypatch.setattr(objective, "cells_of", never)
+    monkeypatch.setattr(objective, "mask_loss", never)
     trainer = trained(calm, tmp_path / "run", Settings(steps=20, sh_degree=0, **SMALL))
     assert not list(trainer.model.parameters()) and trainer.optimizer is None
     tensors = checkpoint.load(checkpoint.newest(trainer.folder)).tensors

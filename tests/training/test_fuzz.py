@@ -11,7 +11,8 @@ from core.training import guards
 from core.training.gaussians import densify
 from core.training.gaussians.adam import Moved, adam_rows, plain_adam_rows
 from core.training.gaussians.gaussians import Gaussians
-from core.training.losses import mask_loss, mask_weights, regularisers
+from core.training.losses import mask_weights, regularisers
+from core.training.losses.mask_loss import mask_loss
 from core.training.losses.photometric import Target, photometric, photometric_paper, plain_photometric
 from tests.small import ring_camera, small_settings
 
@@ -56,9 +57,10 @@ def test_a_finite_picture_loss_has_a_finite_gradient(spoilt, level, function):
 def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
     mask = torch.full((1, 3, 4), level).requires_grad_()
     photo = torch.zeros(3, 9, 11)
-    mask_loss.CellLoss(0.05)(mask, *mask_loss.cells_of(mask, picture(spoilt), photo))[0].backward()
+    target = Target(photo.permute(1, 2, 0))
+    mask_loss(mask, picture(spoilt), target, 0.05).backward()
     assert torch.isfinite(mask.grad).all()
-    weights = mask_weights.pixel_weights(mask, 9, 11, mean)
+    weights = mask_weights.pixel_weights(target.to_pixels(mask), torch.tensor(mean))
     assert torch.isfinite(weights).all() and (weights <= 1).all()
     means = torch.tensor(points).view(2, 3)
     rows = regularisers.transient_rows(means, torch.tensor([0.5, 0.05]), mask, ring_camera(0.0))
@@ -137,7 +139,7 @@ def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, bu
 )
 def test_no_loss_within_the_range_of_photos_is_a_spike(known, loss, gauge):
     usual, tensor = guards.usual_loss(known), torch.tensor(loss)
-    sound = bool(guards.sound(tensor + gauge, tensor, usual))
+    sound = bool(guards.sound(tensor + gauge, tensor, torch.tensor(guards.largest_loss(usual))))
     fault = guards.fault(guards.StepFacts(loss + gauge, loss, 0.0, 1.0, sound, True, True), usual)
     if not math.isfinite(loss + gauge):
         assert fault == "loss was not finite"

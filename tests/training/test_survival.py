@@ -193,7 +193,7 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     assert "masks hide" in message and "raise mask_regularisation" in message
     assert trainer.mask_mean < mask_weights.COLLAPSED
     mask = trainer.model.read(trainer.photos[0].encoder_input, 0).mask
-    weights = mask_weights.pixel_weights(mask, HEIGHT, WIDTH, float(mask.detach().mean()))
+    weights = mask_weights.pixel_weights(trainer.photos.target(0, 1)[1].to_pixels(mask), mask.detach().mean())
     assert float(weights.mean()) == pytest.approx(mask_weights.COLLAPSED, abs=0.02)  # bilinear resizing moves the mean a little
 
 

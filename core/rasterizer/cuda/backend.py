@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
@@ -18,6 +18,7 @@ from core.rasterizer.cuda.view import view_of
 from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.system.device import sent
 
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
 # and in the backward pass the slot, and whether it was blended.
@@ -27,11 +28,24 @@ MEMORY_INTERPRETED = 4 << 30  # bytes
 MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, as kernels find their place with 32 bits
 
 
-class Known(NamedTuple):
-    """What is known of Gaussians in a view. pairs: of a Gaussian and a tile that it touches, how many there are or more. view: see `view_of`."""
+class Room(NamedTuple):
+    """What there is room for in a view: a picture of as many pixels, so many Gaussians, and pairs of a Gaussian and a tile that it touches."""
 
+    width: int
+    height: int
+    gaussians: int
     pairs: int
+
+
+class Known(NamedTuple):
+    """What is known of Gaussians in a view. view: see `view_of`. pairs: of a Gaussian and a tile that it touches, how many there are or more.
+    width, height: of the picture, px; it may be larger than what the view shows, which is then its upper left corner.
+    """
+
     view: Tensor
+    pairs: int
+    width: int
+    height: int
 
 
 class CudaRasterizer:
@@ -49,15 +63,29 @@ class CudaRasterizer:
             raise BadSetting("The cuda rasterizer needs an NVIDIA GPU, and torch finds none here.", "Leave --backend out.")
 
     def visible(self, splats: Splats, camera: Camera) -> Visible:
-        parameters = self._parameters(splats)
-        found = torch.empty(2, len(splats), dtype=torch.int32, device=splats.means.device)
-        view = view_of(camera, found.device)
+        view = sent(view_of(camera), splats.means.device)
+        shown, counts = self._find_visible(splats, view)
+        count, pairs = counts.cpu().tolist()  # the host waits for the device
+        return Visible(torch.nonzero_static(shown, size=count).squeeze(1), Known(view, pairs, camera.width, camera.height))
+
+    def visible_within(self, splats: Splats, view: Tensor, room: Room) -> tuple[Visible, Int[Tensor, "2"]]:
+        """What a view shows, as `visible`, without waiting for the device: as much of it as there is room for.
+
+        view: see `view_of`, on the device. Of the rows, those that are not needed are -1. Returns also for how many Gaussians and pairs there
+        should be room; where there is not, what is drawn is incomplete.
+        """
+        shown, counts = self._find_visible(splats, view)
+        rows = torch.nonzero_static(shown, size=room.gaussians, fill_value=-1).squeeze(1)
+        return Visible(rows, Known(view, room.pairs, room.width, room.height)), counts
+
+    def _find_visible(self, splats: Splats, view: Tensor) -> tuple[Int[Tensor, " n"], Int[Tensor, "2"]]:
+        """Which Gaussians are not culled, 1 or 0; how many these are, and how many pairs with a tile."""
+        found = torch.empty(2, len(splats), dtype=torch.int32, device=view.device)
         project.find_visible[blocks(len(splats), project.BLOCK)](
-            *parameters, view, found, len(splats),
+            *self._parameters(splats), view, found, len(splats),
             COEFFICIENTS=splats.sh.shape[1], BLOCK=project.BLOCK, num_warps=project.WARPS, **UNFUSED,
         )  # fmt: skip
-        count, pairs = found.sum(dim=1).cpu().tolist()  # the one time that the host waits for the device
-        return Visible(torch.nonzero_static(found[0], size=count).squeeze(1), Known(pairs, view))
+        return found[0], found.sum(dim=1)
 
     def render(
         self,
@@ -144,15 +172,20 @@ class _Render(torch.autograd.Function):
 class Prepared:
     """What lies between projection and blending, kept for the backward pass.
 
-    footprints: (N, layout.FOOTPRINT_COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32. columns: tiles across.
+    width, height: of the picture, px. footprints: (N, layout.FOOTPRINT_COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32.
     """
 
-    camera: Camera
     view: Tensor
+    width: int
+    height: int
     footprints: Tensor
     tile_counts: Tensor
     lists: TileLists
-    columns: int
+
+    @property
+    def columns(self) -> int:
+        """Tiles across the picture."""
+        return -(-self.width // layout.TILE)
 
 
 def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, known: Known | None = None) -> Prepared:
@@ -161,8 +194,8 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, know
     known: as `contract.Visible` has it; without it the host waits for the number of pairs.
     """
     count, device = len(parameters[0]), parameters[0].device
-    columns, rows = (-(-size // layout.TILE) for size in (camera.width, camera.height))
-    view = view_of(camera, device) if known is None else known.view
+    view = sent(view_of(camera), device) if known is None else known.view
+    width, height = (camera.width, camera.height) if known is None else (known.width, known.height)
     footprints = torch.empty(count, layout.FOOTPRINT_COLUMNS, device=device)
     depths = torch.empty(count, device=device)
     tile_counts = torch.empty(count, dtype=torch.int32, device=device)
@@ -175,8 +208,8 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, know
     if known is not None:
         slot_starts.clamp_(max=slots)  # no kernel writes beyond its memory, should the caller have drawn something else
     inputs.check_lists(count, slots, BYTES_A_PAIR, memory_budget(device), camera)
-    lists = tile_lists(order, slot_starts, footprints, view, columns, rows, slots)
-    return Prepared(camera, view, footprints, tile_counts, lists, columns)
+    lists = tile_lists(order, slot_starts, footprints, view, width, height, slots)
+    return Prepared(view, width, height, footprints, tile_counts, lists)
 
 
 def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -184,13 +217,13 @@ def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None
 
     strongest: zeros (slots,), to become the largest alpha * transmittance of each slot.
     """
-    camera, lists, device = prepared.camera, prepared.lists, prepared.footprints.device
-    image = torch.empty(camera.height, camera.width, 3, device=device)
+    lists, width, height, device = prepared.lists, prepared.width, prepared.height, prepared.footprints.device
+    image = torch.empty(height, width, 3, device=device)
     tile_ends = torch.empty(len(lists.tile_starts) - 1, dtype=torch.int64, device=device)
     blend_forward.blend_forward[(len(tile_ends),)](
         lists.tile_starts, lists.entry_splats, lists.entry_slots, prepared.footprints,
         image, tile_ends, image if strongest is None else strongest,
-        prepared.columns, camera.width, camera.height, *map(float, background),
+        prepared.columns, width, height, *map(float, background),
         RECORD=strongest is not None, num_warps=blend_forward.WARPS, **UNFUSED,
     )  # fmt: skip
     return image, tile_ends

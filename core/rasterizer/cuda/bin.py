@@ -15,6 +15,7 @@ import triton.language as tl
 from torch import Tensor
 
 from core.kernels.triton_launch import UNFUSED, blocks
+from core.rasterizer import layout
 from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.footprint import touched_columns, touched_rows
 from core.rasterizer.cuda.view import HEIGHT, WIDTH
@@ -84,8 +85,9 @@ def front_to_back(depths: Tensor, tile_counts: Tensor) -> tuple[Tensor, Tensor]:
     return order, slot_starts
 
 
-def tile_lists(order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, columns: int, rows: int, slots: int) -> TileLists:
-    """The lists of a picture of `columns` by `rows` tiles; slots: their number, slot_starts[-1], or more."""
+def tile_lists(order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, width: int, height: int, slots: int) -> TileLists:
+    """The lists of a picture of `width` by `height` px; slots: their number, slot_starts[-1], or more."""
+    columns, rows = (-(-size // layout.TILE) for size in (width, height))
     tiles = columns * rows
     key = torch.int16 if tiles <= TILES_OF_16_BITS else torch.int32
     slot_tiles = torch.full((slots,), tiles, dtype=key, device=order.device)

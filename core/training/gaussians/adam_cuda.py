@@ -8,7 +8,6 @@ import triton.language as tl
 from torch import Tensor
 
 from core.kernels.triton_launch import FUSED, blocks
-from core.system.device import sent
 from core.training.gaussians import adam
 from core.training.gaussians.gaussians import Gaussians, free_columns
 
@@ -25,7 +24,7 @@ def update(
     values, first, second, gradients, rates, counts, corrections, rows, taken, count, solid,
     COLUMNS: tl.constexpr, FREE: tl.constexpr, ROWS: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """`adam.adam_rows` for `count` rows of tuples of arrays, if `taken` () is true; each program has ROWS of them to itself.
+    """`adam.adam_rows` for `count` rows of tuples of arrays but those of -1, if `taken` () is true; each program has ROWS of them to itself.
 
     COLUMNS: of each array. FREE: how many of these move from row `solid` on. rates: those of all arrays, one behind the other.
     corrections: (UPDATES, 2), by number of updates.
@@ -39,8 +38,8 @@ def update(
                 at = block + tl.arange(0, BLOCK)
                 column = at % COLUMNS[array]
                 known = at < end * COLUMNS[array]
-                row = tl.load(rows + at // COLUMNS[array], mask=known, other=0)
-                known = known & ((row < solid) | (column < FREE[array]))
+                row = tl.load(rows + at // COLUMNS[array], mask=known, other=-1)
+                known = (row >= 0) & ((row < solid) | (column < FREE[array]))
                 updates = tl.minimum(tl.load(counts + row, mask=known, other=0), UPDATES - 2) + 1
                 place = row * COLUMNS[array] + column
                 g = tl.load(gradients[array] + at, mask=known, other=0.0)
@@ -58,19 +57,19 @@ def update(
             rates += COLUMNS[array]
         tl.debug_barrier()  # all threads have read the counts
         at = begin + tl.arange(0, ROWS)
-        row = tl.load(rows + at, mask=at < end, other=0)
-        tl.store(counts + row, tl.load(counts + row, mask=at < end, other=0) + 1, mask=at < end)
+        row = tl.load(rows + at, mask=at < end, other=-1)
+        tl.store(counts + row, tl.load(counts + row, mask=row >= 0, other=0) + 1, mask=row >= 0)
 
 
 def step(gaussians: Gaussians, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor) -> None:
-    """As `Gaussians.step`; all on one GPU but the rates, which go there in one piece."""
+    """As `Gaussians.step`, all on one GPU."""
     names = [name for name, leaf in leaves.items() if name in rates and leaf.grad is not None]
     if not (len(rows) and names):
         return  # a view of nothing
     parameters = [tuple(tensors[name] for name in names) for tensors in (gaussians.parameters, gaussians.first, gaussians.second)]
     columns = tuple(len(rates[name]) for name in names)
     update[blocks(len(rows), ROWS)](
-        *parameters, tuple(leaves[name].grad.contiguous() for name in names), sent(torch.cat([rates[name] for name in names]), rows.device),
+        *parameters, tuple(leaves[name].grad.contiguous() for name in names), torch.cat([rates[name] for name in names]),
         gaussians.counts, _corrections(rows.device), rows, taken, len(rows), gaussians.solid,
         COLUMNS=columns, FREE=tuple(map(free_columns, names, columns)), ROWS=ROWS, BLOCK=BLOCK, num_warps=WARPS, **FUSED,
     )  # fmt: skip

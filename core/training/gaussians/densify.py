@@ -8,7 +8,6 @@ from torch import Tensor
 from core.config import Settings
 from core.kernels.compiled import exact_kernel
 from core.scene.quaternions import rotations
-from core.system.device import sent
 from core.training.gaussians.gaussians import Gaussians
 
 SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split, smaller ones are cloned
@@ -21,31 +20,31 @@ ALL_GONE = (
 )
 
 
-def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int, taken: Tensor) -> None:
+def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, half_size: Tensor, taken: Tensor) -> None:
     """Add one view's screen-space gradients to the statistics, if its step is `taken` ().
 
-    probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter.
+    probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter. half_size: (2,), half
+    the picture's width and height, px. On a GPU rows of -1 are none.
     """
     if rows.device.type == "cuda":
         from core.training.gaussians import density_statistics_cuda  # Triton, which a machine without a GPU need not have
 
-        density_statistics_cuda.gather(gaussians, rows, probe_gradient, width, height, taken)
+        density_statistics_cuda.gather(gaussians, rows, probe_gradient, half_size, taken)
     elif taken:
-        tensors = probe_gradient, rows, gaussians.gradient_sum, gaussians.seen
-        _gather(*(tensor.numpy() for tensor in tensors), np.float32(width / 2), np.float32(height / 2))
+        _gather(*(tensor.numpy() for tensor in (probe_gradient, half_size, rows, gaussians.gradient_sum, gaussians.seen)))
 
 
 @exact_kernel
-def _gather(gradients, rows, gradient_sum, seen, half_width, half_height):
+def _gather(gradients, half_size, rows, gradient_sum, seen):
     for i in range(len(rows)):
-        x, y = gradients[i, 0] * half_width, gradients[i, 1] * half_height
+        x, y = gradients[i, 0] * half_size[0], gradients[i, 1] * half_size[1]
         gradient_sum[rows[i]] += np.sqrt(x * x + y * y)
         seen[rows[i]] += np.float32(1)
 
 
-def plain_gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, width: int, height: int, taken: Tensor) -> None:
+def plain_gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, half_size: Tensor, taken: Tensor) -> None:
     """The definition of `gather`, on any device."""
-    size = (probe_gradient * sent(torch.tensor([width / 2, height / 2]), rows.device)).norm(dim=1)
+    size = (probe_gradient * half_size).norm(dim=1)
     gaussians.gradient_sum.index_add_(0, rows, torch.where(taken, size, 0))
     gaussians.seen.index_add_(0, rows, taken.float().expand(len(rows)))
 

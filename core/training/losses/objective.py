@@ -11,12 +11,11 @@ from core.config import Settings
 from core.rasterizer import Rasterizer
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.system.cuda_graph import Replayed
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses import mask_weights, regularisers
 from core.training.losses.backward import backward
-from core.training.losses.gauge import Gauge
-from core.training.losses.mask_loss import CellLoss, cells_of
+from core.training.losses.gauge import draw_rows, gauge
+from core.training.losses.mask_loss import mask_loss
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
@@ -26,17 +25,15 @@ class Objective:
     """The losses of a view, as the settings have them. progress: of the run, in [0, 1). What does not count yet is zero."""
 
     def __init__(self, settings: Settings, rasterizer: Rasterizer, model: AppearanceModel, device: torch.device):
-        self.settings, self.rasterizer = settings, rasterizer
+        self.settings, self.rasterizer, self.model = settings, rasterizer, model
         self.zero = torch.zeros((), device=device)
-        self.cell_loss = Replayed(CellLoss(settings.mask_regularisation))
-        self.gauge_loss = Gauge(model)
 
-    def picture(self, image: Tensor, target: Target, mask: Tensor | None, progress: float, mask_mean: float) -> Float[Tensor, ""]:
+    def picture(self, image: Tensor, target: Target, mask: Tensor | None, progress: float, mask_mean: Tensor) -> Float[Tensor, ""]:
         """The picture against its photo, where the mask lets it. mask_mean: see `mask_weights.pixel_weights`."""
         settings = self.settings
         if mask is None or progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
-        weight = mask_weights.pixel_weights(mask, *image.shape[:2], mask_mean)
+        weight = mask_weights.pixel_weights(target.to_pixels(mask), mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
@@ -46,34 +43,38 @@ class Objective:
         if mask is None or progress < settings.mask_start:
             return self.zero
         if settings.mask_loss == "paper":
-            shown = mask_weights.enlarged(mask, *image.shape[:2])
             penalty = settings.mask_regularisation * regularisers.mask_regulariser(mask)
-            return photometric_of_mask(image, target, shown, settings.ssim_weight) + penalty
-        if target.valid is not None:  # the target is zero there
-            image = torch.where(target.valid[..., None], image, 0)
-        (loss,) = self.cell_loss(mask, *cells_of(mask, image, target.planes))
-        return loss
+            return photometric_of_mask(image, target, target.to_pixels(mask), settings.ssim_weight) + penalty
+        return mask_loss(mask, image, target, settings.mask_regularisation)
 
-    def residual(self, residual: Float[Tensor, "v c 3"] | None) -> tuple[Tensor, Tensor | None, Tensor]:
+    def residual(self, residual: Float[Tensor, "v c 3"] | None, shown: Tensor | None) -> tuple[Tensor, Tensor | None, Tensor]:
         """L_regSH, its gradient and the residual's size, as `regularisers.residual_loss` has them."""
         if residual is None:
             return self.zero, None, self.zero
-        return regularisers.residual_loss(residual, self.settings.sh_regularisation)
+        return regularisers.residual_loss(residual, self.settings.sh_regularisation, shown)
 
-    def gauge(self, gaussians: Gaussians, generator: Generator) -> Float[Tensor, ""]:
-        """The gauge. Its backward pass is here, too: it reaches nothing but the networks."""
-        if not self.settings.gauge:
+    def drawn_for_gauge(self, gaussians: Gaussians, generator: Generator) -> Tensor | None:
+        """The rows of Gaussians that the gauge is asked for in a step, on the CPU; None where it does not count."""
+        return draw_rows(gaussians, generator) if self.settings.gauge and self.model.predicts_residuals and len(gaussians) else None
+
+    def gauge(self, gaussians: Gaussians, rows: Tensor | None, neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
+        """The gauge, of the rows drawn for it. Its backward pass is here, too: it reaches nothing but the networks."""
+        if rows is None:
             return self.zero
-        loss = self.settings.gauge * self.gauge_loss(gaussians, generator)
+        loss = self.settings.gauge * gauge(self.model.sh_transfer, gaussians, rows, neutral)
         backward((loss, None))
         return loss.detach()
 
+    def looks_at_front(self, progress: float, step: int) -> bool:
+        """Whether L_regTS counts in this step."""
+        settings = self.settings
+        return settings.transients == "on" and progress >= settings.mask_apply and step % TRANSIENT_EVERY == 0
+
     def transient(self, splats: Splats, camera: Camera, known: Any, mask: Tensor | None, progress: float, step: int) -> Float[Tensor, ""]:
         """L_regTS, at every TRANSIENT_EVERYth step. splats: the visible Gaussians in the look. known: see `rasterizer.Visible`."""
-        settings = self.settings
-        if mask is None or progress < settings.mask_apply or step % TRANSIENT_EVERY:
+        if mask is None or not self.looks_at_front(progress, step):
             return self.zero
         front = self.rasterizer.contributions(splats.detached(), camera, known)
         rows = regularisers.transient_rows(splats.means, front, mask, camera)
         opacity = torch.where(rows, torch.sigmoid(splats.logit_opacities), 0).sum()
-        return settings.transient_regularisation * TRANSIENT_EVERY * opacity
+        return self.settings.transient_regularisation * TRANSIENT_EVERY * opacity

@@ -11,6 +11,7 @@ equal it.
 """
 
 from copy import copy
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -31,23 +32,24 @@ C1 = 0.01**2
 C2 = 0.03**2
 
 
-def window(dtype: torch.dtype = torch.float64) -> Float[Tensor, " 11"]:
+@cache
+def window(dtype: torch.dtype = torch.float64, device: torch.device = CPU) -> Float[Tensor, " 11"]:
     """The Gaussian window along one axis; sums to 1."""
     offsets = torch.arange(WINDOW, dtype=torch.float64) - RADIUS
     weights = torch.exp(-(offsets**2) / (2 * SIGMA**2))
-    return (weights / weights.sum()).to(dtype)
+    return (weights / weights.sum()).to(device, dtype)
 
 
 def blur(planes: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
     """The planes convolved with the Gaussian window, zeros beyond the picture."""
-    taps = window(planes.dtype)
+    taps = window(planes.dtype, planes.device)
     if planes.dtype == torch.float32 and planes.device.type == "cpu" and not planes.requires_grad:
         # The same but for a last bit, in a twentieth of the time: photos that do not fit into the cache are blurred at every step.
         along = taps.numpy()
         blurred = [cv2.sepFilter2D(plane, -1, along, along, borderType=cv2.BORDER_CONSTANT) for plane in planes.numpy()]
         return torch.from_numpy(np.stack(blurred))
     count = len(planes)
-    taps = taps.to(planes.device).expand(count, 1, WINDOW)
+    taps = taps.expand(count, 1, WINDOW)
     rows = F.conv2d(planes[None], taps[..., None], padding=(RADIUS, 0), groups=count)  # a batch of planes would take ten times as long
     return F.conv2d(rows, taps[:, :, None], padding=(0, RADIUS), groups=count)[0]
 
@@ -74,7 +76,7 @@ class Target:
 
     planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
     padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. empty_share: None where nothing is empty, or
-    once it is over a background. valid_pixels: V. Everything has the dtype and the device of `picture`.
+    once it is over a background. valid_pixels: V, a number or a tensor (). Everything has the dtype and the device of `picture`.
     """
 
     def __init__(
@@ -110,6 +112,14 @@ class Target:
     def nbytes(self) -> int:
         """What it takes of memory."""
         return sum(tensor.nbytes for tensor in (self.padded, self.mean, self.mean_square, *(self.empty_share or ())))
+
+    def to_cells(self, planes: Float[Tensor, "3 H W"], height: int, width: int) -> Float[Tensor, "3 h w"]:
+        """Planes of the photo's size averaged down to as many cells."""
+        return F.interpolate(planes[None], size=(height, width), mode="area")[0]
+
+    def to_pixels(self, cells: Float[Tensor, "1 h w"]) -> Float[Tensor, "H W"]:
+        """The inverse: cells, such as those of a mask, at the photo's size."""
+        return F.interpolate(cells[None], size=self.planes.shape[1:], mode="bilinear", align_corners=False)[0, 0]
 
     def masked(self, mask: Float[Tensor, "h w"]) -> "Target":
         """The photo times a mask, the same pixels valid."""

@@ -4,8 +4,6 @@ The same two passes as in photometric_cpu, with its formula of the gradient. Eve
 which goes on with the result. One pixel a lane.
 """
 
-from functools import cache
-
 import torch
 import triton
 import triton.language as tl
@@ -69,12 +67,12 @@ def blur_along(plane, taps, pixel, column, width, known):
 
 
 @triton.jit(do_not_specialize=SIZES)
-def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, share, scale, height, width, BLOCK: tl.constexpr):
-    """The error (height, width) and the derivatives (3 products, 3, height, width) of the loss by the windowed means."""
+def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, share, height, width, BLOCK: tl.constexpr):
+    """The error (height, width), a mean over channels, and the derivatives (3 products, 3, height, width) of its weighted sum by the means."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known, column = pixel < size, pixel % width
-    slope = tl.load(weights + pixel, mask=known, other=0.0) * (-share * scale)
+    slope = tl.load(weights + pixel, mask=known, other=0.0) * (-share / 3)
     total = tl.zeros((BLOCK,), dtype=tl.float32)
     for channel in tl.static_range(3):
         x_mean = blur_along(blurred + channel * size, taps, pixel, column, width, known)
@@ -101,12 +99,12 @@ def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, sha
 
 
 @triton.jit(do_not_specialize=SIZES)
-def combine(blurred, x, y, weights, taps, factor, gradient, share, scale, height, width, BLOCK: tl.constexpr):
-    """dL/dx (height, width, 3) from the derivatives blurred down; factor: a number in memory, dL/d(loss)."""
+def combine(blurred, x, y, weights, taps, factor, gradient, share, height, width, BLOCK: tl.constexpr):
+    """dL/dx (height, width, 3) from the derivatives blurred down; factor: a number in memory, dL/d(weighted sum of errors)."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known, column = pixel < size, pixel % width
-    pull = tl.load(weights + pixel, mask=known, other=0.0) * ((1 - share) * scale)
+    pull = tl.load(weights + pixel, mask=known, other=0.0) * ((1 - share) / 3)
     for channel in tl.static_range(3):
         at = channel * size + pixel
         a, b = tl.load(x + at, mask=known, other=0.0), tl.load(y + at, mask=known, other=0.0)
@@ -127,11 +125,6 @@ def photometric_cuda(
     return _Photometric.apply(image, target, weight, float(ssim_weight))
 
 
-@cache
-def _taps(device: torch.device) -> Tensor:
-    return photometric.window(torch.float32).to(device)
-
-
 class _Photometric(torch.autograd.Function):
     @staticmethod
     def forward(ctx, image, target, weight, share):
@@ -139,8 +132,8 @@ class _Photometric(torch.autograd.Function):
         x, y, valid = photometric.planes_of(image.detach(), target.valid), target.planes.contiguous(), target.valid
         weights = torch.ones_like(image[..., 0]) if weight is None else weight.detach()
         weights = (weights if valid is None else weights * valid).contiguous()
-        taps = _taps(image.device)
-        ctx.sizes = share, 1 / (3 * target.valid_pixels), height, width
+        taps = photometric.window(torch.float32, image.device)
+        ctx.sizes = share, height, width
         blurred, slopes = (image.new_empty(9, height, width) for _ in range(2))
         error = image.new_empty(height, width)
         grid = blocks(height * width, BLOCK)
@@ -148,21 +141,19 @@ class _Photometric(torch.autograd.Function):
         means = target.mean.contiguous(), target.mean_square.contiguous()
         compare[grid](blurred, x, y, *means, weights, taps, error, slopes, *ctx.sizes, BLOCK=BLOCK, **FUSED)
         ctx.save_for_backward(x, y, weights, taps, slopes)
-        ctx.valid = valid
+        ctx.valid, ctx.valid_pixels = valid, target.valid_pixels
         return (error * weights).sum() / target.valid_pixels
 
     @staticmethod
     @once_differentiable
     def backward(ctx, loss_gradient):
         x, y, weights, taps, slopes = ctx.saved_tensors
-        share, scale, height, width = ctx.sizes
+        share, height, width = ctx.sizes
         grid = blocks(height * width, BLOCK)
         blurred, gradient = torch.empty_like(slopes), x.new_empty(height, width, 3)
         blur_down[(*grid, 9)](slopes, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
-        combine[grid](
-            blurred, x, y, weights, taps, loss_gradient.contiguous(), gradient, share, scale, height, width,
-            BLOCK=BLOCK, **FUSED,
-        )  # fmt: skip
+        factor = loss_gradient / ctx.valid_pixels
+        combine[grid](blurred, x, y, weights, taps, factor, gradient, share, height, width, BLOCK=BLOCK, **FUSED)
         if ctx.valid is not None:
             gradient = torch.where(ctx.valid[..., None], gradient, 0)
         return gradient, None, None, None

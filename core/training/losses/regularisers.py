@@ -25,15 +25,18 @@ def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
     return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
 
 
-def residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
+def residual_loss(
+    residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None
+) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
     """weight * L_regSH, its gradient by the residual, and the mean absolute residual (0 without Gaussians).
 
-    The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's.
+    The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's. shown: on a GPU, how many
+    of the rows are Gaussians, the first ones; None for all.
     """
     if residual.dtype == torch.float32 and residual.device.type == "cuda":
         from core.training.losses import residual_cuda  # Triton, which is there with a GPU only
 
-        return residual_cuda.residual_loss(residual, weight)
+        return residual_cuda.residual_loss(residual, weight, shown)
     return plain_residual_loss(residual, weight)
 
 

@@ -39,6 +39,7 @@ def stepped(gaussians: Gaussians, step, taken: bool = True, rates: dict = RATES,
     for leaf in leaves.values():
         leaf.grad = torch.randn(leaf.shape).to(leaf.device)
         leaf.grad[:1], leaf.grad[1:2] = 3e38, -2 * LARGEST_GRADIENT
+    rates = {name: rate.to(rows.device) for name, rate in rates.items()}
     step(gaussians, rows, leaves, rates, torch.tensor(taken, device=rows.device))
     return {name: tensor.cpu() for name, tensor in gaussians.tensors().items()}
 
@@ -55,6 +56,21 @@ def test_both_agree_and_leave_unseen_rows_and_the_domes_shape_alone():
     assert torch.equal(found["counts"][::2], before.counts[::2] + 1)
     assert torch.equal(found["parameters.means"][250:], before.parameters["means"][250:])
     assert not torch.equal(found["parameters.sh"][250:, 0], before.parameters["sh"][250:, 0])
+
+
+def test_rows_of_minus_one_are_none():
+    expected = stepped(aged_gaussians(oldest=100_000).to(torch.device(DEVICE)), adam_cuda.step)
+    rows = torch.cat([ROWS, torch.full((70,), -1)])
+    found = aged_gaussians(oldest=100_000).to(torch.device(DEVICE))
+    torch.manual_seed(1)
+    leaves = {name: leaf.detach() for name, leaf in found.leaves(ROWS.to(DEVICE)).items()}
+    leaves = {name: torch.cat([leaf, leaf.new_zeros(70, *leaf.shape[1:])]).requires_grad_() for name, leaf in leaves.items()}
+    for leaf in leaves.values():
+        leaf.grad = torch.cat([torch.randn(len(ROWS), *leaf.shape[1:]), torch.ones(70, *leaf.shape[1:])]).to(leaf.device)
+        leaf.grad[:1], leaf.grad[1:2] = 3e38, -2 * LARGEST_GRADIENT
+    adam_cuda.step(found, rows.to(DEVICE), leaves, {name: rate.to(DEVICE) for name, rate in RATES.items()}, torch.tensor(True, device=DEVICE))
+    for name, tensor in found.tensors().items():
+        assert torch.equal(tensor.cpu(), expected[name]), name
 
 
 def test_a_step_that_is_not_taken_changes_nothing():

@@ -45,7 +45,7 @@ def test_a_quarter_stays_whatever_it_contributes_and_no_more_than_that_of_the_fa
 def test_what_pulls_at_the_seen_is_gathered_in_half_pictures_unless_the_step_is_dropped(gaussians, gather):
     rows, pulls = torch.tensor([1, 4, 5]), torch.tensor([[3.0, 0.0], [0.0, -2.0], [0.6, 0.4]])
     for taken in (True, True, False):
-        gather(gaussians, rows, pulls if taken else pulls * float("nan"), 20, 30, torch.tensor(taken))
+        gather(gaussians, rows, pulls if taken else pulls * float("nan"), torch.tensor([10.0, 15.0]), torch.tensor(taken))
     assert gaussians.seen[:6].tolist() == [0, 2, 0, 0, 2, 2]
     expected = torch.tensor([0, 60, 0, 0, 60, 2 * 72**0.5])  # hypot(0.6 * 10, 0.4 * 15) = sqrt(72)
     torch.testing.assert_close(gaussians.gradient_sum[:6], expected)

@@ -2,10 +2,11 @@
 
 import torch
 
-from core.training.losses.gauge import Gauge
+from core.training.losses.gauge import draw_rows, gauge
 
 
 def test_the_gauge_is_the_mean_over_gaussians_of_the_squared_residual(trainer_of, monkeypatch):
     trainer = trainer_of()
     monkeypatch.setattr(trainer.model.sh_transfer, "forward", lambda sh, *_: torch.full_like(sh, 2.0))
-    assert float(Gauge(trainer.model)(trainer.gaussians, trainer.generator)) == 4 * 3 * 2.0**2
+    rows = draw_rows(trainer.gaussians, trainer.generator)
+    assert float(gauge(trainer.model.sh_transfer, trainer.gaussians, rows, trainer.model.mean_embedding)) == 4 * 3 * 2.0**2

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from core.appearance import strangeness
-from core.training.losses import mask_loss
+from core.training.losses.mask_loss import mask_loss
+from core.training.losses.photometric import Target
 
 HEIGHT, WIDTH, CELL = 48, 64, 4
 STRANGER = slice(6, 9), slice(3, 6)  # cells
@@ -27,8 +28,7 @@ def with_stranger(photo: torch.Tensor) -> torch.Tensor:
 
 
 def loss_of(mask: torch.Tensor, image: torch.Tensor, photo: torch.Tensor, regularisation: float) -> torch.Tensor:
-    (loss,) = mask_loss.CellLoss(regularisation)(mask, *mask_loss.cells_of(mask, image, photo))
-    return loss
+    return mask_loss(mask, image, Target(photo.permute(1, 2, 0)), regularisation)
 
 
 def best_mask(image: torch.Tensor, photo: torch.Tensor) -> torch.Tensor:

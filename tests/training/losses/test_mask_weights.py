@@ -7,6 +7,6 @@ from core.training.losses import mask_weights
 
 
 def test_collapsed_masks_are_raised_to_the_floor():
-    mask = torch.full((1, 5, 5), 0.2)
-    assert float(mask_weights.pixel_weights(mask, 20, 20, mask_mean=0.2).mean()) == pytest.approx(mask_weights.COLLAPSED)
-    assert float(mask_weights.pixel_weights(mask, 20, 20, mask_mean=0.9).mean()) == pytest.approx(0.2)
+    shown = torch.full((20, 20), 0.2)
+    for mask_mean, expected in ((0.2, mask_weights.COLLAPSED), (mask_weights.COLLAPSED, 0.2), (0.9, 0.2), (1.0, 0.2)):
+        assert float(mask_weights.pixel_weights(shown, torch.tensor(mask_mean)).mean()) == pytest.approx(expected)

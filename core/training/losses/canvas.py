@@ -1,0 +1,55 @@
+"""Photos of all sizes on one canvas, so that on a GPU the kernels of a step are the same for each of them."""
+
+from functools import cache
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from core.training.losses.photometric import Target
+
+
+class TargetOnCanvas(Target):
+    """A photo in the upper left corner of a larger canvas, beyond which nothing is valid; see Target, whose sizes are the canvas's.
+
+    size: height and width of the canvas, px. cells: of the masks that it will meet, height and width. Nothing of it is known to the host alone:
+    another photo's tensors may be copied into its own.
+    """
+
+    def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None, size: tuple[int, int], cells: tuple[int, int]):
+        height, width = picture.shape[:2]
+        beyond = 0, size[1] - width, 0, size[0] - height
+        shown = torch.ones(height, width, dtype=torch.bool, device=picture.device) if valid is None else valid
+        shown = F.pad(shown, beyond)
+        super().__init__(F.pad(picture, (0, 0, *beyond)), shown)
+        self.valid, self.valid_pixels = shown, shown.sum(dtype=torch.float32)
+        axes = list(zip(cells, (height, width), size))
+        self.averaging, self.enlarging = (
+            tuple(F.pad(weights(cell, side), (0, whole - side)).to(picture) for cell, side, whole in axes) for weights in (_averaging, _enlarging)
+        )
+
+    @property
+    def tensors(self) -> tuple[Tensor, ...]:
+        """All that differs between two photos on one canvas."""
+        return self.padded, self.mean, self.mean_square, self.valid, self.valid_pixels, *self.averaging, *self.enlarging
+
+    def to_cells(self, planes: Float[Tensor, "3 H W"], height: int, width: int) -> Float[Tensor, "3 h w"]:
+        down, across = self.averaging
+        return down @ planes @ across.T
+
+    def to_pixels(self, cells: Float[Tensor, "1 h w"]) -> Float[Tensor, "H W"]:
+        down, across = self.enlarging
+        return down.T @ cells[0] @ across
+
+
+@cache
+def _averaging(cells: int, pixels: int) -> Float[Tensor, "cells pixels"]:
+    """What cells along an axis are of its pixels, averaged as torch's mode "area" does."""
+    return F.interpolate(torch.eye(pixels)[None], size=cells, mode="area")[0].T
+
+
+@cache
+def _enlarging(cells: int, pixels: int) -> Float[Tensor, "cells pixels"]:
+    """What pixels along an axis are of its cells, as torch's bilinear enlargement does."""
+    return F.interpolate(torch.eye(cells)[None], size=pixels, mode="linear", align_corners=False)[0]

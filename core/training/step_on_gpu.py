@@ -1,0 +1,126 @@
+"""Training steps on a GPU, which is told of a whole step at once.
+
+A step starts some 250 kernels, which takes the host longer than the GPU needs for those of a small scene. But between two rounds of density
+control steps differ in nothing but numbers: photos lie on one canvas, and there is room for as many Gaussians as any of them shows. So the kernels
+of one step are recorded, and replayed with other numbers for those that follow.
+"""
+
+import math
+from copy import deepcopy
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from core.appearance.model import Reading
+from core.rasterizer.cuda.backend import Room
+from core.rasterizer.cuda.view import view_of
+from core.system.cuda_graph import Recorder, Recording, can_record
+from core.system.device import sent, sent_together
+from core.training import schedule
+from core.training.gaussians.gaussians import Gaussians
+from core.training.guards import StepFacts
+from core.training.losses.canvas import TargetOnCanvas
+from core.training.step import Moment, StepInputs, Stepper
+
+MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # than one photo shows there is room for: others show more
+
+
+@dataclass
+class StepperOnGpu(Stepper):
+    """Takes the steps of Stepper. They are replayed where they can be, which are all but the one in ten that looks at who stands at the front.
+
+    situation: of the last step; `kept`: its Gaussians. has_run: whether a step in it was taken with this `room`; the next is recorded. `replayed`:
+    the inputs of that, into which those of another step are copied.
+    """
+
+    situation: tuple = ()
+    kept: dict[str, Tensor] | None = None
+    room: Room | None = None
+    has_run: bool = False
+    recorder: Recorder | None = None
+    recording: Recording[tuple[Reading, Tensor]] | None = None
+    replayed: StepInputs | None = None
+
+    def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+        if not can_record(inputs.encoder_input.device):
+            return self._fitting(gaussians, inputs, moment)
+        self.recorder = self.recorder or Recorder()
+        with self.recorder.at_work():
+            return self._fitting(gaussians, inputs, moment)
+
+    def _fitting(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+        """The step, with as much room as it needs: with too little it is not taken, but tells how much that is."""
+        inputs = on_gpu(inputs, moment)
+        situation = self._situation(gaussians, inputs, moment)
+        if situation != self.situation:
+            self.situation, self.kept = situation, gaussians.parameters
+            visible = self.rasterizer.visible(gaussians.splats, moment.camera)
+            self._make_room(inputs, len(visible.rows), visible.known.pairs)
+        while True:
+            reading, facts = self._replay(gaussians, inputs, moment) if self._can_replay(inputs, moment) else self._run(gaussians, inputs, moment)
+            self.has_run = True
+            *facts, shown, pairs = facts.cpu().tolist()
+            if shown <= self.room.gaussians and pairs <= self.room.pairs:
+                return reading, StepFacts(*facts)
+            self._make_room(inputs, shown, pairs)
+
+    def _situation(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple:
+        """What decides which kernels a step starts, on which memory. The Gaussians are `kept` so that no others come to have their id."""
+        sizes = inputs.encoder_input.shape, inputs.target.planes.shape
+        return id(gaussians.parameters), *sizes, inputs.gain is None, schedule.begun(self.settings, moment.progress)
+
+    def _make_room(self, inputs: StepInputs, shown: float, pairs: float) -> None:
+        height, width = inputs.target.planes.shape[1:]
+        self.room = Room(width, height, math.ceil(MORE_GAUSSIANS * shown), math.ceil(MORE_PAIRS * pairs))
+        self.has_run, self.recording = False, None
+
+    def _run(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+        """The step, and its facts, behind which it says how much room it needs."""
+        visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, self.room)
+        fits = (needed[0] <= self.room.gaussians) & (needed[1] <= self.room.pairs)
+        inputs = replace(inputs, largest_loss=torch.where(fits, inputs.largest_loss, -math.inf))
+        reading, facts = self._learn(gaussians, inputs, moment, lambda: (visible, needed[0]))
+        return reading, torch.cat([facts, needed.double()])
+
+    def _can_replay(self, inputs: StepInputs, moment: Moment) -> bool:
+        """Whether nothing but numbers differs between this step and the last in the same situation."""
+        tables = self.model.embedding_table is not None or self.settings.mask == "mlp"  # rows are chosen by the host
+        on_canvas = isinstance(inputs.target, TargetOnCanvas)
+        looks_at_front = self.objective.looks_at_front(moment.progress, moment.done)
+        return self.recorder is not None and self.has_run and on_canvas and not tables and not looks_at_front
+
+    def _replay(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+        if self.recording is None:
+            self.replayed = deepcopy(inputs)
+            self.recording = self.recorder.record(lambda: self._run(gaussians, self.replayed, moment))
+        for into, out_of in zip(_by_type(self.replayed), _by_type(inputs), strict=True):
+            torch._foreach_copy_(into, out_of)
+        return self.recording.replay()
+
+
+def on_gpu(inputs: StepInputs, moment: Moment) -> StepInputs:
+    """The inputs with all that the host made of them on the device, and the view."""
+    device, gain = inputs.encoder_input.device, inputs.gain
+    numbers = [view_of(moment.camera), inputs.half_size, inputs.largest_loss, inputs.mask_mean, torch.tensor(inputs.network_rates)]
+    numbers += [*inputs.rates.values(), *([] if gain is None else [gain])]
+    view, half_size, largest_loss, mask_mean, network_rates, *others = sent_together(numbers, device)
+    return replace(
+        inputs,
+        view=view,
+        half_size=half_size,
+        largest_loss=largest_loss,
+        mask_mean=mask_mean,
+        network_rates=list(network_rates.unbind()),
+        rates=dict(zip(inputs.rates, others)),
+        gain=None if gain is None else others[-1],
+        gauge_rows=None if inputs.gauge_rows is None else sent(inputs.gauge_rows, device),
+    )
+
+
+def _by_type(inputs: StepInputs) -> tuple[list[Tensor], list[Tensor]]:
+    """All tensors of the inputs: those of float32, which are copied at once, and the others."""
+    target, rates = inputs.target.tensors, inputs.rates.values()
+    given = inputs.encoder_input, *target, inputs.view, inputs.half_size, inputs.largest_loss, inputs.mask_mean, *rates, *inputs.network_rates
+    given = [tensor for tensor in (*given, inputs.neutral, inputs.gain, inputs.gauge_rows) if tensor is not None]
+    return [each for each in given if each.dtype == torch.float32], [each for each in given if each.dtype != torch.float32]

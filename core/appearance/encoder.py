@@ -101,7 +101,6 @@ class Enc2(nn.Module):
         initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and those of
         a single photo or of equal ones not by the inverse of nothing.
         """
-        summaries = summaries.cpu()  # the signs of principal components are the library's choice, and a run is to be the same on a GPU
         centre = summaries.mean(dim=0)
         _, strengths, directions = torch.linalg.svd(summaries - centre, full_matrices=False)
         kept = min(len(strengths), len(self.embedding.bias))

@@ -18,7 +18,7 @@ def can_record(device: torch.device) -> bool:
 
 
 class Recorder:
-    """Records on a stream of its own, as CUDA asks for. Each recording works in the memory of the one before, which is not to be used any more."""
+    """Records on a stream of its own, as CUDA asks for. All recordings work in the same memory: what one leaves there, the next replay overwrites."""
 
     def __init__(self):
         self.stream = torch.cuda.Stream()

@@ -23,6 +23,7 @@ from core.training.jitter import draw_gain, jittered
 from core.training.losses.backward import backward
 from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
+from core.training.losses.regularisers import camera_numbers
 from core.training.sized_photos import SizedPhotos
 from core.training.transparency import transparent_is_empty
 
@@ -43,14 +44,15 @@ class StepInputs:
     """The numbers that differ between two steps, where they are computed.
 
     encoder_input: the photo as the encoder takes it; target: as the picture's; gain: (3,), of the exposure that both are seen in, None for their
-    own. half_size: (2,), half of the picture's width and height, px. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of
-    the Gaussians, see `learning_rates`; network_rates: of the networks, see `network_updates`. neutral: (e,), the mean embedding. gauge_rows:
-    see `Objective.gauge`. view: the camera as a GPU reads it, see core.rasterizer.cuda.view.
+    own. camera: see `regularisers.camera_numbers`. half_size: (2,), half of the picture's width and height, px. largest_loss: (), see `guards`.
+    mask_mean: (), see `mask_weights`. rates: of the Gaussians, see `learning_rates`; network_rates: of the networks, see `network_updates`.
+    neutral: (e,), the mean embedding. gauge_rows: see `Objective.gauge`. view: the camera as a GPU reads it, see core.rasterizer.cuda.view.
     """
 
     encoder_input: Tensor
     target: Target
     gain: Tensor | None
+    camera: Tensor
     half_size: Tensor
     largest_loss: Tensor
     mask_mean: Tensor
@@ -85,6 +87,7 @@ class Stepper:
             encoder_input=self.photos[index].encoder_input,
             target=target,
             gain=draw_gain(settings, generator),
+            camera=camera_numbers(camera),
             half_size=torch.tensor([camera.width / 2, camera.height / 2]),
             largest_loss=torch.tensor(guards.largest_loss(usual)),
             mask_mean=torch.tensor(mask_mean),
@@ -131,7 +134,8 @@ class Stepper:
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
         picture_loss = objective.picture(image, target, reading.mask, progress, inputs.mask_mean)
-        rendered_loss = picture_loss + objective.transient(splats, moment.camera, visible.known, reading.mask, progress, moment.done)
+        front = splats, moment.camera, inputs.camera, visible.known
+        rendered_loss = picture_loss + objective.transient(*front, reading.mask, progress, moment.done)
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()

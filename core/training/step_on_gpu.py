@@ -7,7 +7,7 @@ of one step are recorded, and replayed with other numbers for those that follow.
 
 import math
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
@@ -28,19 +28,18 @@ MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # than one photo shows there is room for:
 
 @dataclass
 class StepperOnGpu(Stepper):
-    """Takes the steps of Stepper. They are replayed where they can be, which are all but the one in ten that looks at who stands at the front.
+    """Takes the steps of Stepper, and replays those that were recorded.
 
-    situation: of the last step; `kept`: its Gaussians. has_run: whether a step in it was taken with this `room`; the next is recorded. `replayed`:
-    the inputs of that, into which those of another step are copied.
+    situation: of the last step; `kept`: its Gaussians. ran: the kinds of steps that were taken in it with this `room`: those that look at who
+    stands at the front, and those that do not. The next of such a kind is recorded, with the inputs that those of others are copied into.
     """
 
     situation: tuple = ()
     kept: dict[str, Tensor] | None = None
     room: Room | None = None
-    has_run: bool = False
+    ran: set[bool] = field(default_factory=set)
+    recordings: dict[bool, tuple[Recording[tuple[Reading, Tensor]], StepInputs]] = field(default_factory=dict)
     recorder: Recorder | None = None
-    recording: Recording[tuple[Reading, Tensor]] | None = None
-    replayed: StepInputs | None = None
 
     def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         if not can_record(inputs.encoder_input.device):
@@ -57,9 +56,13 @@ class StepperOnGpu(Stepper):
             self.situation, self.kept = situation, gaussians.parameters
             visible = self.rasterizer.visible(gaussians.splats, moment.camera)
             self._make_room(inputs, len(visible.rows), visible.known.pairs)
+        kind = self.objective.looks_at_front(moment.progress, moment.done)
         while True:
-            reading, facts = self._replay(gaussians, inputs, moment) if self._can_replay(inputs, moment) else self._run(gaussians, inputs, moment)
-            self.has_run = True
+            if kind in self.ran and self._can_be_replayed(inputs):
+                reading, facts = self._replay(kind, gaussians, inputs, moment)
+            else:
+                reading, facts = self._run(gaussians, inputs, moment)
+            self.ran.add(kind)
             *facts, shown, pairs = facts.cpu().tolist()
             if shown <= self.room.gaussians and pairs <= self.room.pairs:
                 return reading, StepFacts(*facts)
@@ -73,7 +76,7 @@ class StepperOnGpu(Stepper):
     def _make_room(self, inputs: StepInputs, shown: float, pairs: float) -> None:
         height, width = inputs.target.planes.shape[1:]
         self.room = Room(width, height, math.ceil(MORE_GAUSSIANS * shown), math.ceil(MORE_PAIRS * pairs))
-        self.has_run, self.recording = False, None
+        self.ran, self.recordings = set(), {}
 
     def _run(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
         """The step, and its facts, behind which it says how much room it needs."""
@@ -83,20 +86,19 @@ class StepperOnGpu(Stepper):
         reading, facts = self._learn(gaussians, inputs, moment, lambda: (visible, needed[0]))
         return reading, torch.cat([facts, needed.double()])
 
-    def _can_replay(self, inputs: StepInputs, moment: Moment) -> bool:
-        """Whether nothing but numbers differs between this step and the last in the same situation."""
+    def _can_be_replayed(self, inputs: StepInputs) -> bool:
+        """Whether nothing but numbers differs between this step and another of its kind in the same situation."""
         tables = self.model.embedding_table is not None or self.settings.mask == "mlp"  # rows are chosen by the host
-        on_canvas = isinstance(inputs.target, TargetOnCanvas)
-        looks_at_front = self.objective.looks_at_front(moment.progress, moment.done)
-        return self.recorder is not None and self.has_run and on_canvas and not tables and not looks_at_front
+        return self.recorder is not None and isinstance(inputs.target, TargetOnCanvas) and not tables
 
-    def _replay(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
-        if self.recording is None:
-            self.replayed = deepcopy(inputs)
-            self.recording = self.recorder.record(lambda: self._run(gaussians, self.replayed, moment))
-        for into, out_of in zip(_by_type(self.replayed), _by_type(inputs), strict=True):
+    def _replay(self, kind: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+        if kind not in self.recordings:
+            own = deepcopy(inputs)
+            self.recordings[kind] = self.recorder.record(lambda: self._run(gaussians, own, moment)), own
+        recording, own = self.recordings[kind]
+        for into, out_of in zip(_by_type(own), _by_type(inputs), strict=True):
             torch._foreach_copy_(into, out_of)
-        return self.recording.replay()
+        return recording.replay()
 
 
 def on_gpu(inputs: StepInputs, moment: Moment) -> StepInputs:
@@ -107,6 +109,7 @@ def on_gpu(inputs: StepInputs, moment: Moment) -> StepInputs:
     view, half_size, largest_loss, mask_mean, network_rates, *others = sent_together(numbers, device)
     return replace(
         inputs,
+        camera=sent(inputs.camera, device),
         view=view,
         half_size=half_size,
         largest_loss=largest_loss,
@@ -122,5 +125,5 @@ def _by_type(inputs: StepInputs) -> tuple[list[Tensor], list[Tensor]]:
     """All tensors of the inputs: those of float32, which are copied at once, and the others."""
     target, rates = inputs.target.tensors, inputs.rates.values()
     given = inputs.encoder_input, *target, inputs.view, inputs.half_size, inputs.largest_loss, inputs.mask_mean, *rates, *inputs.network_rates
-    given = [tensor for tensor in (*given, inputs.neutral, inputs.gain, inputs.gauge_rows) if tensor is not None]
+    given = [tensor for tensor in (*given, inputs.camera, inputs.neutral, inputs.gain, inputs.gauge_rows) if tensor is not None]
     return [each for each in given if each.dtype == torch.float32], [each for each in given if each.dtype != torch.float32]

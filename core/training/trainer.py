@@ -84,9 +84,10 @@ class Trainer:
         settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
         self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)
         self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty)
-        self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos]).to(self.device)
-        if self.model.encoder is not None:
-            self.model.encoder.start_apart(sized.encoder_input for sized in self.photos)
+        self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
+        if self.model.encoder is not None:  # on the CPU, for every device: the signs of principal components turn with the last digit
+            self.model.encoder.start_apart(sized.encoder_input.cpu() for sized in self.photos)
+        self.model.to(self.device)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
         self.stepper = self._stepper()

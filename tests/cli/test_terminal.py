@@ -167,7 +167,9 @@ def test_a_full_disk_is_no_silence(monkeypatch):
         terminal.say("Step 5: held-out PSNR 20.00 dB")
 
 
-def test_a_bar_on_a_terminal_that_was_closed_ends_without_a_word():
+def test_a_bar_on_a_terminal_that_was_closed_ends_without_a_word(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", io.StringIO())  # whose file is not led to nowhere, as that of pytest would be
+
     class Gone:
         def stop(self):
             raise OSError(errno.EIO, "Input/output error")

@@ -47,10 +47,9 @@ KERNELS = [  # with the options that they are launched with, and what differs fr
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
     **dict.fromkeys(("count", "columns", "width", "height", "size", "solid"), "i32"),
-    **dict.fromkeys(("background_red", "background_green", "background_blue", "share", "scale"), "fp32"),
-    **dict.fromkeys(("half_width", "half_height", "loss_scale", "size_scale"), "fp32"),
+    **dict.fromkeys(("background_red", "background_green", "background_blue", "share", "weight"), "fp32"),
     **dict.fromkeys(("sources", "copies", "values", "first", "second", "gradients"), ("*fp32",) * 6),  # of each parameter
-    **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots", "rows"), "*i64"),
+    **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots", "rows", "shown"), "*i64"),
     **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts", "visible"), "*i32"),
     "slot_tiles": "*i16",
     "blended_slots": "*u8",

@@ -127,7 +127,7 @@ def test_more_room_than_a_view_needs_changes_nothing(splats):
     image = rasterizer.render(seen, VIEW, background, None, within.known)
     assert torch.equal(image[: VIEW.height, : VIEW.width], rasterizer.render(splats, VIEW, background))
     beyond = torch.ones(image.shape[:2], dtype=torch.bool, device=DEVICE)
-    beyond[:-(-VIEW.height // TILE) * TILE, : -(-VIEW.width // TILE) * TILE] = False  # tiles at the rim may show what sticks out
+    beyond[: -(-VIEW.height // TILE) * TILE, : -(-VIEW.width // TILE) * TILE] = False  # tiles at the rim may show what sticks out
     assert (image[beyond] == torch.tensor(background, device=DEVICE)).all()
 
 

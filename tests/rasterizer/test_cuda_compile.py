@@ -18,8 +18,8 @@ MOST_REGISTERS = {
     "find_visible": 80,
     "project": 88,
     "list_tiles": 48,
-    "blend_forward": 64,
-    "blend_backward": 120,
+    "blend_forward": 96,
+    "blend_backward": 128,
     "add_up": 64,
     "take_rows": 48,
     "update": 32,
@@ -29,7 +29,7 @@ MOST_REGISTERS = {
     "blur_down": 40,
     "compare": 80,
     "combine": 80,
-    "weigh_residual": 32,
+    "weigh_residual": 40,
     "project_backward": 112,
 }
 MOST_SPILLED = 24  # bytes: ptxas gives some registers up to come below a step of occupancy (Triton 3.9)

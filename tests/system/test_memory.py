@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 TAKE = """
 import sys
 from core.system.memory import hold_to
-hold_to(1.5)
+hold_to(float(sys.argv[1]))
 import torch
 from wegs_cli.main import explain
 kept = []
@@ -42,11 +42,11 @@ def soft_limit_put_back():
 
 
 def test_no_more_is_taken_than_allowed():
-    result = subprocess.run([sys.executable, "-c", TAKE], cwd=ROOT, capture_output=True, text=True, check=True)
+    allowed = 1.5 if torch.version.cuda is None else 2.5  # GiB: the CUDA build claims much that it does not touch
+    result = subprocess.run([sys.executable, "-c", TAKE, str(allowed)], cwd=ROOT, capture_output=True, text=True, check=True)
     line, peak = result.stdout.splitlines()
     assert "not enough memory" in line
-    least = 1_000_000 if torch.version.cuda is None else 800_000  # the CUDA build claims 270,000 that it does not touch
-    assert least < int(peak) <= 1.5 * (1 << 20)  # kB: more than torch itself, and no more than allowed
+    assert 800_000 < int(peak) <= allowed * (1 << 20)  # kB: more than torch itself, and no more than allowed
 
 
 def test_the_command_line_sets_it(soft_limit_put_back):

@@ -2,6 +2,9 @@
 
 One program blends one tile. Its pixels are a flat tensor of 256, of which every thread holds a few in registers; splats
 are read as scalars, the same for all lanes. Whether all pixels are finished is asked every BATCH splats only.
+
+Splats are blended in pairs, each read while the one before it is blended: a small picture has too few tiles for the waiting of
+one to be hidden by the work of others.
 """
 
 import math
@@ -30,13 +33,30 @@ def pixels_of(tile, columns, width, height):
 
 
 @triton.jit
-def coverage(footprints, splat, x, y):
-    """Alpha of a splat in the pixels before the clamp at ALPHA_MAX, 0 where it is below ALPHA_MIN; and e = dx - slope dy, dy."""
+def splat_of(entry_splats, entry, end):
+    """Which splat an entry is; behind the last, the first of all splats."""
+    return tl.load(entry_splats + entry, mask=entry < end, other=0)
+
+
+@triton.jit
+def read_splat(footprints, splat, exists):
+    """The six numbers of a splat's shape, as `coverage` takes them, and its colour; if there is none, nothing to be seen."""
     at = footprints + splat * footprint.COLUMNS
-    dy = y - tl.load(at + footprint.Y)
-    e = tl.fma(-tl.load(at + footprint.SLOPE), dy, x - tl.load(at + footprint.X))
-    across = tl.load(at + footprint.SHARPNESS) * e
-    along = tl.fma(-tl.load(at + footprint.FALL) * dy, dy, tl.load(at + footprint.STRENGTH))
+    x, y = tl.load(at + footprint.X, mask=exists, other=0.0), tl.load(at + footprint.Y, mask=exists, other=0.0)
+    slope, sharpness = tl.load(at + footprint.SLOPE, mask=exists, other=0.0), tl.load(at + footprint.SHARPNESS, mask=exists, other=0.0)
+    fall, strength = tl.load(at + footprint.FALL, mask=exists, other=0.0), tl.load(at + footprint.STRENGTH, mask=exists, other=float("-inf"))
+    red, green = tl.load(at + footprint.RED, mask=exists, other=0.0), tl.load(at + footprint.GREEN, mask=exists, other=0.0)
+    return (x, y, slope, sharpness, fall, strength), (red, green, tl.load(at + footprint.BLUE, mask=exists, other=0.0))
+
+
+@triton.jit
+def coverage(shape, x, y):
+    """Alpha of a splat in the pixels before the clamp at ALPHA_MAX, 0 where it is below ALPHA_MIN; and e = dx - slope dy, dy."""
+    middle_x, middle_y, slope, sharpness, fall, strength = shape
+    dy = y - middle_y
+    e = tl.fma(-slope, dy, x - middle_x)
+    across = sharpness * e
+    along = tl.fma(-fall * dy, dy, strength)
     exponent = tl.fma(negative(across), across, along)
     return tl.where(exponent >= LOG2_ALPHA_MIN, tl.exp2(exponent), 0.0), e, dy
 

@@ -3,8 +3,7 @@
 import triton
 import triton.language as tl
 
-from core.rasterizer.cuda import footprint
-from core.rasterizer.cuda.blend import ALPHA_MAX, BATCH, blended, coverage, pixels_of
+from core.rasterizer.cuda.blend import ALPHA_MAX, BATCH, blended, coverage, pixels_of, read_splat, splat_of
 
 WARPS = 2  # four pixels a thread
 
@@ -26,22 +25,35 @@ def blend_forward(
     red, green, blue = nothing, nothing, nothing
     entry, end = tl.load(tile_starts + tile), tl.load(tile_starts + tile + 1)
     unfinished = entry < end
+    this, other = splat_of(entry_splats, entry, end), splat_of(entry_splats, entry + 1, end)
+    shape, colour = read_splat(footprints, this, unfinished)
     while unfinished:
         stop = tl.minimum(entry + BATCH, end)
         while entry < stop:
-            splat = tl.load(entry_splats + entry)
-            alpha, _, _ = coverage(footprints, splat, x, y)
-            _, weight, light, _ = blended(light, tl.minimum(alpha, ALPHA_MAX))
-            at = footprints + splat * footprint.COLUMNS
-            red = tl.fma(weight, tl.load(at + footprint.RED), red)
-            green = tl.fma(weight, tl.load(at + footprint.GREEN), green)
-            blue = tl.fma(weight, tl.load(at + footprint.BLUE), blue)
+            other_shape, other_colour = read_splat(footprints, other, entry + 1 < end)
+            this = splat_of(entry_splats, entry + 2, end)
+            weight, light, red, green, blue = over(shape, colour, light, red, green, blue, x, y)
             if RECORD:
                 tl.store(strongest + tl.load(entry_slots + entry), tl.max(weight, axis=0))
-            entry += 1
+            shape, colour = read_splat(footprints, this, entry + 2 < end)
+            other = splat_of(entry_splats, entry + 3, end)
+            weight, light, red, green, blue = over(other_shape, other_colour, light, red, green, blue, x, y)
+            if RECORD:
+                slot = tl.load(entry_slots + entry + 1, mask=entry + 1 < end, other=0)
+                tl.store(strongest + slot, tl.max(weight, axis=0), mask=entry + 1 < end)
+            entry += 2
         unfinished = (entry < end) & (tl.max(light, axis=0) > 0)
+    entry = tl.minimum(entry, end)
     tl.store(tile_ends + tile, entry)
     light = tl.abs(light)
     tl.store(image + 3 * place, red + light * background_red, mask=inside)
     tl.store(image + 3 * place + 1, green + light * background_green, mask=inside)
     tl.store(image + 3 * place + 2, blue + light * background_blue, mask=inside)
+
+
+@triton.jit
+def over(shape, colour, light, red, green, blue, x, y):
+    """The weight of a splat in the pixels, the light behind it, and the colours with it."""
+    alpha, _, _ = coverage(shape, x, y)
+    _, weight, light, _ = blended(light, tl.minimum(alpha, ALPHA_MAX))
+    return weight, light, tl.fma(weight, colour[0], red), tl.fma(weight, colour[1], green), tl.fma(weight, colour[2], blue)

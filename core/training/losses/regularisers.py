@@ -6,7 +6,6 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from core.scene.camera import Camera
-from core.system.device import sent
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
 HIDDEN = 0.5  # a mask below this hides a place (paper)
@@ -49,18 +48,24 @@ def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tupl
     return loss.detach(), leaf.grad, size.mean() if len(leaf) else size.sum()
 
 
+def camera_numbers(camera: Camera) -> Float[Tensor, "6 3"]:
+    """A camera as `transient_rows` reads it, float64: its axes, its centre, then focal lengths and the principal point, the picture's size."""
+    others = [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height]
+    return torch.from_numpy(np.vstack([camera.world_to_camera, camera.centre, np.reshape(others, (2, 3))]))
+
+
 def transient_rows(
-    means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], camera: Camera
+    means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], camera: Float[Tensor, "6 3"]
 ) -> Bool[Tensor, " v"]:
-    """Which Gaussians stand for passers-by in this view (L_regTS): those AT_FRONT with a HIDDEN centre."""
-    turn_and_centre = torch.from_numpy(np.vstack([camera.world_to_camera, camera.centre]))
-    *axes, centre = sent(turn_and_centre, means.device)
+    """Which Gaussians stand for passers-by in this view (L_regTS): those AT_FRONT with a HIDDEN centre. camera: see `camera_numbers`."""
+    *axes, centre = camera[:4]
+    fx, fy, cx, cy, width, height = camera[4:].flatten()
     x, y, depth = ((means.detach().double() - centre) @ axis for axis in axes)
     safe = torch.where(depth.abs() > 1e-12, depth, 1e-12)
-    x, y = camera.fx * x / safe + camera.cx, camera.fy * y / safe + camera.cy  # as `camera.project`
+    x, y = fx * x / safe + cx, fy * y / safe + cy  # as `Camera.project`
     h, w = mask.shape[-2:]
-    columns: Int[Tensor, " v"] = (x * w / camera.width).floor().clamp(-1, w).long()
-    rows: Int[Tensor, " v"] = (y * h / camera.height).floor().clamp(-1, h).long()
+    columns: Int[Tensor, " v"] = (x * w / width).floor().clamp(-1, w).long()
+    rows: Int[Tensor, " v"] = (y * h / height).floor().clamp(-1, h).long()
     inside = (columns >= 0) & (columns < w) & (rows >= 0) & (rows < h) & (depth > 0)
     hidden = mask.detach()[0, rows.clamp(0, h - 1), columns.clamp(0, w - 1)] < HIDDEN
     return inside & hidden & (contributions > AT_FRONT)

@@ -73,14 +73,15 @@ def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(t
     visible = trainer.rasterizer.visible(splats, camera)
     splats = splats[visible.rows]
     front = trainer.rasterizer.contributions(splats, camera)
-    rows = regularisers.transient_rows(splats.means, front, mask, camera)
+    numbers = regularisers.camera_numbers(camera)
+    rows = regularisers.transient_rows(splats.means, front, mask, numbers)
     opacity = torch.sigmoid(splats.logit_opacities[rows]).sum()
     assert opacity > 1
 
     def mean_of_twenty_steps(progress):
         found = []
         for step in range(1, 21):
-            found.append(float(trainer.objective.transient(splats, camera, visible.known, mask, progress, step).detach()))
+            found.append(float(trainer.objective.transient(splats, camera, numbers, visible.known, mask, progress, step).detach()))
         return sum(found) / 20
 
     assert [mean_of_twenty_steps(progress) for progress in (0.0, 0.3, 0.59)] == [0, 0, 0]

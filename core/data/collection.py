@@ -12,7 +12,7 @@ from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.lens import Lens
-from core.words import counted, is_of_split, list_names
+from core.words import Note, counted, list_names
 
 Item = TypeVar("Item")
 
@@ -61,7 +61,7 @@ class Collection:
     points: np.ndarray
     point_colours: np.ndarray
     frame: SceneFrame
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[Note, ...] = ()
     points_from: Path | None = None
 
     @property
@@ -77,8 +77,9 @@ class Collection:
     def undivided(self) -> "Collection":
         """The same with no photo held out."""
         photos = tuple(replace(photo, split="train") for photo in self.photos)
-        notes = [note for note in self.notes if not is_of_split(note)]
-        return replace(self, photos=photos, notes=(*notes, "All photos are trained on, none is held out: there will be no held-out quality."))
+        notes = [note for note in self.notes if not note.of_split]
+        undivided = Note("All photos are trained on, none is held out: there will be no held-out quality.")
+        return replace(self, photos=photos, notes=(*notes, undivided))
 
     def changed_since(self, before: "Collection") -> list[str]:
         """The names of photos that came, went, or changed split or camera since `before`: a run cannot go on with them."""

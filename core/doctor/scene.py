@@ -24,7 +24,7 @@ from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
 from core.training.transparency import transparent_may_be_empty
-from core.words import counted, is_harmless, list_names
+from core.words import Note, counted, list_names
 
 FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
@@ -52,10 +52,10 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
     return [*findings, *_cameras(collection), *_points(collection), *_world(collection), *_photos(collection, report)]
 
 
-def _note(note: str) -> Finding:
+def _note(note: Note) -> Finding:
     """A note of the reader as a finding, with advice unless it is harmless."""
-    advice = "" if is_harmless(note) else "Correct it unless it is meant."
-    return Finding("reading", note.rstrip("."), "said while the scene was read", advice)
+    advice = "" if note.harmless else "Correct it unless it is meant."
+    return Finding("reading", note.text.rstrip("."), "said while the scene was read", advice)
 
 
 def placed_photos(scene: Path) -> list[Finding]:

@@ -43,8 +43,8 @@ def bake_to_file(
         saved_look.check_free(trained.folder, save_as, force, trained.collection)
     look = find_look(trained, word, mask, refine, report)
     report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: look of {look.source}")
-    for note in trained.collection.frame.offset_notes():
-        report.say(note)
+    for line in trained.collection.frame.offset_lines():
+        report.say(line)
     if not trained.has_looks:
         report.warn(ONE_LOOK)
     written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, with_sky)

@@ -11,7 +11,7 @@ from typing import Any
 
 from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
-from core.errors import FULL, WegsError, disk_full
+from core.errors import as_disk_full, disk_full, out_of_memory
 from core.report import Report
 from core.system.atomic import KEPT, NAME_PART, named_if_full, place_for, remove, temporary_folder, write_json
 from core.system.lock import taken
@@ -39,22 +39,17 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
             with temporary_folder(output) as other:
                 yield other
             return
-        keep, full = False, disk_full(output)
+        keep = False
         _empty(work, but=KEPT_FILES)
         try:
-            with named_if_full(work, full):  # asked here, as there is room again once the copies of the photos are gone
+            with named_if_full(work, disk_full(output)):  # asked here, as there is room again once the copies of the photos are gone
                 yield work
-        except (KeyboardInterrupt, MemoryError):
-            keep = True
-            raise
-        except OSError as problem:
-            keep = problem.errno in FULL
-            raise
-        except WegsError as problem:
-            keep = problem is full
+        except BaseException as problem:
+            stopped = isinstance(problem, KeyboardInterrupt) or out_of_memory(problem) or as_disk_full(problem) is not None
+            keep = stopped and (work / DATABASE).exists()
             raise
         finally:
-            if keep := keep and (work / DATABASE).exists():
+            if keep:
                 report.say(f"The features and matches found so far are kept in {work}: the same command goes on from there.")
             with suppress(OSError):
                 _empty(work, but=KEPT_FILES if keep else ())

@@ -39,14 +39,14 @@ OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 
 
 def disk_full(what: str | Path) -> DiskFull:
-    """The error for `what`, which could not be written because the disk, or the user's share of it, is full (FULL)."""
+    """The error for `what`, which could not be written because the disk, or the user's share of it, is full."""
     return DiskFull(f"The disk is full: {what} was not written.", "Free some space and run it again.")
 
 
-def as_disk_full(problem: BaseException) -> DiskFull | None:
-    """The error to show where `problem` says that the disk is full, else None."""
+def as_disk_full(problem: BaseException, path: Path | None = None) -> DiskFull | None:
+    """The error to show where `problem` says that the disk is full, else None. path: what was being written, if that is known."""
     if isinstance(problem, OSError) and problem.errno in FULL:
-        return disk_full(problem.filename or "a file")
+        return disk_full(path or problem.filename or "a file")
     return problem if isinstance(problem, DiskFull) else None
 
 

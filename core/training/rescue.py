@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from core.errors import LESS_MEMORY, TrainingStopped, as_disk_full, command, out_of_memory
+from core.errors import LESS_MEMORY, DiskFull, TrainingStopped, as_disk_full, command, out_of_memory
 from core.rasterizer.inputs import ListsTooLarge
 from core.training.on_disk.checkpoint import how_to_go_on
 from core.training.trainer import Trainer
@@ -17,7 +17,7 @@ def saved_if_room_runs_out(trainer: Trainer) -> Iterator[None]:
     """Around training: where it finds no room, a checkpoint is written and TrainingStopped raised; other errors of the system are raised on."""
     try:
         yield
-    except OSError as problem:  # such as a log on a full disk
+    except (DiskFull, OSError) as problem:  # such as of a log that cannot be written
         path = trainer.save()
         if (full := as_disk_full(problem)) is None:
             raise

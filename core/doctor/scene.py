@@ -16,7 +16,7 @@ from core.data.photos.pixels import load_photo
 from core.data.placing import USUAL_FOCAL_LENGTHS, focal_length_of, is_usual
 from core.data.sfm.features import LEAST_PHOTOS
 from core.data.sfm.kept_cameras import scene_around
-from core.data.sfm.likely_pairs import PAIR_S, most_pairs
+from core.data.sfm.likely_pairs import longest_s, most_pairs
 from core.data.sfm.originals import placed_of, shortfall
 from core.data.sfm.usable import StoredTwice, usable_photos
 from core.doctor import views
@@ -188,9 +188,9 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
         meaning, fix = "photos without cameras", f"Add photos of the same place: {needed}."
     else:
-        pairs = most_pairs(len(sizes))
-        time = counted(math.ceil(pairs * PAIR_S / 60), "minute")
-        finds = f"`{command('wegs', 'train', root)}` finds them ({counted(pairs, 'pair')} to match, up to {time}) and trains"
+        pairs, minutes = most_pairs(len(sizes)), math.ceil(longest_s(len(sizes)) / 60)
+        work = f"{counted(pairs, 'pair')} to match, up to {counted(minutes, 'minute')}"
+        finds = f"`{command('wegs', 'train', root)}` finds them ({work}) and trains"
         meaning, fix = f"photos without cameras; next, {finds}", ""
     others = [path.name for path in list_unreadable(folder)]
     return [

@@ -80,12 +80,12 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
         why = "; ".join(note.text for note in found.notes[len(collection.notes) :] if not note.harmless)
         raise BadInput(f"No mask in {folder} can be used: {why}.", "Copy or draw them again.")
     _check_usable([photo.mask for photo in found.split("train") if photo.mask][:TRIED])
+    notes = []
     if any(photo.mask for photo in collection.photos):
-        found = replace(found, notes=(*found.notes, Note("The masks that the scene itself gives are not used.")))
+        notes.append(Note("The masks that the scene itself gives are not used."))
     if unused:
-        note = Note(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}.")
-        found = replace(found, notes=(*found.notes, note))
-    return found
+        notes.append(Note(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}."))
+    return replace(found, notes=(*found.notes, *notes))
 
 
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:

@@ -144,12 +144,11 @@ def _world(collection: Collection) -> list[Finding]:
 def _photos(collection: Collection, report: Report) -> list[Finding]:
     unusable, flat, may_be_empty = {}, [], transparent_may_be_empty(collection, Settings())
     photos = collection.split("train") + collection.split("test")
-    for number, photo in enumerate(photos):
-        report.progress("Photos", number + 1, len(photos), photo.name)
-        width = min(SMALL_PX, photo.camera.width)
-        height = max(1, round(photo.camera.height * width / photo.camera.width))
+    for number, photo in enumerate(photos, 1):
+        report.progress("Photos", number, len(photos), photo.name)
+        small = photo.camera.shrunk(SMALL_PX / photo.camera.width)
         try:
-            loaded = load_photo(photo, width, height, transparent_is_empty=may_be_empty)
+            loaded = load_photo(photo, small.width, small.height, transparent_is_empty=may_be_empty)
         except BadInput as problem:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue

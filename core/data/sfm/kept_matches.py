@@ -11,7 +11,7 @@ from typing import Any
 
 from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
-from core.errors import as_disk_full, disk_full, out_of_memory
+from core.errors import as_disk_full, as_out_of_memory, disk_full
 from core.report import Report
 from core.system.atomic import KEPT, NAME_PART, named_if_full, place_for, remove, temporary_folder, write_json
 from core.system.lock import taken
@@ -45,8 +45,8 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
             with named_if_full(work, disk_full(output)):  # asked here, as there is room again once the copies of the photos are gone
                 yield work
         except BaseException as problem:
-            stopped = isinstance(problem, KeyboardInterrupt) or out_of_memory(problem) or as_disk_full(problem) is not None
-            keep = stopped and (work / DATABASE).exists()
+            stopped = isinstance(problem, KeyboardInterrupt) or as_disk_full(problem) or as_out_of_memory(problem)
+            keep = bool(stopped) and (work / DATABASE).exists()
             raise
         finally:
             if keep:

@@ -10,7 +10,7 @@ from core.data.given_masks import with_masks_by_name
 from core.data.photos.folder import copies_among
 from core.data.placing import Placing
 from core.data.posed import Points, Posed
-from core.data.split import split_photos
+from core.data.split import none_held_out, split_photos
 from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
 from core.words import Note, name_them
@@ -82,8 +82,5 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
     if not said:
         return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})
     splits = {name: said[name] for name in names if name in said}
-    notes = []
-    if "train" in splits.values() and "test" not in splits.values():
-        why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
-        notes.append(Note(f"{why}: quality on unseen photos cannot be measured."))
-    return splits, notes, posed.source
+    why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
+    return splits, none_held_out(splits, why), posed.source

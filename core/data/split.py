@@ -41,9 +41,13 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
         every = f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing."
         return splits, [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve()), *no_splits], model
-    if "train" in splits.values() and "test" not in splits.values():
-        notes.append(Note(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured."))
-    return splits, notes + no_splits, source
+    return splits, notes + none_held_out(splits, f"{source.name} holds out none of these photos") + no_splits, source
+
+
+def none_held_out(splits: dict[str, str], why: str) -> list[Note]:
+    """A note where there are photos to train on and none to test on. why: in words."""
+    lacking = "train" in splits.values() and "test" not in splits.values()
+    return [Note(f"{why}: quality on unseen photos cannot be measured.")] if lacking else []
 
 
 def copy_lists(folders: Iterable[Path], scene: Path) -> None:
@@ -72,12 +76,12 @@ def _lists_in(folder: Path) -> list[Path]:
 
 
 def in_both(train: str, test: str, names: Iterable[str]) -> list[Note]:
-    """A note on photos that are listed to train on and to test, which are held out. train, test: what the lists are called."""
+    """A note that names photos in the lists for training and for testing; they are held out. train, test: what the lists are called."""
     return name_them(f"in both {train} and {test}, held out", sorted(names), of_split=True)
 
 
 def _lists_without_effect(root: Path) -> list[Note]:
-    """Notes on what says how to split the photos, but not where or not as it is looked for."""
+    """Notes on tables and lists that are not used: they lie in another folder, or lack the list that belongs to them."""
     notes = []
     if root.name == "dense" and (tables := find_tables(root.parent)[0]):
         notes.append(Note(f"{tables[0]} is not used: give the folder it is in, {root.parent}, to split by it.", of_split=True))

@@ -16,7 +16,7 @@ from core.words import Note, counted, list_names
 
 Item = TypeVar("Item")
 
-ROUNDING = 1e-6  # of numbers, and of places over the scene's radius, that are written and read again
+ROUNDING = 1e-6  # relative, of numbers that are written and read again; of positions, over the scene's radius
 FAR = 100.0  # times the median camera's distance from the scene's centre
 
 
@@ -88,7 +88,7 @@ class Collection:
         return sorted((now.keys() | then.keys()) - both)
 
     def in_world_of(self, before: "Collection") -> bool:
-        """Whether photos that were there `before` stand where they stood, in world units: cameras found anew have a world of their own."""
+        """Whether the photos of both have the same cameras in world units. Cameras that were found anew are in another world frame."""
         now = {photo.name: photo.camera.in_world(self.frame).numbers() for photo in self.photos}
         then = {photo.name: photo.camera.in_world(before.frame).numbers() for photo in before.photos if photo.name in now}
         return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING * before.frame.radius) for name in then)
@@ -99,8 +99,10 @@ class Collection:
         return photos[0] if len(photos) == 1 else None
 
     def all_called(self, name: str) -> list[Photo]:
-        """The photo called `name`, or those called so without their suffix (or two: structure from motion makes a.png.jpg of a.png), or else those
-        called so without their folders, too."""
+        """The photo called `name`; if there is none, those called so without their suffix, or else without their folders, too.
+
+        Of two suffixes both may be left out: structure from motion makes a.png.jpg of a.png.
+        """
         exactly, name = [photo for photo in self.photos if photo.name == name], composed(name)
         nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(composed(photo.name))]
         return nearly or [photo for photo in self.photos if name in names_without_suffixes(composed(Path(photo.name).name))]
@@ -127,9 +129,9 @@ def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:
-    """(n,) bool: whose camera is more than `far` times as far from the scene's centre as the median camera.
+    """(n,) bool: which cameras are more than `far` times as far from the scene's centre as the median camera.
 
-    These are mistakes of structure from motion; nothing that is fitted around the cameras may include them.
+    They are errors of structure from motion. What is to enclose the cameras leaves them out.
     """
     distances = np.array([np.linalg.norm(photo.camera.centre) for photo in photos])
     return distances > far * np.median(distances)

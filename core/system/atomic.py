@@ -15,7 +15,7 @@ from core.errors import BadInput, DiskFull, WegsError, as_disk_full, disk_full
 from core.system.lock import taken
 from core.system.outputs import TEMPORARY, check_file, check_fillable
 
-KEPT = f"{TEMPORARY}kept"  # the end of the names of those that outlive a stop
+KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
 NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
 FRESH_S = 5  # a temporary folder younger than this may be one that its process is about to hold
 _REFUSED = (
@@ -176,7 +176,7 @@ def scratch(name: str) -> Iterator[Path]:
 
 @contextmanager
 def named_if_full(folder: Path, full: DiskFull) -> Iterator[None]:
-    """Raise `full` in place of what goes wrong while the disk of `folder` is full: pycolmap and SQLite name that in their own ways."""
+    """Raise `full` in place of any error while the disk of `folder` is full: pycolmap and SQLite report that in words of their own."""
     try:
         yield
     except WegsError:

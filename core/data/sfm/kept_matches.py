@@ -1,6 +1,4 @@
-"""Features and matches outlive a stop: they take nearly all the time of structure from motion, and COLMAP computes nothing again that is in its
-database.
-"""
+"""Features and matches are kept after a stop: they take nearly all the time of structure from motion. COLMAP skips what its database has."""
 
 import hashlib
 import sqlite3
@@ -22,11 +20,10 @@ KEPT_FILES = (f"{DATABASE}*", MARK)  # of the work folder; SQLite puts files of 
 
 @contextmanager
 def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
-    """A folder to make the scene `output` in, removed at the end. If the block is stopped instead, by Ctrl-C, a kill, or for want of room on the disk
-    or in memory, the database in it stays, and the next block finds it.
+    """A work folder to make the scene `output` in, removed at the end.
 
-    The folder lies in `place_for` the output. Without locks (core.system.lock), and beside a program that makes the same scene,
-    nothing is kept.
+    If the block is stopped by Ctrl-C, a kill, a full disk or for lack of memory, the database in the folder is kept, and the next block finds it.
+    The folder lies in `place_for` the output. Nothing is kept without locks (core.system.lock), nor while another program makes the same scene.
     """
     name = output.resolve().name
     work = place_for(output) / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"

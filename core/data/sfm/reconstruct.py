@@ -43,7 +43,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
     Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or
-    empty folder, and where no model is found; WegsError for a full disk.
+    empty folder, and where no model is found; DiskFull.
     """
     if output.resolve() == Path.cwd():
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")

@@ -26,7 +26,7 @@ TIFF_STARTS = (b"II*\0", b"MM\0*")
 WIDTH, HEIGHT, COMPRESSION, ORIENTATION, SAMPLE_FORMAT = 256, 257, 259, 274, 339
 STRIP_STARTS, STRIP_BYTES, TILE_STARTS, TILE_BYTES = 273, 279, 324, 325
 TIFF_INTEGERS = {3: "H", 4: "I"}  # types of numbers
-COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, two numbers for deflate, PackBits: OpenCV decodes them
+COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate, PackBits, deflate by its older number: OpenCV decodes these
 WHOLE_NUMBERS = 1  # a SAMPLE_FORMAT
 TRUNCATED = "ends before its picture does (truncated)"
 
@@ -87,7 +87,7 @@ def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
 
 
 def peek(path: Path, data: bytes | mmap.mmap) -> Header:
-    """As `read_header`, but nothing is decoded: where that were needed, width and height are 0, and it is not checked that the file is whole."""
+    """As `read_header`, but nothing is decoded. Where that would be needed, width and height are 0, and it is not checked that the file is whole."""
     if data[:2] == JPEG_START:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:

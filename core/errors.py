@@ -39,22 +39,26 @@ OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 
 
 def disk_full(what: str | Path) -> DiskFull:
-    """The error for `what`, which could not be written because the disk, or the user's share of it, is full (FULL)."""
+    """The error for `what`, which could not be written because the disk, or the user's share of it, is full."""
     return DiskFull(f"The disk is full: {what} was not written.", "Free some space and run it again.")
 
 
-def as_disk_full(problem: BaseException) -> DiskFull | None:
-    """The error to show where `problem` says that the disk is full, else None."""
+def as_disk_full(problem: BaseException, path: Path | None = None) -> DiskFull | None:
+    """The error to show where `problem` says that the disk is full, else None. path: what was being written, if that is known."""
     if isinstance(problem, OSError) and problem.errno in FULL:
-        return disk_full(problem.filename or "a file")
+        return disk_full(path or problem.filename or "a file")
     return problem if isinstance(problem, DiskFull) else None
 
 
-def out_of_memory(problem: BaseException) -> bool:
-    """Whether this says that the machine's own memory ran out: torch and OpenCV have exceptions of their own for it."""
-    of_torch = isinstance(problem, RuntimeError) and "can't allocate memory" in str(problem)
+def as_out_of_memory(problem: BaseException) -> WegsError | None:
+    """The error to show where `problem` says that memory ran out, else None: torch and OpenCV have exceptions of their own for it."""
+    of_torch = str(problem) if isinstance(problem, RuntimeError) else ""
     of_opencv = type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
-    return isinstance(problem, MemoryError) or of_torch or of_opencv
+    if "CUDA out of memory" in of_torch:
+        return WegsError("The memory of the GPU ran out.", f"{LESS_MEMORY}, or with --device cpu.")
+    if isinstance(problem, MemoryError) or of_opencv or "can't allocate memory" in of_torch:
+        return WegsError("There is not enough memory.", f"{LESS_MEMORY}, or raise --memory if it is set.")
+    return None
 
 
 def command(*words: str | Path) -> str:

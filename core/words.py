@@ -1,5 +1,7 @@
 """Numbers, names and reasons in sentences."""
 
+from dataclasses import dataclass
+
 NAMES_SHOWN = 12
 
 
@@ -8,31 +10,18 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-class Note(str):
-    """A line about what was found. harmless: nothing needs doing about it. of_split: it is untrue once no photo is held out."""
+@dataclass(frozen=True)
+class Note:
+    """A line for the user about what was found. harmless: nothing needs doing about it. of_split: it is untrue once no photo is held out."""
 
-    harmless: bool
-    of_split: bool
-
-    def __new__(cls, text: str, harmless: bool = False, of_split: bool = False):
-        note = super().__new__(cls, text)
-        note.harmless, note.of_split = harmless, of_split
-        return note
+    text: str
+    harmless: bool = False
+    of_split: bool = False
 
 
-def is_harmless(note: str) -> bool:
-    """Whether nothing needs doing about a note."""
-    return isinstance(note, Note) and note.harmless
-
-
-def is_of_split(note: str) -> bool:
-    """Whether a note says what is held out."""
-    return isinstance(note, Note) and note.of_split
-
-
-def name_them(what: str, names: list[str], harmless: bool = False) -> list[Note]:
+def name_them(what: str, names: list[str], harmless: bool = False, of_split: bool = False) -> list[Note]:
     """A note that counts and names photos, or none where there are none: "3 photos WHAT: a.jpg, b.jpg, c.jpg"."""
-    return [Note(f"{counted(len(names), 'photo')} {what}: {list_names(names)}", harmless)] if names else []
+    return [Note(f"{counted(len(names), 'photo')} {what}: {list_names(names)}", harmless, of_split)] if names else []
 
 
 class Reasons:

@@ -60,7 +60,7 @@ class Group(OneLineErrors, click.Group):
 
 def explain(problem: BaseException) -> tuple[str, int] | None:
     """The line and the exit code for an exception that the user can mend; None for a defect of wegs."""
-    from core.errors import LESS_MEMORY, WegsError, as_disk_full, out_of_memory  # late: not before `run` has checked that this core is wegs'
+    from core.errors import WegsError, as_disk_full, as_out_of_memory  # late: not before `run` has checked that this core is wegs'
 
     if isinstance(problem, WegsError):
         return str(problem), 1
@@ -75,20 +75,16 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         # click turns every Ctrl-C into an Abort; the words about what was kept are in its cause.
         first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem
         return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
-    if (full := as_disk_full(problem)) is not None:
-        return str(full), 1
+    if error := as_disk_full(problem) or as_out_of_memory(problem):
+        return str(error), 1
     if isinstance(problem, OSError) and problem.errno in UNUSABLE and problem.filename:
         return f"{problem.filename}: {problem.strerror}. Choose another path, or change who may use this one.", 1
     if isinstance(problem, UnicodeEncodeError):
         words = ascii(problem.object[max(0, problem.start - 60) : problem.end])
         return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
-    if isinstance(problem, RuntimeError) and "CUDA out of memory" in str(problem):
-        return f"The memory of the GPU ran out. {LESS_MEMORY}, or with --device cpu.", 1
     # Numba's words if neither its package's folder nor the home folder is writable, as in containers run by another user.
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
-    if out_of_memory(problem):
-        return f"There is not enough memory. {LESS_MEMORY}, or raise --memory if it is set.", 1
     return None
 
 

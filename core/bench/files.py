@@ -39,7 +39,8 @@ def show(figure: Figure, report: Report) -> None:
     report.table(figure.title, rows, header)
     for number, panel in enumerate(figure.panels, 1):
         report.say(f"{number}: {figure.quantity(panel.y).label} over {figure.quantity(panel.x).label}")
-    for line in (*figure.notes, "Made on " + words_of(figure.made_on), *figure.verdicts()):
+    made_on = ", ".join(f"{name} {value}" for name, value in figure.made_on.items())
+    for line in (*figure.notes, f"Made on {made_on}", *figure.verdicts()):
         report.say(line)
 
 
@@ -92,8 +93,3 @@ def json_of(figure: Figure) -> dict[str, Any]:
     for entry, point in zip(values["points"], figure.points, strict=True):
         entry["fronts"] = fronts_of(figure, point)
     return values | {"verdicts": figure.verdicts()}
-
-
-def words_of(made_on: dict[str, str]) -> str:
-    """`cpu X, cores 2, ...`"""
-    return ", ".join(f"{name} {value}" for name, value in made_on.items())

@@ -10,10 +10,10 @@ from core.data.given_masks import with_masks_by_name
 from core.data.photos.folder import copies_among
 from core.data.placing import Placing
 from core.data.posed import Points, Posed
-from core.data.split import split_photos
+from core.data.split import none_held_out, split_photos
 from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
-from core.words import Note, is_harmless, name_them
+from core.words import Note, name_them
 
 NO_POINTS = "No points are given with the cameras: `wegs train` triangulates them from the photos."
 UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos need cannot be judged by their colours."
@@ -45,8 +45,8 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
         for name, found in placed.items()
         if name in splits
     )
-    notes = posed.notes + placing.notes() + split_notes + points_notes + frame.offset_notes()
-    notes += _copies_held_out(photos)
+    notes = posed.notes + placing.notes() + split_notes + points_notes
+    notes += [Note(line, harmless=True) for line in frame.offset_lines()] + _copies_held_out(photos)
     notes += name_them("without any SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
     notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
@@ -56,9 +56,9 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     return collection.undivided() if all_photos else collection
 
 
-def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[str] = ()) -> BadInput:
+def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[Note] = ()) -> BadInput:
     """The error for a scene without usable photos, with what was left out and why. fix: what to do if no photos are missing."""
-    reasons = "; ".join(note.rstrip(".") for note in [*posed.notes, *placing.notes(), *notes] if not is_harmless(note))
+    reasons = "; ".join(note.text.rstrip(".") for note in [*posed.notes, *placing.notes(), *notes] if not note.harmless)
     return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing else fix)
 
 
@@ -73,17 +73,14 @@ def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
     by_path = {photo.path: photo for split in ("train", "test") for photo in photos if photo.split == split}
     pairs = [(by_path[copy], by_path[original]) for copy, original in copies_among(by_path).items()]
     names = [f"{copy.name} ({original.name})" for copy, original in pairs if (copy.split, original.split) == ("test", "train")]
-    return [Note(line, of_split=True) for line in name_them("held out though a copy of a training photo, so figures are too good", names)]
+    return name_them("held out though a copy of a training photo, so figures are too good", names, of_split=True)
 
 
-def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[str], Path]:
+def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[Note], Path]:
     """The split of each placed photo, notes, and the file that says so: that of the posed photos, or if they have none, as `split_photos`."""
     said = {photo.name: photo.split for photo in posed.photos if photo.split}
     if not said:
         return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})
     splits = {name: said[name] for name in names if name in said}
-    notes = []
-    if "train" in splits.values() and "test" not in splits.values():
-        why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
-        notes.append(f"{why}: quality on unseen photos cannot be measured.")
-    return splits, notes, posed.source
+    why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
+    return splits, none_held_out(splits, why), posed.source

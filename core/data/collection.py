@@ -12,11 +12,11 @@ from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.lens import Lens
-from core.words import counted, is_of_split, list_names
+from core.words import Note, counted, list_names
 
 Item = TypeVar("Item")
 
-ROUNDING = 1e-6  # of numbers, and of places over the scene's radius, that are written and read again
+ROUNDING = 1e-6  # relative, of numbers that are written and read again; of positions, over the scene's radius
 FAR = 100.0  # times the median camera's distance from the scene's centre
 
 
@@ -61,7 +61,7 @@ class Collection:
     points: np.ndarray
     point_colours: np.ndarray
     frame: SceneFrame
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[Note, ...] = ()
     points_from: Path | None = None
 
     @property
@@ -77,8 +77,9 @@ class Collection:
     def undivided(self) -> "Collection":
         """The same with no photo held out."""
         photos = tuple(replace(photo, split="train") for photo in self.photos)
-        notes = [note for note in self.notes if not is_of_split(note)]
-        return replace(self, photos=photos, notes=(*notes, "All photos are trained on, none is held out: there will be no held-out quality."))
+        notes = [note for note in self.notes if not note.of_split]
+        undivided = Note("All photos are trained on, none is held out: there will be no held-out quality.")
+        return replace(self, photos=photos, notes=(*notes, undivided))
 
     def changed_since(self, before: "Collection") -> list[str]:
         """The names of photos that came, went, or changed split or camera since `before`: a run cannot go on with them."""
@@ -87,7 +88,7 @@ class Collection:
         return sorted((now.keys() | then.keys()) - both)
 
     def in_world_of(self, before: "Collection") -> bool:
-        """Whether photos that were there `before` stand where they stood, in world units: cameras found anew have a world of their own."""
+        """Whether the photos of both have the same cameras in world units. Cameras that were found anew are in another world frame."""
         now = {photo.name: photo.camera.in_world(self.frame).numbers() for photo in self.photos}
         then = {photo.name: photo.camera.in_world(before.frame).numbers() for photo in before.photos if photo.name in now}
         return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING * before.frame.radius) for name in then)
@@ -98,8 +99,10 @@ class Collection:
         return photos[0] if len(photos) == 1 else None
 
     def all_called(self, name: str) -> list[Photo]:
-        """The photo called `name`, or those called so without their suffix (or two: structure from motion makes a.png.jpg of a.png), or else those
-        called so without their folders, too."""
+        """The photo called `name`; if there is none, those called so without their suffix, or else without their folders, too.
+
+        Of two suffixes both may be left out: structure from motion makes a.png.jpg of a.png.
+        """
         exactly, name = [photo for photo in self.photos if photo.name == name], composed(name)
         nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(composed(photo.name))]
         return nearly or [photo for photo in self.photos if name in names_without_suffixes(composed(Path(photo.name).name))]
@@ -126,9 +129,9 @@ def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:
-    """(n,) bool: whose camera is more than `far` times as far from the scene's centre as the median camera.
+    """(n,) bool: which cameras are more than `far` times as far from the scene's centre as the median camera.
 
-    These are mistakes of structure from motion; nothing that is fitted around the cameras may include them.
+    They are errors of structure from motion. What is to enclose the cameras leaves them out.
     """
     distances = np.array([np.linalg.norm(photo.camera.centre) for photo in photos])
     return distances > far * np.median(distances)

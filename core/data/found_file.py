@@ -18,7 +18,7 @@ SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original proj
 def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> tuple[list[PosedPhoto], list[Note]]:
     """The photos, where a missing file is replaced by one of nearly the same name; and a note that names these.
 
-    folders: where to look besides the folder that the photo names, and in the subfolders of these that its name has.
+    folders: searched after the photo's own folder. In each of them the subfolder that the photo's name has comes first.
     """
     missing = [photo for photo in photos if not is_file(photo.path)]
     if not missing:
@@ -33,7 +33,7 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
 
 
 def _named_beside(path: Path, missing: Path) -> str:
-    """The name of the file, with its folders up to the first that is another one, if any is."""
+    """The name of the file; if it lies in another folder, with its folders, from the innermost to the first whose name differs."""
     if path.parent == missing.parent:
         return path.name
     same = list(takewhile(lambda folders: folders[0].name == folders[1].name, zip(path.parents, missing.parents, strict=False)))
@@ -41,8 +41,11 @@ def _named_beside(path: Path, missing: Path) -> str:
 
 
 def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] = ()) -> dict[Path, Path]:
-    """The photo that each of these missing files must be, where there is just one: in the file's own folder, or else in its `places`, the
-    only photo whose name differs in nothing but case, Unicode form or suffix, unless it is meant twice or one of the `others`."""
+    """The photo that each of these missing files must be, for the files that have exactly one.
+
+    Its name may differ in case, Unicode form and suffix. The file's own folder is searched first, then its `places`. A photo that several
+    missing files mean, or that is one of the `others`, is not taken.
+    """
     known, found = {}, {}
     for path, folders in places.items():
         name = folded(path.name.replace("\\", "/").rsplit("/", 1)[-1])  # some were written on Windows

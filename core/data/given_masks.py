@@ -13,7 +13,7 @@ from core.data.photos.pixels import read_mask
 from core.data.sfm.originals import lenses_of
 from core.errors import BadInput
 from core.scene.lens import Lens
-from core.words import Note, Reasons, counted, is_harmless
+from core.words import Note, Reasons, counted
 
 TRIED = 3  # masks that are read at once: photos, given as masks, are none
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
@@ -77,15 +77,15 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
         raise _none_fits(folder, training[0].name)
     found = with_masks_by_name(collection, masks, folder)
     if not any(photo.mask for photo in found.split("train")):
-        why = "; ".join(note for note in found.notes[len(collection.notes) :] if not is_harmless(note))
+        why = "; ".join(note.text for note in found.notes[len(collection.notes) :] if not note.harmless)
         raise BadInput(f"No mask in {folder} can be used: {why}.", "Copy or draw them again.")
     _check_usable([photo.mask for photo in found.split("train") if photo.mask][:TRIED])
+    notes = []
     if any(photo.mask for photo in collection.photos):
-        found = replace(found, notes=(*found.notes, "The masks that the scene itself gives are not used."))
+        notes.append(Note("The masks that the scene itself gives are not used."))
     if unused:
-        note = f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}."
-        found = replace(found, notes=(*found.notes, note))
-    return found
+        notes.append(Note(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}."))
+    return replace(found, notes=(*found.notes, *notes))
 
 
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:

@@ -14,7 +14,7 @@ from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
 from core.report import Report
-from core.words import counted
+from core.words import Note, counted
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 PHOTO_FOLDERS = (".", "images", "input", "photos")
@@ -45,7 +45,7 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
 def _read(path: Path, kind: str) -> Posed:
     posed = POSED[kind](path)
     other = posed_kind(path) if kind == "colmap" else None
-    notes = [f"{path} holds a {other} scene as well; its COLMAP model {posed.source} is used."] if other else []
+    notes = [Note(f"{path} holds a {other} scene as well; its COLMAP model {posed.source} is used.")] if other else []
     return replace(posed, notes=notes + posed.notes)
 
 

@@ -84,7 +84,7 @@ class Placing:
             self.unusual.append(f"{photo.name} ({camera.fx:.3g} px at a width of {camera.width})")
         return Placed(camera, distortion.lens_of(lens, orientation) if distorted else None)
 
-    def notes(self) -> list[str]:
+    def notes(self) -> list[Note]:
         """One line for each reason that occurred."""
         undistorted = f"{counted(self.undistorted, 'photo')} will be undistorted."
         few = 2 * len(self.unusual) <= self.placed

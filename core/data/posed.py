@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 
 from core.scene.frame import SceneFrame
-from core.words import counted
+from core.words import Note, counted
 
 LARGEST_COORDINATE = 1e100  # the square of a larger one may be infinite
 STRAY = 1e6  # median distances from the centre; SfM puts some points near infinity, beyond what float32 resolves
@@ -62,7 +62,7 @@ class Posed:
     points: Points | None
     missing_words: str
     fix: str
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
 
 
 def in_utf_8(name: str) -> bool:
@@ -70,14 +70,14 @@ def in_utf_8(name: str) -> bool:
     return name.encode("utf-8", "replace").decode() == name
 
 
-def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[Note]]:
     """(P,) bool: which of the points (P, 3) have usable coordinates; and a note on the others."""
     finite = (np.abs(positions) < LARGEST_COORDINATE).all(axis=1)  # so that NaN fails it
     if finite.any():
         frame = SceneFrame.around(positions[finite], quantile=0.5)
         finite[finite] = np.linalg.norm(frame.to_scene(positions[finite]), axis=1) < STRAY
     dropped = int((~finite).sum())
-    return finite, ([f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out."] if dropped else [])
+    return finite, [Note(f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out.")] if dropped else []
 
 
 def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:

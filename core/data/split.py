@@ -16,7 +16,7 @@ COMMENT = "# "  # begins a line of it that names no photo
 COPIED = "lists.json"  # in a scene made of plain photos: the lists that were copied into it, each with the hash of its content
 
 
-def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str], Path]:
+def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note], Path]:
     """The split of each usable photo ("train" or "test"; photos in neither are left out), notes, and the file that says so, or `model`.
 
     A .tsv lies in `root`; one of TEST_LISTS there or, as in the original 3DGS, in the folder `model`. names: the usable photos, sorted.
@@ -24,13 +24,14 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     Raises BadInput for a table that cannot be read.
     """
     tables, others = find_tables(root)
-    no_splits = [f"{path.name} holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}." for path in others]
+    unlike = f"holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}."
+    no_splits = [Note(f"{path.name} {unlike}") for path in others]
     lists = [path for folder in (root, model) for name in TEST_LISTS if (path := folder / name).is_file()]
     if tables:
         source = tables[0]
         splits, notes = _by_table(source, names, in_model)
         if len(tables) > 1:
-            notes.append(f"Several split tables: {source.name} is used, {list_names([path.name for path in tables[1:]])} not.")
+            notes.append(Note(f"Several split tables: {source.name} is used, {list_names([path.name for path in tables[1:]])} not."))
     elif lists:
         source = lists[0]
         splits, notes = _by_list(source, names, in_model)
@@ -40,9 +41,13 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
         every = f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing."
         return splits, [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve()), *no_splits], model
-    if "train" in splits.values() and "test" not in splits.values():
-        notes.append(f"{source.name} holds out none of these photos: quality on unseen photos cannot be measured.")
-    return splits, notes + no_splits, source
+    return splits, notes + none_held_out(splits, f"{source.name} holds out none of these photos") + no_splits, source
+
+
+def none_held_out(splits: dict[str, str], why: str) -> list[Note]:
+    """A note where there are photos to train on and none to test on. why: in words."""
+    lacking = "train" in splits.values() and "test" not in splits.values()
+    return [Note(f"{why}: quality on unseen photos cannot be measured.")] if lacking else []
 
 
 def copy_lists(folders: Iterable[Path], scene: Path) -> None:
@@ -71,12 +76,12 @@ def _lists_in(folder: Path) -> list[Path]:
 
 
 def in_both(train: str, test: str, names: Iterable[str]) -> list[Note]:
-    """A note on photos that are listed to train on and to test, which are held out. train, test: what the lists are called."""
-    return [Note(line, of_split=True) for line in name_them(f"in both {train} and {test}, held out", sorted(names))]
+    """A note that names photos in the lists for training and for testing; they are held out. train, test: what the lists are called."""
+    return name_them(f"in both {train} and {test}, held out", sorted(names), of_split=True)
 
 
 def _lists_without_effect(root: Path) -> list[Note]:
-    """Notes on what says how to split the photos, but not where or not as it is looked for."""
+    """Notes on tables and lists that are not used: they lie in another folder, or lack the list that belongs to them."""
     notes = []
     if root.name == "dense" and (tables := find_tables(root.parent)[0]):
         notes.append(Note(f"{tables[0]} is not used: give the folder it is in, {root.parent}, to split by it.", of_split=True))
@@ -85,7 +90,7 @@ def _lists_without_effect(root: Path) -> list[Note]:
     return notes
 
 
-def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
+def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note]]:
     table = read_split_table(path)
     listed = set(table.splits) | set(table.without_id) | set(table.unknown_split)
     rows, odd = _rows_in(path, in_model.union(names), listed)
@@ -99,7 +104,7 @@ def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[st
     return splits, notes
 
 
-def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[str]]:
+def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note]]:
     held_out, notes = _rows_in(path, in_model.union(names), _lines_of(path))
     training = path.with_name(TRAINING_LIST)
     if path.name != TEST_LISTS[1] or not training.is_file():
@@ -116,7 +121,7 @@ def _lines_of(path: Path) -> set[str]:
     return {line for line in lines if line and not line.startswith(COMMENT)}
 
 
-def _rows_in(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], list[str]]:
+def _rows_in(path: Path, names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], list[Note]]:
     """As `rows_that_mean`, for the list in the file `path`; and notes on the rows that are of no use."""
     rows, unclear = rows_that_mean(names, listed)
     several = [f"{row} ({list_names(fitting)})" for row, fitting in sorted(unclear.items())]

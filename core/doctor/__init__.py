@@ -25,7 +25,7 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
     if run_folders.is_run(path):
         findings = examine_run(path, report)
-    elif newest := max(path.glob(run_folders.CLOUDS), key=_progress, default=None):
+    elif newest := max(path.glob(run_folders.CLOUDS), key=_step_and_date, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
     else:
         meant_as_scene = path.is_dir() or path.suffix.lower() in (".json", *VIDEO_SUFFIXES)
@@ -36,7 +36,7 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     return findings
 
 
-def _progress(cloud: Path) -> tuple[int, int]:
-    """To find the newest file: the step that wrote it, then its date, which copying may change."""
+def _step_and_date(cloud: Path) -> tuple[int, int]:
+    """The step that wrote the file, -1 if unknown, and its date. The step counts first: copying may change dates."""
     step = cloud.parent.name.removeprefix("iteration_")
     return int(step) if step.isdecimal() else -1, cloud.stat().st_mtime_ns

@@ -16,7 +16,7 @@ from core.data.photos.pixels import load_photo
 from core.data.placing import USUAL_FOCAL_LENGTHS, focal_length_of, is_usual
 from core.data.sfm.features import LEAST_PHOTOS
 from core.data.sfm.kept_cameras import scene_around
-from core.data.sfm.likely_pairs import PAIR_S, most_pairs
+from core.data.sfm.likely_pairs import longest_s, most_pairs
 from core.data.sfm.originals import placed_of, shortfall
 from core.data.sfm.usable import StoredTwice, usable_photos
 from core.doctor import views
@@ -24,7 +24,7 @@ from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
 from core.training.transparency import transparent_may_be_empty
-from core.words import counted, is_harmless, list_names
+from core.words import Note, counted, list_names
 
 FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
@@ -52,10 +52,10 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
     return [*findings, *_cameras(collection), *_points(collection), *_world(collection), *_photos(collection, report)]
 
 
-def _note(note: str) -> Finding:
+def _note(note: Note) -> Finding:
     """A note of the reader as a finding, with advice unless it is harmless."""
-    advice = "" if is_harmless(note) else "Correct it unless it is meant."
-    return Finding("reading", note.rstrip("."), "said while the scene was read", advice)
+    advice = "" if note.harmless else "Correct it unless it is meant."
+    return Finding("reading", note.text.rstrip("."), "said while the scene was read", advice)
 
 
 def placed_photos(scene: Path) -> list[Finding]:
@@ -144,12 +144,11 @@ def _world(collection: Collection) -> list[Finding]:
 def _photos(collection: Collection, report: Report) -> list[Finding]:
     unusable, flat, may_be_empty = {}, [], transparent_may_be_empty(collection, Settings())
     photos = collection.split("train") + collection.split("test")
-    for number, photo in enumerate(photos):
-        report.progress("Photos", number + 1, len(photos), photo.name)
-        width = min(SMALL_PX, photo.camera.width)
-        height = max(1, round(photo.camera.height * width / photo.camera.width))
+    for number, photo in enumerate(photos, 1):
+        report.progress("Photos", number, len(photos), photo.name)
+        small = photo.camera.shrunk(SMALL_PX / photo.camera.width)
         try:
-            loaded = load_photo(photo, width, height, transparent_is_empty=may_be_empty)
+            loaded = load_photo(photo, small.width, small.height, transparent_is_empty=may_be_empty)
         except BadInput as problem:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
@@ -188,9 +187,9 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
         meaning, fix = "photos without cameras", f"Add photos of the same place: {needed}."
     else:
-        pairs = most_pairs(len(sizes))
-        time = counted(math.ceil(pairs * PAIR_S / 60), "minute")
-        finds = f"`{command('wegs', 'train', root)}` finds them ({counted(pairs, 'pair')} to match, up to {time}) and trains"
+        pairs, minutes = most_pairs(len(sizes)), math.ceil(longest_s(len(sizes)) / 60)
+        work = f"{counted(pairs, 'pair')} to match, up to {counted(minutes, 'minute')}"
+        finds = f"`{command('wegs', 'train', root)}` finds them ({work}) and trains"
         meaning, fix = f"photos without cameras; next, {finds}", ""
     others = [path.name for path in list_unreadable(folder)]
     return [

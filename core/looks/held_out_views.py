@@ -47,4 +47,4 @@ def over_views(
             yield photo, result
         report.progress(what, number, len(photos), photo.name)
     for note in name_them(left_out, unusable):
-        report.warn(note)
+        report.warn(note.text)

@@ -17,7 +17,7 @@ def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, prun
     splats = pruned.splats if with_sky else pruned.splats[: len(pruned.splats) - trained.sky]
     frame = trained.collection.frame
     maker = maker_of(trained.identity, trained.sky if with_sky else 0, look.name)
-    dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_notes()]))
+    dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_lines()]))
     if dropped:
         report.warn(f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion) left out.")
     written = len(splats) - dropped

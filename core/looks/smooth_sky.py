@@ -56,12 +56,12 @@ class SmoothSky:
         shown = shown[::every]  # they lie in rings from pole to pole: these are spread over all that is shown, and stand for the others
         with one_torch_thread():  # more would round differently
             directions = torch.nn.functional.normalize(splats.means[-sky:].double(), dim=1)
-            angles = (directions @ directions[shown].T).clamp(-1, 1).arccos().rad2deg()
-            covariance = torch.exp(-angles / LENGTH_DEGREES)
+            angles = (directions @ directions[shown].T).clamp_(-1, 1).arccos_().rad2deg_()  # in place: 320 MB for the largest dome
+            covariance = angles.div_(-LENGTH_DEGREES).exp_()
             inverse = torch.linalg.inv(covariance[shown] + torch.diag(NOISE / (every * photos[shown])))
             simple = covariance @ inverse
             mean = inverse.sum(dim=0) / inverse.sum()
-            weights = simple + (1 - simple.sum(dim=1, keepdim=True)) * mean
+            weights = simple.add_((1 - simple.sum(dim=1, keepdim=True)) * mean)
         return SmoothSky(shown, weights.float(), basis(directions[shown].float(), splats.degree))
 
     def sh(self, sh: Float[Tensor, "o c 3"], discs: Int[Tensor, " d"] | slice = slice(None)) -> Float[Tensor, "d c 3"]:

@@ -43,8 +43,8 @@ def bake_to_file(
         saved_look.check_free(trained.folder, save_as, force, trained.collection)
     look = find_look(trained, word, mask, refine, report)
     report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: look of {look.source}")
-    for note in trained.collection.frame.offset_notes():
-        report.say(note)
+    for line in trained.collection.frame.offset_lines():
+        report.say(line)
     if not trained.has_looks:
         report.warn(ONE_LOOK)
     written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, with_sky)
@@ -52,12 +52,7 @@ def bake_to_file(
         kept = saved_look.save(trained.folder, replace(look, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
     report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
-    _tell_how_to_look(trained.folder, output, with_sky and trained.sky > 0, report)
-    return output
-
-
-def _tell_how_to_look(folder: Path, look: Path, has_sky: bool, report: Report) -> None:
-    """What to do with the file of a look. folder: of its run. has_sky: the file holds the dome."""
-    report.say(f"Next: drag {look} into {VIEWER}, and {folder / 'cameras.json'} as well for the photos' viewpoints")
-    if has_sky:
+    report.say(f"Next: drag {output} into {VIEWER}, and {trained.folder / 'cameras.json'} as well for the photos' viewpoints")
+    if with_sky and trained.sky:
         report.say("In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in")
+    return output

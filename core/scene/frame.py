@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.words import Note
-
 FLOAT32_ROUNDING = 2.0**-24  # float32 rounds a number by at most this share of it
 # In scene units. A camera sees a scene unit in at most some thousand pixels: 0.02 px, which no picture shows.
 ROUNDING_ALLOWED = 1e-5
@@ -47,13 +45,13 @@ class SceneFrame:
         """This frame for writers of float32: as itself, but `file_offset` nearer to the origin."""
         return SceneFrame(self.centre - self.file_offset, self.radius)
 
-    def offset_notes(self) -> list[Note]:
+    def offset_lines(self) -> list[str]:
         """A line that says by how much files are moved, and why; none where they are not."""
         if not self.file_offset.any():
             return []
         x, y, z = self.file_offset
         why = f"so far from the origin that the float32 of a .ply would move Gaussians by {self.rounding:.2g} units"
-        return [Note(f"The scene lies {why}: files are written around ({x:.10g}, {y:.10g}, {z:.10g}).", harmless=True)]
+        return [f"The scene lies {why}: files are written around ({x:.10g}, {y:.10g}, {z:.10g})."]
 
     def to_json(self) -> dict:
         return {"centre": [float(x) for x in self.centre], "radius": float(self.radius)}

@@ -11,11 +11,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from core.errors import FULL, BadInput, WegsError, disk_full
+from core.errors import BadInput, DiskFull, WegsError, as_disk_full, disk_full
 from core.system.lock import taken
 from core.system.outputs import TEMPORARY, check_file, check_fillable
 
-KEPT = f"{TEMPORARY}kept"  # the end of the names of those that outlive a stop
+KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
 NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
 FRESH_S = 5  # a temporary folder younger than this may be one that its process is about to hold
 _REFUSED = (
@@ -31,8 +31,8 @@ def _named(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        if problem.errno in FULL:
-            raise disk_full(path) from None
+        if full := as_disk_full(problem, path):
+            raise full from None
         if problem.errno in _REFUSED:
             raise BadInput(f"{path} could not be written: {problem.strerror}.", "Write to another folder.") from None
         raise
@@ -44,7 +44,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
     It lies in a temporary folder beside `path`, because only on the same disk a rename is atomic, and has the same name, by whose suffix
     video and picture writers choose their format.
-    Raises WegsError for a full disk and BadInput for a folder that is missing or may not be written.
+    Raises DiskFull, and BadInput for a folder that is missing or may not be written.
     """
     check_file(path)
     with _named(path), temporary_folder(path) as work:
@@ -134,8 +134,8 @@ def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
 def replacing_folder(output: Path) -> Iterator[Path]:
     """A temporary folder, of which the contents of scene/ become those of `output` when the block ends well.
 
-    output: not there, or empty. Raises MadeMeanwhile if that has changed in the end, WegsError for a full disk and BadInput for
-    a folder that may not be written.
+    output: not there, or empty. Raises MadeMeanwhile if that has changed in the end, DiskFull, and BadInput for a folder that
+    may not be written.
     """
     is_there = output.is_dir()
     with ExitStack() as stack:
@@ -166,17 +166,17 @@ def temporary_place() -> Path:
 
 @contextmanager
 def scratch(name: str) -> Iterator[Path]:
-    """As `temporary_folder`, among the system's temporary files. name: of what it is for. Raises WegsError if their disk is full."""
+    """As `temporary_folder`, among the system's temporary files. name: of what it is for. Raises DiskFull if their disk is full."""
     place = temporary_place()
     what = f"The disk is full: temporary files could not be written in {place}."
-    full = WegsError(what, "Free some space, or set TMPDIR to a folder on another disk.")
+    full = DiskFull(what, "Free some space, or set TMPDIR to a folder on another disk.")
     with temporary_folder(place / f"wegs-{name}") as folder, named_if_full(folder, full):
         yield folder
 
 
 @contextmanager
-def named_if_full(folder: Path, full: WegsError) -> Iterator[None]:
-    """Raise `full` in place of what goes wrong while the disk of `folder` is full: pycolmap and SQLite name that in their own ways."""
+def named_if_full(folder: Path, full: DiskFull) -> Iterator[None]:
+    """Raise `full` in place of any error while the disk of `folder` is full: pycolmap and SQLite report that in words of their own."""
     try:
         yield
     except WegsError:

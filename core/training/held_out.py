@@ -12,6 +12,8 @@ from core.training.gaussians.gaussians import Gaussians
 from core.training.losses.photometric import Target, photometric
 from core.training.sized_photos import SizedPhotos, as_tensors
 
+LEAST_ERROR = 1e-10  # mean squared: 100 dB, as in core.evaluation.metrics
+
 
 @torch.no_grad()
 @threads_for_blocks()
@@ -28,7 +30,8 @@ def quality(
         splats = model.bake(gaussians.splats, reading.embedding, gaussians.latents)
         image = rasterizer.render(splats, sized.camera, background).clamp(0, 1)
         photo, valid = as_tensors(sized.pixels, sized.valid, image.device)
-        errors = (image - photo) ** 2
-        decibels.append(-10 * math.log10(max(float((errors if valid is None else errors[valid]).mean()), 1e-10)))
+        squares = (image - photo) ** 2
+        error = float(squares.mean() if valid is None else squares[valid].mean())
+        decibels.append(-10 * math.log10(max(error, LEAST_ERROR)))
         similarities.append(1 - float(photometric(image, Target(photo, valid), None, 1.0)))
     return (fmean(decibels), fmean(similarities)) if decibels else (None, None)

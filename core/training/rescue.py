@@ -4,9 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import torch
-
-from core.errors import LESS_MEMORY, TrainingStopped, as_disk_full, command, out_of_memory
+from core.errors import LESS_MEMORY, DiskFull, TrainingStopped, as_disk_full, as_out_of_memory, command
 from core.rasterizer.inputs import ListsTooLarge
 from core.training.on_disk.checkpoint import how_to_go_on
 from core.training.trainer import Trainer
@@ -17,26 +15,18 @@ def saved_if_room_runs_out(trainer: Trainer) -> Iterator[None]:
     """Around training: where it finds no room, a checkpoint is written and TrainingStopped raised; other errors of the system are raised on."""
     try:
         yield
-    except OSError as problem:  # such as a log on a full disk
+    except (DiskFull, OSError) as problem:  # such as of a log that cannot be written
         path = trainer.save()
         if (full := as_disk_full(problem)) is None:
             raise
         raise TrainingStopped(f"{full.what} {_kept(trainer, path)}", f"Free some space, then type: {how_to_go_on(trainer.folder)}") from None
     except Exception as problem:
-        if (cause := _cause(problem)) is None:
+        cause = problem if isinstance(problem, ListsTooLarge) else as_out_of_memory(problem)
+        if cause is None:
             raise
         path = trainer.save()  # moves tensor by tensor to the machine's own memory: takes none on the GPU
         bake = command("wegs", "bake", "--run", trainer.folder, "--appearance", "PHOTO", "-o", "look.ply")
-        raise TrainingStopped(f"{cause} {_kept(trainer, path)}", f"{LESS_MEMORY}; what is saved can be baked: {bake}") from None
-
-
-def _cause(problem: Exception) -> str | None:
-    """Which memory ran out, in a sentence; None if none did."""
-    if isinstance(problem, torch.OutOfMemoryError):
-        return "The memory of the GPU ran out."
-    if isinstance(problem, ListsTooLarge):
-        return problem.what
-    return "There is not enough memory." if out_of_memory(problem) else None
+        raise TrainingStopped(f"{cause.what} {_kept(trainer, path)}", f"{LESS_MEMORY}; what is saved can be baked: {bake}") from None
 
 
 def _kept(trainer: Trainer, path: Path) -> str:

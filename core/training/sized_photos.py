@@ -110,7 +110,7 @@ def as_tensors(pixels: np.ndarray, valid: np.ndarray | None, device: torch.devic
 class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
-    notes: a line that names photos left out for damage that shows only now that they are decoded, and one on doubtful masks. device: of the
+    notes: lines to warn of photos left out for damage that shows only now that they are decoded, and of doubtful masks. device: of the
     encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it.
     """
 
@@ -126,7 +126,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
                 self.photos.append(load_sized_photo(photo, sizes, device, transparent_is_empty))
             except BadInput as problem:
                 damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
-        self.notes = damaged.notes() + _doubtful_masks(self.photos)
+        self.notes = [note.text for note in damaged.notes()] + _doubtful_masks(self.photos)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._bytes = 0
         self._most_bytes = _most_bytes(device)
@@ -178,7 +178,7 @@ def _shrunk(camera: Camera, factor: int) -> tuple[int, int]:
 
 
 def _doubtful_masks(photos: list[SizedPhoto]) -> list[str]:
-    """A note where the masks that the user gave leave little of the photos they belong to."""
+    """A line where the masks that the user gave leave little of the photos they belong to."""
     left = [1.0 if sized.valid is None else sized.valid.mean() for sized in photos if sized.photo.mask]
     if not left or np.mean(left) >= USUAL_SHARE:
         return []

@@ -11,7 +11,7 @@ from core.training import schedule
 from core.training.gaussians.initialisation import most_points
 from core.training.on_disk import run_folders
 from core.training.trainer import StepReport, Trainer
-from core.words import counted, is_harmless
+from core.words import counted
 
 
 def tell_collection(collection: Collection, report: Report) -> None:
@@ -20,13 +20,13 @@ def tell_collection(collection: Collection, report: Report) -> None:
     photos, points = len(collection.photos), len(collection.points)
     report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {counted(points, 'point')}")
     for note in collection.notes:
-        (report.say if is_harmless(note) else report.warn)(note)
+        (report.say if note.harmless else report.warn)(note.text)
 
 
 def tell_plan(trainer: Trainer, report: Report) -> None:
     """What the training will do, and why."""
-    for note in trainer.photos.notes + trainer.held_out.notes:
-        report.warn(note)
+    for line in trainer.photos.notes + trainer.held_out.notes:
+        report.warn(line)
     sizes = sorted({(sized.camera.width, sized.camera.height) for sized in trainer.photos})
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     settings = trainer.settings

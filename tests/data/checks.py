@@ -3,8 +3,12 @@
 import numpy as np
 
 
+def texts_of(notes):
+    return [note.text for note in notes]
+
+
 def notes_with(collection, text):
-    return [note for note in collection.notes if text in note]
+    return [line for line in texts_of(collection.notes) if text in line]
 
 
 def check_geometry(collection, scene, scale=1.0):

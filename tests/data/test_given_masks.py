@@ -21,7 +21,7 @@ from core.data.photos.pixels import load_photo, read_light, read_pixels
 from core.errors import BadInput
 from core.scene.lens import Lens
 from core.training.on_disk import run_config, run_folders
-from tests.data.checks import notes_with
+from tests.data.checks import notes_with, texts_of
 from tests.data.photos.test_pixels import noise, photo_at, save
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_block
 from tests.small import small_collection, small_settings
@@ -51,12 +51,12 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     found = with_masks_in(collection, folder)
     assert [photo.mask and photo.mask.name for photo in found.photos] == ["photo_0.jpg", "photo_1.bmp", "photo_2.png", None, None, None]
     assert all(photo.mask is None for photo in found.split("test"))
-    assert found.notes == (
+    assert texts_of(found.notes) == [
         f"2 photos with a mask from {folder}.",
         "1 photo with a mask of another size, which is resized: photo_1.png",
         "2 photos without a mask, used whole: photo_3.png, photo_4.png",
         "1 mask of no photo in use, such as passer.png.",
-    )
+    ]
     again = with_same_masks(collection, found)
     assert [tuple(vars(photo).values()) for photo in again.photos] == [tuple(vars(photo).values()) for photo in found.photos]
 
@@ -80,7 +80,7 @@ def test_masks_named_as_colmap_names_them_are_found(collection, tmp_path):
     folder = tmp_path / "masks"
     wanted = [save_mask(folder / f"photo_{index}.png.png") for index in (0, 1)]
     found = with_masks_in(collection, folder)
-    assert [photo.mask for photo in found.photos[:2]] == wanted and "no photo in use" not in "".join(found.notes)
+    assert [photo.mask for photo in found.photos[:2]] == wanted and not notes_with(found, "no photo in use")
 
 
 def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_path):
@@ -92,7 +92,7 @@ def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_pat
     found = with_masks_in(replace(collection, photos=photos), folder)
     masks = {photo.name: photo.mask for photo in found.photos}
     assert [masks[name] for name in names.values()] == wanted
-    assert found.notes[-1] == "1 mask of no photo in use, such as left/b.tif."
+    assert found.notes[-1].text == "1 mask of no photo in use, such as left/b.tif."
 
 
 def test_photos_named_by_whole_paths_or_through_the_folder_above_are_not_their_own_masks(collection, tmp_path):
@@ -103,7 +103,7 @@ def test_photos_named_by_whole_paths_or_through_the_folder_above_are_not_their_o
     save_mask(folder / "passer.png")
     found = with_masks_in(replace(collection, photos=photos), folder)
     assert [photo.mask for photo in found.photos if photo.mask] == wanted
-    assert found.notes[-1] == "1 mask of no photo in use, such as passer.png."
+    assert found.notes[-1].text == "1 mask of no photo in use, such as passer.png."
 
 
 def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
@@ -113,7 +113,7 @@ def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
     assert [photo.mask for photo in scene.photos[:3]] == [own["photo_0.png"], own["photo_1.png"], None]
     found = with_masks_in(scene, tmp_path / "masks")
     assert [photo.mask for photo in found.photos[:3]] == [None, given, None]
-    assert found.notes[-1] == "The masks that the scene itself gives are not used."
+    assert found.notes[-1].text == "The masks that the scene itself gives are not used."
 
 
 def test_what_cannot_be_meant_is_refused(collection, tmp_path):
@@ -156,7 +156,7 @@ def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
     save_mask(tmp_path / "masks" / "photo_1.png", 8, 99, np.s_[:3])
     found = with_masks_in(collection, tmp_path / "masks")
     assert [photo.mask is not None for photo in found.photos[:2]] == [True, False]
-    assert "1 photo with a mask of another shape, used whole: photo_1.png" in found.notes
+    assert notes_with(found, "1 photo with a mask of another shape, used whole: photo_1.png")
     with pytest.raises(BadInput, match="photo_1.png is 99 x 8 px, its photo 48 x 36: of another shape"):
         check_fits(tmp_path / "masks" / "photo_1.png", (99, 8), (48, 36))
 
@@ -178,9 +178,8 @@ def test_a_mask_that_is_missing_is_called_so(collection, tmp_path):
     given = {"photo_0.png": tmp_path / ("m" * 300), "photo_1.png": tmp_path / "gone.png"}
     found = with_masks_by_name(collection, given, tmp_path)
     assert found.photos[0].mask is None and not notes_with(found, "with a mask")
-    assert (
-        found.notes[-2] == f"2 photos whose mask is missing, used whole: photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
-    )
+    missing = f"photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
+    assert found.notes[-2].text == f"2 photos whose mask is missing, used whole: {missing}"
     with pytest.raises(BadInput, match="The mask .*gone.png cannot be opened"):
         load_photo(replace(found.photos[1], mask=tmp_path / "gone.png"), 48, 36)
 

@@ -14,7 +14,7 @@ from core.data.photos.names import png_paths, relative_path
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from core.pipeline import cameras
-from tests.data.checks import notes_with
+from tests.data.checks import notes_with, texts_of
 from tests.data.converted import write_nerfstudio
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
@@ -116,7 +116,7 @@ def test_kinds_are_told_by_their_files(tmp_path, mark, kind):
 def test_a_model_that_is_used_beside_other_cameras_says_so(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     (root / "transforms.json").write_text("{}")
-    assert load_collection(root).notes[0] == f"{root} holds a nerfstudio scene as well; its COLMAP model {root / 'sparse/0'} is used."
+    assert load_collection(root).notes[0].text == f"{root} holds a nerfstudio scene as well; its COLMAP model {root / 'sparse/0'} is used."
 
 
 def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monkeypatch):
@@ -258,7 +258,7 @@ def test_held_out_copies_of_training_photos_are_told(tmp_path):
     assert not notes_with(collection, "copies")
     test.path.write_bytes(train.path.read_bytes())
     expected = f"1 photo held out though a copy of a training photo, so figures are too good: {test.name} ({train.name})"
-    assert expected in load_collection(scene).notes
+    assert expected in texts_of(load_collection(scene).notes)
 
 
 def test_copies_among_held_out_photos_are_none_of_training_photos(tmp_path):

@@ -7,7 +7,6 @@ import pytest
 
 from core.data.placing import Placing
 from core.data.posed import PosedPhoto
-from core.words import is_harmless
 
 
 @pytest.mark.parametrize(
@@ -21,4 +20,4 @@ def test_unusual_focal_lengths_are_harmless_unless_most_are(tmp_path, odd, words
         lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=80, height=60, params=[focal_px, 40, 30])
         assert placing.place(PosedPhoto(f"{number}", tmp_path / "a.png", lambda width, height, lens=lens: lens, np.eye(3), np.zeros(3)))
     (note,) = placing.notes()
-    assert note.startswith(words) and is_harmless(note) == (odd == 2)
+    assert note.text.startswith(words) and note.harmless == (odd == 2)

@@ -35,5 +35,5 @@ def test_points_at_absurd_places_are_counted():
     assert usable_points(points)[0].all() and usable_points(points)[1] == []
     points[3, 0], points[4, 1], points[5, 2] = np.nan, 1e200, 1e9
     good, notes = usable_points(points)
-    assert np.flatnonzero(~good).tolist() == [3, 4, 5] and notes[0].startswith("3 points at NaN")
+    assert np.flatnonzero(~good).tolist() == [3, 4, 5] and notes[0].text.startswith("3 points at NaN")
     assert not usable_points(np.full((2, 3), np.nan))[0].any()

@@ -6,6 +6,7 @@ from core.data import load_collection
 from core.data.split import split_photos
 from core.data.split_table import read_split_table
 from core.errors import BadInput
+from tests.data.checks import texts_of
 from tests.data.small_scene import SmallScene
 from tests.real_data import real
 
@@ -17,7 +18,9 @@ def table(*rows):
 
 
 def split(root, names=NAMES):
-    return split_photos(root, root / "sparse" / "0", names, set(names))[:2]
+    """The split of the photos, and what is said of it."""
+    splits, notes, _ = split_photos(root, root / "sparse" / "0", names, set(names))
+    return splits, texts_of(notes)
 
 
 def test_every_eighth_by_name_is_held_out_without_a_list(tmp_path):

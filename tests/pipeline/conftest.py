@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from core import pipeline
+from core.words import Note
 from tests.heard import Heard
 from tests.small import give_to_pipeline, small_collection, small_settings
 
@@ -15,7 +16,7 @@ STEPS = 12
 def small_scene(tmp_path_factory):
     """`pipeline` finds the small collection, whatever folder it is asked to read."""
     folder = tmp_path_factory.mktemp("scene")
-    collection = replace(small_collection(folder), notes=("photo_7.png was dropped: it is empty.",))
+    collection = replace(small_collection(folder), notes=(Note("photo_7.png was dropped: it is empty."),))
     with pytest.MonkeyPatch.context() as patch:
         give_to_pipeline(collection, patch)
         yield folder

@@ -117,7 +117,7 @@ def test_a_scene_far_from_the_origin_is_written_around_itself_and_that_is_said(t
     far = replace(live, collection=replace(live.collection, frame=SceneFrame(np.array([5e6, 0, -7.5]), 1.0)))
     monkeypatch.setattr(baking, "open_run", lambda *_: far)
     pipeline.bake_to_file(trained[0], "neutral", tmp_path / "far.ply", heard)
-    assert [line for line in heard.lines if "written around" in line] == [str(note) for note in far.collection.frame.offset_notes()]
+    assert [line for line in heard.lines if "written around" in line] == far.collection.frame.offset_lines()
     assert heard.lines[1].endswith(": files are written around (5000000, 0, -7.5).") and not any("written around" in line for line in near.lines)
     assert torch.equal(*(read_ply(tmp_path / f"{name}.ply").means for name in ("near", "far")))
 

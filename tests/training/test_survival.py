@@ -23,6 +23,7 @@ from core.training.losses import mask_weights
 from core.training.on_disk import checkpoint
 from core.training.on_disk.mask_files import write_masks
 from core.training.trainer import SKIPS_ALLOWED, Trainer
+from tests.data.checks import notes_with
 from tests.data.small_scene import SmallScene
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
@@ -82,7 +83,7 @@ def test_a_georeferenced_or_tiny_or_huge_world_is_learned_as_well(tmp_path):
 def test_files_of_a_world_far_off_are_moved_and_say_so(tmp_path):
     scene = SmallScene(offset=np.array([5e6, -5e6, 300.0])).write(tmp_path / "scene")
     collection = load_collection(scene)
-    (note,) = (note for note in collection.notes if "far from the origin" in note)
+    (note,) = notes_with(collection, "far from the origin")
     assert "by 0.3 units" in note and "around (5000000" in note
     output = pipeline.train(scene, small_settings(steps=2), tmp_path / "run")
     ply = next(output.glob("point_cloud/*/point_cloud.ply"))

@@ -75,13 +75,14 @@ def read_colmap(root: Path) -> Posed:
     not_named = name_them("of the model whose name is not in UTF-8, not used", garbled)
     found = [image for number in sorted(names, key=names.get) if (image := reconstruction.images[number]).has_pose]
     if not found:
-        why = f": {not_named[0]}" if not_named else ""
+        why = f": {not_named[0].text}" if not_named else ""
         raise BadInput(f"{model} has no photos with a pose{why}.", "Run COLMAP again, or type: wegs sfm PHOTOS -o SCENE")
     points, notes = read_points(reconstruction, model)
     notes += not_named + _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
     if images.name in ORIGINALS:
-        notes.append(f"No photos of the model in images/: those in {images} are used, which are right unless it is one of undistorted photos.")
+        right = "which are right unless it is one of undistorted photos"
+        notes.append(Note(f"No photos of the model in images/: those in {images} are used, {right}."))
     if images.name in SHRUNKEN:
         fuller = images.parent / "images"
         why = f"{fuller} holds less than half of the model's" if fuller.is_dir() else f"there is no {fuller}"
@@ -122,12 +123,12 @@ def posed_photo(image: pycolmap.Image, images: Path) -> PosedPhoto:
     return PosedPhoto(image.name, images / image.name, lambda width, height: camera, rotation, centre)
 
 
-def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[str]]:
+def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[Points | None, list[Note]]:
     """The usable points of a model, if any, with which photo sees which, if the model says so; and notes."""
     table = point_table(reconstruction, model)
     good, notes = usable_points(table.positions)
     if not len(good) and any(image.num_points3D for image in reconstruction.images.values()):
-        notes.append(f"{model} lacks the points that its photos see: copy it again if you have them.")
+        notes.append(Note(f"{model} lacks the points that its photos see: copy it again if you have them."))
     if not good.any():
         return None, notes
     positions, colours = table.positions[good], table.colours[good].astype(np.float32) / 255
@@ -141,7 +142,7 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
         if not sees:
             return Points(positions, colours, None), notes
         observers, observed = np.array(sees).T
-        notes.append(f"The points of {model} do not say which of its photos see them: its photos do.")
+        notes.append(Note(f"The points of {model} do not say which of its photos see them: its photos do."))
     order = np.argsort(observers, kind="stable")
     observers, observed = observers[order], observed[order]
     names = names_in(reconstruction)[0]
@@ -151,9 +152,9 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
     return Points(positions, colours, seen), notes
 
 
-def _other_models(model: Path) -> list[str]:
-    others = [folder.name for folder in _models_beside(model)]
-    return [f"{model.parent} holds other models as well ({', '.join(others)}); {model.name} is used: it has most photos."] if others else []
+def _other_models(model: Path) -> list[Note]:
+    others = ", ".join(folder.name for folder in _models_beside(model))
+    return [Note(f"{model.parent} holds other models as well ({others}); {model.name} is used: it has most photos.")] if others else []
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:

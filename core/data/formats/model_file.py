@@ -91,7 +91,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     try:
         with quiet():
             try:
-                model = _read(folder, suffix, points or EMPTY_POINTS[suffix])
+                model = _read(folder, suffix, None if points else EMPTY_POINTS[suffix])
             except REFUSALS:
                 if not points:
                     raise
@@ -126,22 +126,28 @@ def _points_file(folder: Path) -> Path | None:
     return next((folder / (POINTS + suffix) for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
 
 
-def _read(folder: Path, suffix: str, points: Path | bytes) -> pycolmap.Reconstruction:
-    """The cameras and images in `folder` with the `points` of this file or of this content: pycolmap insists on all three, and reads whatever else
-    lies beside them."""
+def _read(folder: Path, suffix: str, points: bytes | None) -> pycolmap.Reconstruction:
+    """The model of the files in `folder` with this suffix. points: the content of a file of points in place of theirs.
+
+    The files are read from a folder of their own: pycolmap insists on all three, and reads whatever else lies beside them.
+    """
     with tempfile.TemporaryDirectory(dir=temporary_place()) as place:
-        for file in (*(folder / (part + suffix) for part in NEEDED), points):
-            if isinstance(file, Path) and suffix == ".txt" and _is_marked(file):
-                Path(place, file.name).write_bytes(file.read_bytes().removeprefix(BOM_UTF8))
-                continue
-            if isinstance(file, bytes):
-                Path(place, POINTS + suffix).write_bytes(file)
-                continue
-            try:
-                os.symlink(file.resolve(), Path(place, file.name))
-            except OSError:  # Windows lets few users do so
-                shutil.copyfile(file, Path(place, file.name))
+        for part in (*NEEDED, POINTS) if points is None else NEEDED:
+            _put_into(Path(place), folder / (part + suffix))
+        if points is not None:
+            Path(place, POINTS + suffix).write_bytes(points)
         return pycolmap.Reconstruction(place)
+
+
+def _put_into(place: Path, file: Path) -> None:
+    """Put a file of a model into another folder: a link, or a copy where there can be none, or where a text begins with a mark."""
+    if file.suffix == ".txt" and _is_marked(file):
+        (place / file.name).write_bytes(file.read_bytes().removeprefix(BOM_UTF8))
+        return
+    try:
+        os.symlink(file.resolve(), place / file.name)
+    except OSError:  # Windows lets few users do so
+        shutil.copyfile(file, place / file.name)
 
 
 def _is_marked(file: Path) -> bool:

@@ -16,7 +16,7 @@ ALIKE = 0.01  # how far poses may be apart: in radians, and in distances of the 
 LEAST_SPREAD = 1e-100  # of cameras; those that stand in one place then fit no others, and nothing is divided by zero
 
 
-def points_of_model(root: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points | None, list[str]]:
+def points_of_model(root: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points | None, list[Note]]:
     """The points of the COLMAP model below `root` in the frame of the photos, with which photo sees which; and notes.
 
     image_ids: the model's ids of photos, by path; other photos are known by their names. Of several models the largest that fits counts.
@@ -28,11 +28,11 @@ def points_of_model(root: Path, photos: Sequence[PosedPhoto], image_ids: Mapping
             points, notes = _points(model, photos, image_ids)
             return points, [*notes, Note(f"The points of the COLMAP model {model} are used.", harmless=True)]
         except BadInput as problem:
-            faults.append(f"The points of the COLMAP model {model} are not used: {problem.what}")
+            faults.append(Note(f"The points of the COLMAP model {model} are not used: {problem.what}"))
     return None, faults[:1]
 
 
-def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points, list[str]]:
+def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points, list[Note]]:
     reconstruction = read_model(model)
     points, notes = read_points(reconstruction, model)
     if points is None:

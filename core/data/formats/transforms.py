@@ -45,7 +45,7 @@ def read_transforms(root: Path) -> Posed:
     source = root / NERFSTUDIO_FILE
     facts = _read_json(source)
     if others := [name for name in BLENDER_FILES.values() if (root / name).is_file()]:
-        reading.notes.append(f"{root} holds {list_names(others)} as well; {NERFSTUDIO_FILE} is used.")
+        reading.notes.append(Note(f"{root} holds {list_names(others)} as well; {NERFSTUDIO_FILE} is used."))
     photos = reading.split_as_listed(source, facts, reading.photos(source, facts))
     return reading.posed("nerfstudio", source, facts, photos)
 
@@ -78,7 +78,7 @@ class _Reading:
     """Reads frames, and collects which could not be used and why. Views are named by their whole paths until all are known."""
 
     root: Path
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
     faults: Reasons = field(default_factory=Reasons)
     sources: list[str] = field(default_factory=list)
     image_ids: dict[Path, int] = field(default_factory=dict)  # of photos, in the COLMAP model
@@ -154,22 +154,22 @@ class _Reading:
         name = facts.get("ply_file_path")
         if not isinstance(name, str):
             if name is not None:
-                self.notes.append(f"The ply_file_path {name!r} is no name of a file.")
+                self.notes.append(Note(f"The ply_file_path {name!r} is no name of a file."))
             return None
         path = self.find(name)
         if not is_file(path):
-            self.notes.append(f"The points file {path} is missing.")
+            self.notes.append(Note(f"The points file {path} is missing."))
             return None
         positions, colours = read_points_file(path)
         good, notes = usable_points(positions)
         self.notes += notes
         if not good.any():
-            self.notes.append(f"The points file {path} has no usable points.")
+            self.notes.append(Note(f"The points file {path} has no usable points."))
             return None
         share = _share_in_view(positions[good], photos)
         if photos and share < IN_VIEW:
             what = f"Only {share:.0%} of the points of {path} lie before a camera"
-            self.notes.append(f"{what}: if they are in another frame than the poses, take out ply_file_path.")
+            self.notes.append(Note(f"{what}: if they are in another frame than the poses, take out ply_file_path."))
         return Points(positions[good], colours[good], None)
 
     def posed(self, kind: str, source: Path, facts: dict, photos: list[PosedPhoto]) -> Posed:

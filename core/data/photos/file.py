@@ -2,6 +2,7 @@
 
 import mmap
 import struct
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +21,13 @@ JPEG_EXIF = b"Exif\0\0"
 JPEG_SCAN, JPEG_APP1 = 0xDA, 0xE1
 JPEG_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # SOF0..SOF15 without DHT, JPG and DAC
 PNG_START = b"\x89PNG\r\n\x1a\n"
-EXIF_ORIENTATION = 0x0112
+TIFF_STARTS = (b"II*\0", b"MM\0*")
+# Tags of a TIFF file, which an EXIF block is, too. Its picture lies in strips or in tiles.
+WIDTH, HEIGHT, COMPRESSION, ORIENTATION, SAMPLE_FORMAT = 256, 257, 259, 274, 339
+STRIP_STARTS, STRIP_BYTES, TILE_STARTS, TILE_BYTES = 273, 279, 324, 325
+TIFF_INTEGERS = {3: "H", 4: "I"}  # types of numbers
+COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate, PackBits, deflate by its older number: OpenCV decodes these
+WHOLE_NUMBERS = 1  # a SAMPLE_FORMAT
 TRUNCATED = "ends before its picture does (truncated)"
 
 
@@ -48,18 +55,14 @@ def bad_photo(path: Path, why: str) -> BadInput:
     return BadInput(f"{path} {why}.", "Copy it again, or convert it to JPEG or PNG.")
 
 
-def fault_of(name: str, path: Path, problem: BadInput) -> str:
-    """What `problem` says about the photo called `name` in the file `path`, in words that follow either."""
-    return problem.what.removeprefix(str(path)).removeprefix(name).strip(" .")
-
-
 def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
-    """A photo in a list of unusable ones: its name, and its fault in brackets."""
-    return f"{name} ({fault_of(name, path, problem)})"
+    """A photo in a list of unusable ones: its name, and what `problem` says about it, or about its file, in brackets."""
+    fault = problem.what.removeprefix(str(path)).removeprefix(name).strip(" .")
+    return f"{name} ({fault})"
 
 
 def probe(path: Path) -> Header:
-    """The header of a photo. JPEG, PNG, WebP and HEIF are not decoded; the few other formats are.
+    """The header of a photo. JPEG, PNG, WebP, HEIF and usual TIFF are not decoded; the few other formats are.
 
     Raises BadInput for a file that is missing, empty, truncated or not a photo. OpenCV decodes a truncated JPEG with its lower part grey
     and reports nothing, so the end of the file is checked here.
@@ -84,8 +87,7 @@ def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
 
 
 def peek(path: Path, data: bytes | mmap.mmap) -> Header:
-    """As `read_header`, but nothing is decoded: of other formats than JPEG, PNG, WebP and HEIF width and height are 0, and it is not checked
-    that they are whole."""
+    """As `read_header`, but nothing is decoded. Where that would be needed, width and height are 0, and it is not checked that the file is whole."""
     if data[:2] == JPEG_START:
         return _read_jpeg(path, data)
     if data[:8] == PNG_START:
@@ -94,6 +96,8 @@ def peek(path: Path, data: bytes | mmap.mmap) -> Header:
         return _read_webp(path, data)
     if is_heif(data):
         return _read_heif(path, data[:])
+    if data[:4] in TIFF_STARTS:
+        return _read_tiff(data)
     return Header("other", 0, 0)
 
 
@@ -211,36 +215,63 @@ def _read_heif(path: Path, data: bytes) -> Header:
     return Header("heif", *size, exif=without_orientation(exif.removeprefix(JPEG_EXIF)))
 
 
-def orientation_of(exif: bytes) -> int:
+def _read_tiff(data: bytes | mmap.mmap) -> Header:
+    """The size as displayed, because OpenCV applies the rotation; 0 where only decoding tells whether the file can be used."""
+    with suppress(struct.error, LookupError, ValueError):  # of a broken file
+        (width,), (height,) = _tiff_numbers(data, WIDTH), _tiff_numbers(data, HEIGHT)
+        starts = _tiff_numbers(data, STRIP_STARTS) or _tiff_numbers(data, TILE_STARTS)
+        lengths = _tiff_numbers(data, STRIP_BYTES) or _tiff_numbers(data, TILE_BYTES)
+        whole = starts and all(start + length <= len(data) for start, length in zip(starts, lengths, strict=True))
+        usual = COMPRESSIONS.issuperset(_tiff_numbers(data, COMPRESSION)) and {WHOLE_NUMBERS}.issuperset(_tiff_numbers(data, SAMPLE_FORMAT))
+        if whole and usual and width and height:
+            return Header("other", *((height, width) if orientation_of(data) >= 5 else (width, height)))
+    return Header("other", 0, 0)
+
+
+def _tiff_numbers(tiff: bytes | mmap.mmap, tag: int) -> tuple[int, ...]:
+    """The whole numbers that a tag of a TIFF file has; none if it is not there. Raises struct.error or LookupError for a broken file."""
+    found = _tiff_entry(tiff, tag)
+    if found is None:
+        return ()
+    entry, order = found
+    kind, count = struct.unpack_from(order + "HI", tiff, entry + 2)
+    layout = f"{order}{count}{TIFF_INTEGERS[kind]}"
+    place = entry + 8
+    if struct.calcsize(layout) > 4:
+        place = struct.unpack_from(order + "I", tiff, place)[0]
+    return struct.unpack_from(layout, tiff, place)
+
+
+def orientation_of(exif: bytes | mmap.mmap) -> int:
     """EXIF's orientation, 1..8; 1 if there is none or it is out of range."""
-    entry = _orientation_entry(exif)
-    if entry is None:
+    found = _tiff_entry(exif, ORIENTATION)
+    if found is None:
         return 1
-    offset, order = entry
-    value = struct.unpack_from(order + "H", exif, offset)[0]
+    entry, order = found
+    value = struct.unpack_from(order + "H", exif, entry + 8)[0]
     return value if 1 <= value <= 8 else 1
 
 
 def without_orientation(exif: bytes) -> bytes:
     """The EXIF block of a photo whose pixels have been turned upright; focal length and the rest stay."""
-    entry = _orientation_entry(exif)
-    if entry is None:
+    found = _tiff_entry(exif, ORIENTATION)
+    if found is None:
         return exif
-    offset, order = entry
-    return exif[:offset] + struct.pack(order + "H", 1) + exif[offset + 2 :]
+    entry, order = found
+    return exif[: entry + 8] + struct.pack(order + "H", 1) + exif[entry + 10 :]
 
 
-def _orientation_entry(exif: bytes) -> tuple[int, str] | None:
-    """The offset of the orientation's value in the EXIF block, and the byte order as struct writes it; None if there is none."""
-    order = {b"II": "<", b"MM": ">"}.get(exif[:2])
+def _tiff_entry(tiff: bytes | mmap.mmap, tag: int) -> tuple[int, str] | None:
+    """Where the tag's entry begins in the first directory of a TIFF file, and the byte order as struct writes it; None if there is none."""
+    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
     if order is None:
         return None
     try:
-        first = struct.unpack_from(order + "I", exif, 4)[0]
-        for index in range(struct.unpack_from(order + "H", exif, first)[0]):
+        first = struct.unpack_from(order + "I", tiff, 4)[0]
+        for index in range(struct.unpack_from(order + "H", tiff, first)[0]):
             entry = first + 2 + 12 * index
-            if struct.unpack_from(order + "H", exif, entry)[0] == EXIF_ORIENTATION and entry + 10 <= len(exif):
-                return entry + 8, order
+            if struct.unpack_from(order + "H", tiff, entry)[0] == tag and entry + 10 <= len(tiff):
+                return entry, order
     except struct.error:  # cut short: as good as none
         return None
     return None

@@ -1,4 +1,4 @@
-"""Names of photos: what else one may be called, which row of a list means it, whether there is such a file, and where one of that name goes."""
+"""Names of photos: what else a photo may be called, which row of a list means it, and the paths of its files."""
 
 import os
 from collections import Counter
@@ -33,8 +33,8 @@ def without_suffix(name: str) -> str:
 def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
     """The row of a list that means each photo, for the photos it names; and the rows that fit several photos, with these.
 
-    A row means a photo if it is the photo's name or an end of it, with or without the suffix, or the only longer path that ends in the name.
-    Rows that mean none so, and photos that have none, may also differ in upper and lower case.
+    A row means a photo if it is the photo's name or the end of its path, with or without the suffix. So does a longer path that ends in the
+    photo's name, if it is the only one. The rows and photos that are left are then compared without regard to case.
     """
     names = set(names)
     rows, unclear = _rows_spelt_alike(names, listed, composed)
@@ -44,7 +44,7 @@ def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, st
 
 
 def _rows_spelt_alike(names: Iterable[str], listed: set[str], spelt: Callable[[str], str]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """As `rows_that_mean`, of names that are equal as `spelt` gives them."""
+    """As `rows_that_mean`, where names are equal if `spelt` makes the same of them."""
     exact = {spelt(row): row for row in listed}
     longer: dict[str, list[str]] = {}
     for form, row in exact.items():

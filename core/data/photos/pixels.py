@@ -123,9 +123,9 @@ def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
 def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
     """(H, W) bool: where the mask of a photo of this `size` is white, both as displayed; resized by nearest pixel.
 
-    photo: of a collection; if its mask_lens says so, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
-    Transparent is not white: many programs save selections like that; of a cut-out only the transparency counts. Raises BadInput like
-    `read_pixels`, and for what is grey or coloured.
+    photo: of a collection. If it has a mask_lens, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
+    Transparent pixels are not white, as many programs save selections; of a cut-out photo only the transparency counts. Raises BadInput
+    like `read_pixels`, and for a mask that is grey or coloured.
     """
     with _called_a_mask():
         header, pixels, alpha = _read_file(path)

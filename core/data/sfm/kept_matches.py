@@ -1,6 +1,4 @@
-"""Features and matches outlive a stop: they take nearly all the time of structure from motion, and COLMAP computes nothing again that is in its
-database.
-"""
+"""Features and matches are kept after a stop: they take nearly all the time of structure from motion. COLMAP skips what its database has."""
 
 import hashlib
 import sqlite3
@@ -11,7 +9,7 @@ from typing import Any
 
 from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
-from core.errors import FULL, WegsError, disk_full
+from core.errors import as_disk_full, as_out_of_memory, disk_full
 from core.report import Report
 from core.system.atomic import KEPT, NAME_PART, named_if_full, place_for, remove, temporary_folder, write_json
 from core.system.lock import taken
@@ -22,11 +20,10 @@ KEPT_FILES = (f"{DATABASE}*", MARK)  # of the work folder; SQLite puts files of 
 
 @contextmanager
 def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
-    """A folder to make the scene `output` in, removed at the end. If the block is stopped instead, by Ctrl-C, a kill, or for want of room on the disk
-    or in memory, the database in it stays, and the next block finds it.
+    """A work folder to make the scene `output` in, removed at the end.
 
-    The folder lies in `place_for` the output. Without locks (core.system.lock), and beside a program that makes the same scene,
-    nothing is kept.
+    If the block is stopped by Ctrl-C, a kill, a full disk or for lack of memory, the database in the folder is kept, and the next block finds it.
+    The folder lies in `place_for` the output. Nothing is kept without locks (core.system.lock), nor while another program makes the same scene.
     """
     name = output.resolve().name
     work = place_for(output) / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
@@ -39,22 +36,17 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
             with temporary_folder(output) as other:
                 yield other
             return
-        keep, full = False, disk_full(output)
+        keep = False
         _empty(work, but=KEPT_FILES)
         try:
-            with named_if_full(work, full):  # asked here, as there is room again once the copies of the photos are gone
+            with named_if_full(work, disk_full(output)):  # asked here, as there is room again once the copies of the photos are gone
                 yield work
-        except (KeyboardInterrupt, MemoryError):
-            keep = True
-            raise
-        except OSError as problem:
-            keep = problem.errno in FULL
-            raise
-        except WegsError as problem:
-            keep = problem is full
+        except BaseException as problem:
+            stopped = isinstance(problem, KeyboardInterrupt) or as_disk_full(problem) or as_out_of_memory(problem)
+            keep = bool(stopped) and (work / DATABASE).exists()
             raise
         finally:
-            if keep := keep and (work / DATABASE).exists():
+            if keep:
                 report.say(f"The features and matches found so far are kept in {work}: the same command goes on from there.")
             with suppress(OSError):
                 _empty(work, but=KEPT_FILES if keep else ())

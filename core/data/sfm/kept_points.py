@@ -12,7 +12,7 @@ from core.data.sfm.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import replacing_folder, write_json
-from core.words import counted
+from core.words import Note, counted
 
 MARK = "triangulated.json"  # in a folder of points: whose they are, what they were made of, and how far the cameras fit
 MODEL = "points"  # a COLMAP model of the training photos
@@ -72,7 +72,7 @@ def home_of(root: Path) -> Path:
     return scene
 
 
-def read_kept(folder: Path) -> tuple[Points, list[str]]:
+def read_kept(folder: Path) -> tuple[Points, list[Note]]:
     """The points, and notes on them; BadInput for a model that is damaged or has no points."""
     points, notes = read_points(read_model(folder / MODEL), folder / MODEL)
     if points is None:

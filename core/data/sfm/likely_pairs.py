@@ -16,7 +16,8 @@ from core.report import Report
 # 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
 LARGEST_FEATURES = 512  # of a photo, the largest
 PARTNERS = 30  # of a photo
-PAIR_S = 0.5  # to match two photos of 1600 px or more that show the same, on two cores; a tenth of it if they do not
+MATCH_S = 0.5  # to match two photos of 1600 px or more that show the same, on two cores; a tenth of it if they do not
+COUNT_S = 1e-3  # to count how many of the largest features of two photos look alike
 RATIO = 0.85  # test of Lowe (2004, section 7.1): the angle to the nearest feature over that to the second nearest
 
 
@@ -27,8 +28,8 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     The more of their LARGEST_FEATURES largest features match, the likelier two photos overlap (Wu 2013, Towards linear-time incremental
     structure from motion, section 3): these are few, and large features are seen from near and far.
     """
-    total = len(names) * (len(names) - 1) // 2
-    if total <= most_pairs(len(names)):
+    total = all_pairs(len(names))
+    if total == most_pairs(len(names)):
         return [(first, second) for index, first in enumerate(names) for second in names[:index]]
     largest = _largest_features(work, names)
     found = np.zeros((len(names), len(names)), np.int32)
@@ -43,9 +44,20 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     return [(names[first], names[second]) for first, second in sorted(pairs)]
 
 
+def all_pairs(photos: int) -> int:
+    """How many pairs this many photos make."""
+    return photos * (photos - 1) // 2
+
+
 def most_pairs(photos: int) -> int:
     """The most pairs that are matched for this many photos."""
-    return min(photos * (photos - 1) // 2, photos * PARTNERS)
+    return min(all_pairs(photos), photos * PARTNERS)
+
+
+def longest_s(photos: int) -> float:
+    """The most seconds that it takes to find the pairs to match of this many photos, and to match them."""
+    total, matched = all_pairs(photos), most_pairs(photos)
+    return matched * MATCH_S + (total * COUNT_S if matched < total else 0.0)
 
 
 def count_alike(first: np.ndarray, second: np.ndarray) -> int:

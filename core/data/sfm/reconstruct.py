@@ -43,7 +43,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
     Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or
-    empty folder, and where no model is found; WegsError for a full disk.
+    empty folder, and where no model is found; DiskFull.
     """
     if output.resolve() == Path.cwd():
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
@@ -53,8 +53,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     paths = list_photos(photos)
     if not paths:
         raise no_photos(photos)
-    for line in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
-        report.warn(line)
+    for note in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
+        report.warn(note.text)
     made_of = files_of(photos)
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():
         copies, originals = _copy_upright(paths, work, report)
@@ -74,8 +74,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         write_json(new / "scene" / MADE_OF, made_of)
         write_json(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]
-    for line in name_them("without a place among the others, left out", lost):
-        report.warn(line)
+    for note in name_them("without a place among the others, left out", lost):
+        report.warn(note.text)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output
 

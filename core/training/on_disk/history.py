@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from core.errors import as_disk_full
 from core.system.atomic import write_text
 
 FILE = "history.csv"
@@ -12,7 +13,7 @@ HELD_OUT = "held_out_psnr"  # the column (dB) that only rows with a check of qua
 
 
 def add_row(folder: Path, columns: Sequence[str], row: Mapping[str, Any]) -> None:
-    """Append a row; a new file begins with the names of the columns. Raises OSError that names the file, of a full disk, too."""
+    """Append a row; a new file begins with the names of the columns. Raises DiskFull or OSError."""
     path = folder / FILE
     try:
         with path.open("a", newline="", encoding="utf-8") as file:
@@ -21,7 +22,9 @@ def add_row(folder: Path, columns: Sequence[str], row: Mapping[str, Any]) -> Non
                 writer.writeheader()
             writer.writerow(row)
     except OSError as problem:
-        raise OSError(problem.errno, problem.strerror, str(path)) from None
+        if full := as_disk_full(problem, path):
+            raise full from None
+        raise
 
 
 def checks(folder: Path) -> list[dict[str, float]]:

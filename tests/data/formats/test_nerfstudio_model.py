@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core.data import load_collection
-from core.words import is_harmless
+from core.words import Note
 from tests.data.checks import notes_with
 from tests.data.converted import ELSEWHERE, changed, write_processed
 from tests.data.formats.test_colmap_tracks import cut_features, cut_tracks
@@ -46,7 +46,7 @@ def check_same(found, given):
         assert np.array_equal(ours.points, theirs.points)
         for one, other in zip(ours.camera.project(found.points[ours.points]), theirs.camera.project(given.points[theirs.points]), strict=True):
             assert np.allclose(one, other, rtol=0, atol=1e-6)
-    assert f"The points of the COLMAP model {found.root / MODEL} are used." in found.notes
+    assert Note(f"The points of the COLMAP model {found.root / MODEL} are used.", harmless=True) in found.notes
     assert not notes_with(found, "Nothing says which photo sees which point") and not notes_with(found, "not used")
 
 
@@ -170,8 +170,8 @@ def test_the_points_file_is_used_where_the_model_does_not_fit(scene, spoil, why)
     spoil(scene)
     found = load_collection(scene)
     assert (len(found.photos), len(found.points)) == (5, 20) and not any(len(photo.points) for photo in found.photos)
-    (note,) = notes_with(found, f"The points of the COLMAP model {scene / MODEL} are not used: ")
-    assert why in note and not is_harmless(note)
+    (note,) = (note for note in found.notes if note.text.startswith(f"The points of the COLMAP model {scene / MODEL} are not used: "))
+    assert why in note.text and not note.harmless
     assert notes_with(found, "Nothing says which photo sees which point")
     (scene / "sparse_pc.ply").unlink()
     changed(scene, lambda facts: facts.pop("ply_file_path"))

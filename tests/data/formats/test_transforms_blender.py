@@ -11,7 +11,7 @@ import pytest
 from core.data import load_collection
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
-from tests.data.checks import notes_with
+from tests.data.checks import notes_with, texts_of
 from tests.data.converted import write_blender, write_json
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 
@@ -63,7 +63,7 @@ def test_photos_in_both_files_are_held_out_and_said_so(blender):
     held_out = json.loads((blender / "transforms_test.json").read_text())
     write_json(blender / "transforms_test.json", held_out | {"frames": held_out["frames"] + training["frames"][:1]})
     found = load_collection(blender)
-    assert any(note.startswith("1 photo in both transforms_train.json and transforms_test.json, held out: ") for note in found.notes)
+    assert notes_with(found, "1 photo in both transforms_train.json and transforms_test.json, held out: ")
     assert splits_of(found).count("train") == 2
     write_json(blender / "transforms_test.json", training)
     with pytest.raises(
@@ -77,7 +77,7 @@ def test_missing_held_out_photos_are_not_put_down_to_the_training_file(blender):
     for frame in held_out["frames"]:
         frame["file_path"] = "gone/" + frame["file_path"]
     write_json(blender / "transforms_test.json", held_out)
-    notes = "\n".join(load_collection(blender).notes)
+    notes = "\n".join(texts_of(load_collection(blender).notes))
     assert "of transforms_train.json, transforms_test.json missing in" in notes and "No photo that is held out can be used" in notes
 
 

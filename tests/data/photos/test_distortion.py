@@ -9,6 +9,7 @@ from core.data import load_collection
 from core.data.photos import distortion
 from core.data.photos.pixels import load_photo
 from core.scene.camera import Camera
+from tests.data.checks import notes_with
 from tests.data.small_scene import HEIGHT, LENSES, WIDTH, SmallScene, add_exif, centroid, exif_block
 
 # A dot is stretched by up to 10 % over its width of 2 px, cubic interpolation and 8 bits add 0.02 px.
@@ -57,7 +58,7 @@ def test_exif_rotation_turns_the_camera_along(tmp_path, model, orientation):
     collection = load_collection(root)
     camera = collection.photos[1].camera
     assert (camera.width < camera.height) == (orientation != 3)
-    assert any("turned by EXIF orientation" in note and "photo_1.png" in note for note in collection.notes)
+    assert "photo_1.png" in notes_with(collection, "turned by EXIF orientation")[0]
     check_dots(collection, 1, least=12)
 
 

@@ -3,9 +3,11 @@
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.data.photos import file as photo_file
 from core.data.photos.file import orientation_of, probe, read_header, without_orientation
+from core.data.photos.pixels import read_pixels
 from core.errors import BadInput
 from tests.data.small_scene import add_exif, exif_block
 
@@ -30,6 +32,39 @@ def test_the_size_of_webp_is_read_without_decoding_it(tmp_path, monkeypatch, qua
     assert cv2.imwrite(str(path), pixels, [cv2.IMWRITE_WEBP_QUALITY, quality]) and path.read_bytes()[12:16] == chunk
     monkeypatch.setattr(photo_file.cv2, "imdecode", None)
     assert probe(path).displayed == size
+
+
+def write_tiff(path, pixels, orientation=1, **options):
+    """A TIFF by Pillow, which begins with its directory where nothing is compressed."""
+    Image.fromarray(pixels).save(path, tiffinfo={photo_file.ORIENTATION: orientation}, **options)
+    return path
+
+
+COLOURS = np.random.default_rng(0).integers(0, 256, (24, 40, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "options"),
+    [
+        (COLOURS, {}),
+        (COLOURS, {"compression": "tiff_lzw", "strip_size": 300}),
+        (COLOURS, {"compression": "jpeg"}),
+        (COLOURS[..., 0].astype(">u2"), {}),
+    ],
+    ids=["plain", "several strips", "jpeg", "big-endian"],
+)
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_the_size_of_tiff_is_read_without_decoding_it_and_is_the_decoders(tmp_path, monkeypatch, pixels, options, orientation):
+    path = write_tiff(tmp_path / "photo.tif", pixels, orientation, **options)
+    shown = read_pixels(path)
+    monkeypatch.setattr(photo_file.cv2, "imdecode", None)
+    assert probe(path).displayed == shown.shape[1::-1] and probe(path).orientation == 1
+
+
+@pytest.mark.parametrize(("pixels", "options"), [(COLOURS, {"compression": "lzma"}), (COLOURS[..., 0] / np.float32(255), {})])
+def test_tiff_that_cannot_be_decoded_is_refused(tmp_path, pixels, options):
+    with pytest.raises(BadInput, match="photo.tif is not a photo that can be read"):
+        probe(write_tiff(tmp_path / "photo.tif", pixels, **options))
 
 
 @pytest.mark.parametrize(("suffix", "options"), [(".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)), (".webp", ())])
@@ -81,10 +116,10 @@ def test_truncated_files_are_refused_by_name(tmp_path, suffix, share):
         probe(path)
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".webp"])
+@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".tif"])
 def test_every_cut_of_a_small_photo_is_noticed(tmp_path, suffix):
-    path = write(tmp_path / f"photo{suffix}", 4, 4)
-    data = path.read_bytes()
+    path = tmp_path / f"photo{suffix}"
+    data = (write_tiff(path, COLOURS[:4, :4]) if suffix == ".tif" else write(path, 4, 4)).read_bytes()
     for length in range(len(data)):
         with pytest.raises(BadInput):
             read_header(path, data[:length])

@@ -16,10 +16,11 @@ import pytest
 from core.data.sfm import features, reconstruct
 from core.data.sfm.features import DATABASE
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
-from core.errors import BadInput, WegsError
+from core.errors import BadInput, WegsError, disk_full
 from core.report import QUIET
 from core.system import lock
 from core.system.atomic import replacing_folder, temporary_folder
+from tests.cli.test_errors import opencv_error
 from tests.data.room_corner import cameras, take_photo, textures
 from tests.heard import Heard
 
@@ -126,7 +127,10 @@ def test_an_early_stop_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("problem", [KeyboardInterrupt(), MemoryError(), OSError(errno.ENOSPC, "full")])
+@pytest.mark.parametrize(
+    "problem",
+    [KeyboardInterrupt(), MemoryError(), opencv_error(cv2.Error.StsNoMem), OSError(errno.ENOSPC, "full"), disk_full("matches-of.json")],
+)
 @pytest.mark.parametrize("name", ["sfm", "a b", "ö" * 125])
 def test_the_database_outlives_a_stop_whatever_the_scene_is_called(tmp_path, problem, name):
     def begin(work):

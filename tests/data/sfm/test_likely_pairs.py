@@ -6,7 +6,7 @@ import pytest
 
 from core.data.sfm import likely_pairs as module
 from core.data.sfm.features import extract
-from core.data.sfm.likely_pairs import count_alike, likely_pairs
+from core.data.sfm.likely_pairs import count_alike, likely_pairs, longest_s, most_pairs
 from core.report import Report
 from tests.data.room_corner import cameras, take_photo, textures
 from tests.heard import Heard
@@ -37,6 +37,11 @@ def test_of_many_photos_those_are_matched_that_share_features(tmp_path, monkeypa
     assert all(first > second for first, second in pairs)  # none with itself, though some share features with fewer than two
     assert heard.lines == [f"9 photos make 36 pairs; the {len(pairs)} whose largest features look most alike are matched."]
     assert heard.steps[-1] == (36, 36)
+
+
+@pytest.mark.parametrize(("photos", "pairs", "seconds"), [(2, 1, 0.5), (61, 1830, 915), (62, 1860, 930 + 1.891), (1000, 30_000, 15_000 + 499.5)])
+def test_the_time_that_matching_takes_counts_the_search_for_likely_pairs(photos, pairs, seconds):
+    assert most_pairs(photos) == pairs and longest_s(photos) == pytest.approx(seconds)
 
 
 def test_features_count_that_find_each_other():

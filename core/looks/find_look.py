@@ -59,6 +59,12 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     raise _unknown(trained, word)
 
 
+def check_known(trained: TrainedRun, word: str) -> None:
+    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`."""
+    if not (word == NEUTRAL or _saved_as(trained, word) or _of_collection(trained, word) or Path(word).is_file()):
+        raise _unknown(trained, word)
+
+
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     """The file of a saved look, named by its path or its name; a path that does not exist is reported when it is read."""
     path = Path(word)

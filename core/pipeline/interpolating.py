@@ -6,7 +6,7 @@ from core.data.made import FADE
 from core.data.photos.folder import SUFFIXES
 from core.errors import BadSetting, WegsError
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
-from core.looks.find_look import find_look, find_view
+from core.looks.find_look import check_known, find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake, blend, drawn
@@ -43,6 +43,8 @@ def interpolate(
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
     check_fillable(output, FADE, force)
+    for word in (first, last):  # refining the first takes seconds
+        check_known(trained, word)
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
     ends = looks[first], looks[last]
     camera = trained.camera(photo)

@@ -61,6 +61,8 @@ def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, 
     monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
+    with pytest.raises(BadInput, match="bogus.png is neither a photo file"):
+        pipeline.interpolate(trained[0], "photo_0.png", "bogus.png", 2, tmp_path / "fade")
     monkeypatch.chdir(tmp_path)
     Path("photo_0-to-dusk.2").symlink_to("gone")
     with pytest.raises(BadInput, match="photo_0-to-dusk.2 is not a folder"):

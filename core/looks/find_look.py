@@ -71,7 +71,7 @@ def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     named = path if path.name != word else trained.folder / LOOKS / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":
         return path if path.is_file() else named
-    return named if named.is_file() and not path.is_file() else None
+    return named if not path.is_file() and named.is_file() else None  # the name of a photo may be as long as a name can be
 
 
 def _of_collection(trained: TrainedRun, word: str) -> Photo | None:

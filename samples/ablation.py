@@ -47,7 +47,7 @@ GLO = "GLO has no encoder: its zero-shot look of a held-out photo is the mean em
 @click.option("--seeds", default=1, show_default=True, type=click.IntRange(min=1), help="Runs of each variant.")
 @click.option("--protocol", "protocols", multiple=True, default=("full",), show_default=True, type=click.Choice(list(PROTOCOLS)))
 @click.option("--only", "names", multiple=True, type=click.Choice(list(VARIANTS)), help="Beside the full model; repeatable.")
-@click.option("--split", type=click.Path(path_type=Path, exists=True), help="Hold out what this .tsv says instead.")
+@click.option("--split", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Hold out what this .tsv says instead.")
 @click.option("-o", "--output", default=Path("runs/ablation"), show_default=True, type=click.Path(path_type=Path))
 def main(scenes, preset_name, steps, resolution, seeds, protocols, names, split, output) -> None:
     """Train and measure the full model and its variants on each of SCENES."""

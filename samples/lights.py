@@ -30,7 +30,7 @@ from core.data.photos.pixels import read_pixels
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.export.pictures import to_8_bit
-from core.looks.find_look import find_look, look_of_photo
+from core.looks.find_look import check_known, find_look, look_of_photo
 from core.looks.refined_look import refined
 from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run
 from core.report import QUIET, Report
@@ -70,12 +70,14 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
     with Terminal() as terminal:
         if not styles:
             styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
-            if lights is not None:
-                from_left = trained.collection.view(PLAZA_VIEWS[0])
-                looks = [find_look(trained, word, report=terminal) for word in PLAZA_LOOKS]
-                shots = [tile(rendered(trained, look, from_left), 240) for look in looks]
-                write_jpeg(lights, [shots[:3], shots[3:]], terminal)
         seen_from = [trained.collection.view(view) for view in views or (None,)]
+        for style in styles:
+            check_known(trained, style)
+        if lights is not None:
+            from_left = trained.collection.view(PLAZA_VIEWS[0])
+            looks = [find_look(trained, word, report=terminal) for word in PLAZA_LOOKS]
+            shots = [tile(rendered(trained, look, from_left), 240) for look in looks]
+            write_jpeg(lights, [shots[:3], shots[3:]], terminal)
         if renders:
             looks = [find_look(trained, word, report=terminal) for word in ("neutral", *styles)]
             rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
@@ -89,11 +91,12 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
 
 def sheet(trained: TrainedRun, styles: tuple[str, ...], photo: Photo, report: Report = QUIET) -> list[list[np.ndarray]]:
     """Rows of pictures: one for each style, then a strip of looks from the first to the last."""
+    for style in styles:
+        if not Path(style).is_file():
+            raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
     neutral, *looks = (find_look(trained, word, report=report) for word in ("neutral", *styles))
     rows = []
     for style, look in zip(styles, looks, strict=True):
-        if not Path(style).is_file():
-            raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
         row = [read_pixels(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]
         truth = truths(trained, style).get(photo.name)
         rows.append([tile(picture, TILE_PX) for picture in (row if truth is None else [*row, read_pixels(truth)])])

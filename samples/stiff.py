@@ -23,6 +23,7 @@ import pycolmap
 
 from core.config import preset
 from core.data.split_table import read_split_table
+from core.system.outputs import check_folder
 from samples.measurements.finished import measured
 from samples.measurements.seeds import cell, folder_name
 from wegs_cli.main import OneLineErrors
@@ -67,12 +68,13 @@ CASES = {
 
 
 @click.command(cls=OneLineErrors)
-@click.option("--steps", default=500, show_default=True)
+@click.option("--steps", default=500, show_default=True, type=click.IntRange(min=1))
 @click.option("-r", "--resolution", default=4, show_default=True)
 @click.option("--seeds", default=3, show_default=True, type=click.IntRange(min=1), help="Runs of each case.")
 @click.option("-o", "--output", default=Path("runs/stiff"), show_default=True, type=click.Path(path_type=Path))
 def main(steps: int, resolution: int, seeds: int, output: Path) -> None:
     """Train and measure every case; prints a Markdown table."""
+    check_folder(output)
     lines = ["| case | PSNR |", "|---|---|"]
     with Terminal() as terminal:
         for name, change in CASES.items():

@@ -36,8 +36,8 @@ HEADER = "| scene | decided | PSNR dB | CPU-s | checkpoint + .ply MB | beside it
 @click.command(cls=OneLineErrors)
 @click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--preset", "preset_name", default="quick", show_default=True)
-@click.option("--steps", default=1200, show_default=True)
-@click.option("--repeats", default=2, show_default=True, help="Runs of each kind; seconds are their median.")
+@click.option("--steps", default=1200, show_default=True, type=click.IntRange(min=1))
+@click.option("--repeats", default=2, show_default=True, type=click.IntRange(min=1), help="Runs of each kind; seconds are their median.")
 @click.option("-o", "--output", default=Path("runs/unneeded"), type=click.Path(path_type=Path))
 def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, output: Path) -> None:
     """Train each of SCENES as its photos decide, and as the rival does; prints a table for the README."""

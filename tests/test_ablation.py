@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,6 +87,10 @@ def test_figures_are_taken_once_and_stopped_runs_go_on(small_scene, tmp_path, mo
         assert finished.measured(small_scene, settings, folder, ("full",), heard) == first
         both = finished.measured(small_scene, settings, folder, ("full", "half"), heard)  # measured, not trained
         assert set(both["results"]) == {"full", "half"} and both["results"]["full"] == first["results"]["full"]
+    for scene, output in ((tmp_path / "mistyped", folder), (small_scene, tmp_path / "run.json" / "run")):
+        with pytest.raises(BadInput, match="no folder|not a folder"):
+            finished.measured(scene, settings, output, ("full",), heard)
+    assert finished.measured(small_scene, settings, folder, ("full",), heard) == both and not (tmp_path / "mistyped").exists()
     other = finished.measured(small_scene, settings.changed(seed=1), folder, ("full",), heard)
     assert other["results"]["full"]["seed"] == 1 and "half" not in other["results"]
 
@@ -143,3 +148,18 @@ def test_another_split_holds_out_other_photos(tmp_path):
     table.write_text(table.read_text() + "0004.jpg\t4\ttest\n")
     with pytest.raises(BadInput, match="another split"):
         finished.with_split(PLAZA, table, tmp_path / "out")
+
+
+def test_another_split_is_the_only_one(tmp_path):
+    source = shutil.copytree(PLAZA, tmp_path / "plaza", symlinks=True)
+    own = (source / "plaza.tsv").rename(source / "nerfw_split.csv")
+    text = own.read_text()
+    table = tmp_path / "nerfw_split.csv"
+    table.write_text("filename\tid\tsplit\n0001.jpg\t1\ttrain\n0002.jpg\t2\ttest\n")
+    collection = load_collection(finished.with_split(source, table, tmp_path / "out"))
+    assert {photo.name: photo.split for photo in collection.photos} == {"0001.jpg": "train", "0002.jpg": "test"}
+    assert own.read_text() == text
+    (wrong := tmp_path / "wrong.tsv").write_text("0001.jpg\n")
+    with pytest.raises(BadInput, match="not a split table|names no photos"):
+        finished.with_split(source, wrong, tmp_path / "out")
+    assert not (tmp_path / "out" / "plaza-wrong").exists()

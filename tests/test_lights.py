@@ -76,9 +76,11 @@ def test_a_sheet_without_photos(folder, tmp_path):
         (["--style", "photo_1.png", "--view", "photo_5.png", "--view", "photo_1.png"], "Without --renders one --view"),
         (["-o", "x.jpg"], "of samples/plaza"),
         (["--style", "photo_1.png", "-o", "x.jpg"], "add --renders"),
+        (["--style", "photo_1.png", "--style", "bogus", "--renders", "-o", "x.jpg"], "bogus is neither a photo file"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(folder, options, words):
+def test_what_cannot_be_drawn_is_refused_before_the_work(folder, options, words, monkeypatch):
+    monkeypatch.setattr(lights, "find_look", None)
     result = CliRunner().invoke(lights.main, [str(folder), *options])
     assert result.exit_code == 1 and words in result.output
 

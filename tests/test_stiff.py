@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
+from click.testing import CliRunner
 
 from samples import stiff
 
@@ -41,3 +42,11 @@ def test_a_scene_is_made_once(tmp_path):
     folder = stiff.spoilt(tmp_path / "scene", stiff.CASES["as it is"])
     (folder / "mine").touch()
     assert stiff.spoilt(folder, stiff.black_and_white) == folder and (folder / "mine").exists()
+
+
+def test_what_cannot_be_measured_is_refused_before_plaza_is_copied(tmp_path):
+    (tmp_path / "file").touch()
+    for line in (["--steps", "0", "-o", str(tmp_path / "runs")], ["-o", str(tmp_path / "file")]):
+        result = CliRunner().invoke(stiff.main, line)
+        assert result.exit_code in (1, 2) and result.output.startswith("wegs: ") and result.output.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

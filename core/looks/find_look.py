@@ -59,13 +59,19 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     raise _unknown(trained, word)
 
 
+def check_known(trained: TrainedRun, word: str) -> None:
+    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`."""
+    if not (word == NEUTRAL or _saved_as(trained, word) or _of_collection(trained, word) or Path(word).is_file()):
+        raise _unknown(trained, word)
+
+
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     """The file of a saved look, named by its path or its name; a path that does not exist is reported when it is read."""
     path = Path(word)
     named = path if path.name != word else trained.folder / LOOKS / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":
         return path if path.is_file() else named
-    return named if named.is_file() and not path.is_file() else None
+    return named if not path.is_file() and named.is_file() else None  # the name of a photo may be as long as a name can be
 
 
 def _of_collection(trained: TrainedRun, word: str) -> Photo | None:

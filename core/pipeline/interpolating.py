@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from core.data.made import FADE
+from core.data.made import FADE, is_of_wegs
 from core.data.photos.folder import SUFFIXES
-from core.errors import BadSetting, WegsError
+from core.errors import BadInput, BadSetting, WegsError
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
-from core.looks.find_look import find_look, find_view
+from core.looks.find_look import check_known, find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake, blend, drawn
@@ -42,7 +42,11 @@ def interpolate(
     photo = find_view(trained, view)
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
-    check_fillable(output, FADE, force)
+    old = check_fillable(output, FADE, force)
+    if old and not is_of_wegs(output):  # photos may be called frame_*.png, too, as nerfstudio's are
+        raise BadInput(f"{output} holds other files, such as {old[0].name}.", "Choose another folder, or move them out.")
+    for word in (first, last):  # refining the first takes seconds
+        check_known(trained, word)
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
     ends = looks[first], looks[last]
     camera = trained.camera(photo)

@@ -7,9 +7,13 @@ from pathlib import Path
 
 from core import pipeline
 from core.config import Settings
+from core.data import find_kind
+from core.data.split import TEST_LISTS
+from core.data.split_table import find_tables, read_split_table
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import write_json
+from core.system.atomic import replacing_folder, write_json
+from core.system.outputs import check_folder
 from core.training.on_disk import run_folders
 
 
@@ -17,12 +21,14 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
     """The figures of `settings` on `scene`, by protocol as in results.json, under "results"; the .ply's size under "bytes".
 
     They are kept beside the run's folder, in FOLDER.json, with the scene and settings, and not measured twice; delete the file to train
-    again.
+    again. Raises BadInput, before an older run is deleted, for what is no scene and where nothing can be written.
     """
     path = folder.with_name(f"{folder.name}.json")
     key = {"scene": str(scene.resolve()), "settings": settings.to_json()}
     kept = json.loads(path.read_text()) if path.is_file() else {}
     if {name: kept.get(name) for name in key} != key:
+        find_kind(scene)
+        check_folder(path.parent)
         kept = key | {"results": {}}
         path.unlink(missing_ok=True)
         if run_folders.is_run(folder):
@@ -46,17 +52,21 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
 def with_split(scene: Path, table: Path, folder: Path) -> Path:
     """A copy of `scene` that is split as the .tsv `table` says, for choices that no published figure may depend on.
 
-    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput if one with another split is there, to which older figures belong.
+    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput for what is no split table, and if a folder with another split is there, to which
+    older figures belong.
     """
+    read_split_table(table)
     made = folder / f"{scene.resolve().name}-{table.stem}"
-    copy = made / table.name
+    copy = made / f"{table.stem}.tsv"  # the scene's reader looks for no other suffix
     if copy.is_file():
         if copy.read_bytes() != table.read_bytes():
             raise BadInput(f"{copy} is another split than {table}.", "Choose another -o.")
         return made
-    made.mkdir(parents=True)
-    for entry in scene.resolve().iterdir():
-        if entry.suffix != ".tsv" and entry.name != "test.txt":
-            (made / entry.name).symlink_to(entry)
-    shutil.copy(table, copy)
+    tables = [path for group in find_tables(scene.resolve()) for path in group]
+    with replacing_folder(made) as work:
+        (work / "scene").mkdir()
+        for entry in scene.resolve().iterdir():
+            if entry not in tables and entry.name not in TEST_LISTS:
+                (work / "scene" / entry.name).symlink_to(entry)
+        shutil.copy(table, work / "scene" / copy.name)
     return made

@@ -61,6 +61,14 @@ def test_a_look_that_the_run_holds_needs_no_photo(changes, name, tmp_path_factor
     assert torch.equal(look.colouring.embedding, held) and ("not refined" in look.source) == ("embedding" in changes)
 
 
+def test_a_photo_may_have_the_longest_name_there_is(trained, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (trained.folder / "appearance").mkdir()  # where a saved look of that name would lie
+    name = f"{'x' * 251}.png"
+    Path(name).write_bytes(trained.collection.photos[0].path.read_bytes())
+    assert "from outside" in find_look(trained, name, refine=False).source
+
+
 def test_a_view_is_called_as_a_look_is(trained):
     photo = trained.collection.photos[4]
     assert find_view(trained, str(photo.path)) is photo

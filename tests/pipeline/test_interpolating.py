@@ -57,10 +57,23 @@ def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatc
     assert heard.lines[-2:] == [warning, f"{output}: 2 frames, sheet.png"]
 
 
+def test_force_replaces_a_fade_but_no_photos_that_are_called_frames(trained, tmp_path):
+    fade = pipeline.interpolate(trained[0], "neutral", "photo_4.png", 3, tmp_path / "fade", ply=True)
+    pipeline.interpolate(trained[0], "neutral", "photo_4.png", 2, fade, force=True)
+    assert sorted(path.name for path in fade.iterdir()) == ["frame_000.png", "frame_001.png", "sheet.png", "video.mp4"]
+    (photos := tmp_path / "images").mkdir()
+    (photos / "frame_00001.png").write_bytes(b"a photo")
+    with pytest.raises(BadInput, match="images holds other files, such as frame_00001.png"):
+        pipeline.interpolate(trained[0], "neutral", "photo_4.png", 2, photos, force=True)
+    assert (photos / "frame_00001.png").read_bytes() == b"a photo"
+
+
 def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
+    with pytest.raises(BadInput, match="bogus.png is neither a photo file"):
+        pipeline.interpolate(trained[0], "photo_0.png", "bogus.png", 2, tmp_path / "fade")
     monkeypatch.chdir(tmp_path)
     Path("photo_0-to-dusk.2").symlink_to("gone")
     with pytest.raises(BadInput, match="photo_0-to-dusk.2 is not a folder"):

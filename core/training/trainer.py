@@ -114,7 +114,7 @@ class Trainer:
         given = self.settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator
         if self.device.type == "cpu":
             return Stepper(*given)
-        from core.training.step_on_gpu import StepperOnGpu  # Triton, which a machine without a GPU need not have
+        from core.training.step_cuda import StepperOnGpu  # Triton, which a machine without a GPU need not have
 
         return StepperOnGpu(*given)
 

@@ -16,15 +16,15 @@ STEPS = 60
 
 def run(folder, monkeypatch, recorded: bool) -> tuple[list[float], int, int]:
     """Losses, how many steps were replayed, and how many Gaussians there are after a run through all its parts, with growth and pruning."""
-    from core.training import step_on_gpu
+    from core.training import step_cuda
 
     (folder := folder / str(recorded)).mkdir()
     settings = small_settings(steps=STEPS, mask_start=0.3, mask_apply=0.5, held_out_checks=3, densify_rounds=2, device="cuda")
     trainer, replayed = Trainer(small_collection(folder), settings, folder), []
-    honest = step_on_gpu.StepperOnGpu._replay
+    honest = step_cuda.StepperOnGpu._replay
     with monkeypatch.context() as patch:
-        patch.setattr(step_on_gpu, "can_record", lambda device: recorded)
-        patch.setattr(step_on_gpu.StepperOnGpu, "_replay", lambda *given: replayed.append(1) or honest(*given))
+        patch.setattr(step_cuda, "can_record", lambda device: recorded)
+        patch.setattr(step_cuda.StepperOnGpu, "_replay", lambda *given: replayed.append(1) or honest(*given))
         return [report.loss for report in trainer.train()], len(replayed), len(trainer.gaussians)
 
 

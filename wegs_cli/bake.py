@@ -1,10 +1,8 @@
 """wegs bake"""
 
-from pathlib import Path
-
 import click
 
-from wegs_cli.options import OutputPath
+from wegs_cli.options import InputPath, OutputPath
 
 
 @click.command(short_help="Write the scene in the look of a photo, as a .ply.")
@@ -15,9 +13,9 @@ from wegs_cli.options import OutputPath
     help="A photo file, the name of a photo of the scene, a saved look, or `neutral`.",
 )
 @click.option("-o", "--output", required=True, type=OutputPath(), help="The .ply to write.")
-@click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Folder of the run.  [default: the newest]")
+@click.option("--run", "run_folder", type=InputPath(), help="Folder of the run.  [default: the newest]")
 @click.option("--force", is_flag=True, help="Overwrite the .ply, and a look saved under that name.")
-@click.option("--mask", type=click.Path(path_type=Path), help="Mask for PHOTO: white = use.")
+@click.option("--mask", type=InputPath(), help="Mask for PHOTO: white = use.")
 @click.option("--no-refine", is_flag=True, help="Take the look as the encoder reads it, also where the camera of PHOTO is known or found.")
 @click.option("--save-appearance", metavar="NAME", help="Also save the look in the run, as appearance/NAME.json, for a later --appearance NAME.")
 @click.option(

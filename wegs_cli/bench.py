@@ -1,16 +1,14 @@
 """wegs bench"""
 
-from pathlib import Path
-
 import click
 
 from core.bench import FIGURES
-from wegs_cli.options import OutputPath
+from wegs_cli.options import InputPath, OutputPath
 
 
 @click.command(short_help="Measure error against run time.")
-@click.argument("scene", type=click.Path(path_type=Path), required=False)
-@click.option("--run", "run_folder", type=click.Path(path_type=Path), help="Measure this run; nothing is trained.")
+@click.argument("scene", type=InputPath(), required=False)
+@click.option("--run", "run_folder", type=InputPath(), help="Measure this run; nothing is trained.")
 @click.option("--only", "names", type=click.Choice(FIGURES), multiple=True, help="Only this figure; repeatable.")
 @click.option("--full", is_flag=True, help="Presets up to 3,000 steps, three seeds, more views and repeats: an hour, not minutes.")
 @click.option("-o", "--output", type=OutputPath(), default="bench", show_default=True, help="Folder of the figures.")

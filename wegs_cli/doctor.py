@@ -1,13 +1,14 @@
 """wegs doctor"""
 
 import sys
-from pathlib import Path
 
 import click
 
+from wegs_cli.options import InputPath
+
 
 @click.command(short_help="Check a .ply, a run or a scene.")
-@click.argument("what", required=False, type=click.Path(path_type=Path))
+@click.argument("what", required=False, type=InputPath())
 def doctor(what) -> None:
     """Check WHAT and print one line per finding: what was found, what it means and what to do. Exit code 1 if anything needs doing.
 

@@ -1,18 +1,17 @@
 """wegs eval"""
 
-from pathlib import Path
-
 import click
 
 from core.errors import BadSetting
 from core.evaluation import PROTOCOLS
+from wegs_cli.options import InputPath
 
 
 @click.command("eval", short_help="Measure a run on its held-out photos.")
 @click.option(
     "--run",
     "run_folders",
-    type=click.Path(path_type=Path),
+    type=InputPath(),
     multiple=True,
     help="Folder of the run; with --curve, repeatable.  [default: the newest]",
 )

@@ -19,6 +19,13 @@ FLAGS = (
 SHORT = {"resolution": ("-r",)}
 
 
+class InputPath(click.Path):
+    """What is to be read. That it may be is for its reader to find out: click would only point to the help."""
+
+    def __init__(self):
+        super().__init__(path_type=Path, readable=False)
+
+
 class OutputPath(click.Path):
     """What is to be written. A `..` behind a folder that is not there yet is resolved, or what it leads to would be taken for new."""
 
@@ -77,7 +84,7 @@ def settings_options(command: Callable) -> Callable:
         *map(setting_option, FLAGS),
         click.option(
             "--config",
-            type=click.Path(path_type=Path),
+            type=InputPath(),
             help='TOML file with lines such as `steps = 2000` or `preset = "quick"`; the command line overrides it.',
         ),
         click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Any setting listed below; repeatable."),

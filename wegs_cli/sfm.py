@@ -1,14 +1,12 @@
 """wegs sfm"""
 
-from pathlib import Path
-
 import click
 
-from wegs_cli.options import OutputPath
+from wegs_cli.options import InputPath, OutputPath
 
 
 @click.command(short_help="Find the camera poses of photos.")
-@click.argument("photos", type=click.Path(path_type=Path))
+@click.argument("photos", type=InputPath())
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Folder of the scene, new or empty.")
 def sfm(photos, output) -> None:
     """Find the camera poses of the photos in the folder PHOTOS with COLMAP.

@@ -16,6 +16,7 @@ from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from core.kernels.compiled import compiling_told
 from core.report import Report
 
 WIDE = 80  # columns; a narrower terminal shows what is done and the time left, no bar and no note
@@ -52,12 +53,15 @@ class Terminal(Report):
         self.bar: Progress | None = None
         self.what = ""
         self.told = 0.0
+        self.compiling = compiling_told(self)
 
     def __enter__(self) -> Self:
+        self.compiling.__enter__()
         return self
 
     @_whoever_listens()
     def __exit__(self, *_) -> None:
+        self.compiling.__exit__(None, None, None)
         self._end_bar()
 
     @_whoever_listens()

@@ -6,13 +6,13 @@ import click
 from click.core import ParameterSource
 
 from core.errors import BadSetting, command
-from wegs_cli.options import OutputPath, settings_from, settings_options, settings_table
+from wegs_cli.options import InputPath, OutputPath, settings_from, settings_options, settings_table
 
 
 @click.command(epilog=settings_table(), short_help="Photos in, a run out.")
-@click.argument("scene", type=click.Path(path_type=Path), required=False)
+@click.argument("scene", type=InputPath(), required=False)
 @click.option("-o", "--output", type=OutputPath(), help="Folder of the run.  [default: runs/SCENE]")
-@click.option("--masks", type=click.Path(path_type=Path), help="Folder of masks, one per photo with the photo's name; white = use.")
+@click.option("--masks", type=InputPath(), help="Folder of masks, one per photo with the photo's name; white = use.")
 @settings_options
 @click.option("--resume", is_flag=True, help="Go on with the run in -o (default: the newest), with its own settings.")
 @click.option("--force", is_flag=True, help="Replace the run that -o holds.")

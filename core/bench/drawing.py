@@ -4,6 +4,7 @@ matplotlib is imported when something is drawn: it takes half a second to load.
 """
 
 import io
+import logging
 import math
 import warnings
 from typing import TYPE_CHECKING
@@ -46,6 +47,7 @@ STYLE = {
 
 def draw_png(figure: Figure) -> bytes:
     """The picture as the bytes of a PNG file."""
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home that cannot be written in, and does without
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas

@@ -1,5 +1,6 @@
 """Masks that come with photos, from the user (`wegs train --masks DIR`) or from the scene: which photo each belongs to, and whether it fits."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from math import log
@@ -27,6 +28,7 @@ def check_masks(folder: Path, photos: Sequence[str]) -> None:
     fix = "Give --masks a folder with one mask a photo."
     if not folder.is_dir():
         raise BadInput(f"{folder} is a file, not a folder." if folder.exists() else f"There is no folder {folder}.", fix)
+    os.listdir(folder)  # an error where it may not be read, which rglob passes over
     if not any(path.suffix.lower() in SUFFIXES for path in folder.rglob("*")):
         raise BadInput(f"{folder} holds no pictures.", fix)
     if photos:

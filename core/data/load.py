@@ -9,14 +9,13 @@ from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, lacks_photos, 
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import names_wegs
-from core.data.photos.folder import fuller_below, list_photos, no_photos
+from core.data.photos.folder import VIDEO_SUFFIXES, fuller_below, list_photos, no_photos, take_pictures_out
 from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
 from core.report import Report
 from core.words import Note, counted
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 PHOTO_FOLDERS = (".", "images", "input", "photos")
 POSED = {"colmap": read_colmap, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
 
@@ -76,7 +75,7 @@ def check_is_folder(path: Path) -> None:
     if not path.exists():
         raise BadInput(f"There is no folder {path}.", fix)
     if path.suffix.lower() in VIDEO_SUFFIXES:
-        fix = f"Take pictures out of it: mkdir photos; {command('ffmpeg', '-i', path, '-vf', 'fps=2', 'photos/%04d.png')}"
+        fix = take_pictures_out(path)
     elif path.name in (NERFSTUDIO_FILE, *BLENDER_FILES.values()):
         fix = f"Give the folder it is in: {path.parent}"
     raise BadInput(f"{path} is a file, not a folder.", fix)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from core.data.load import VIDEO_SUFFIXES
+from core.data.photos.folder import VIDEO_SUFFIXES
 from core.doctor.finding import Finding, verdict
 from core.doctor.ply import examine_ply
 from core.doctor.run import examine_run

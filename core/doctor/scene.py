@@ -11,7 +11,7 @@ from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection, Photo, astray
 from core.data.load import passed_over
 from core.data.photos.file import named_with_fault
-from core.data.photos.folder import fuller_below, list_photos, list_unreadable
+from core.data.photos.folder import fuller_below, list_gone, list_photos, list_unreadable
 from core.data.photos.pixels import load_photo
 from core.data.placing import USUAL_FOCAL_LENGTHS, focal_length_of, is_usual
 from core.data.sfm.features import LEAST_PHOTOS
@@ -169,7 +169,9 @@ def _photo_findings(unusable: dict[str, str], flat: list[str], total: int) -> li
 def _plain_photos(root: Path, report: Report) -> list[Finding]:
     """Findings about photos without cameras: whether they can be read, and what comes next."""
     folder = find_photos(root)
-    paths, unusable, flat, again, sizes = list_photos(folder), {}, [], [], []
+    paths, flat, again, sizes = list_photos(folder), [], [], []
+    gone = {f"{path.name} (is a link to a file that is gone)": "Connect its disk, or copy the photo." for path in list_gone(folder)}
+    unusable = dict(gone)
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, StoredTwice):
             again.append(named_with_fault(path.name, path, photo))
@@ -195,7 +197,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
     return [
         Finding("scene", figure, meaning, fix),
         *_photos_elsewhere(root, folder),
-        *_photo_findings(unusable, flat, len(paths)),
+        *_photo_findings(unusable, flat, len(paths) + len(gone)),
         _named("pictures stored twice", sorted(again), len(paths), "left out; the fullest file of each picture is used", ""),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]

@@ -11,9 +11,12 @@ rounds once; anything more would let LLVM assume that no NaN comes by.
 """
 
 import gc
+from contextlib import AbstractContextManager
 
 from numba import njit
 from numba.core import event
+
+from core.report import Report
 
 _CONTRACTING = {"fastmath": {"contract"}}
 _KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -46,3 +49,24 @@ class _WithoutCollections(event.Listener):
 
 
 event.register("numba:compile", _WithoutCollections())
+
+
+class _Told(event.Listener):
+    """Tells a report once that kernels are compiled."""
+
+    def __init__(self, report: Report):
+        self.report = report
+        self.is_told = False
+
+    def on_start(self, _):
+        if not self.is_told:
+            self.is_told = True
+            self.report.say("Compiling the kernels, the first time only: some 15 s")
+
+    def on_end(self, _):
+        pass
+
+
+def compiling_told(report: Report) -> AbstractContextManager:
+    """A block that tells `report` if kernels are compiled in it, not loaded from the cache: nothing else is heard until they are."""
+    return event.install_listener("numba:compile", _Told(report))

@@ -171,7 +171,12 @@ def scratch(name: str) -> Iterator[Path]:
     what = f"The disk is full: temporary files could not be written in {place}."
     full = DiskFull(what, "Free some space, or set TMPDIR to a folder on another disk.")
     with temporary_folder(place / f"wegs-{name}") as folder, named_if_full(folder, full):
-        yield folder
+        try:
+            yield folder
+        except OSError as problem:
+            if as_disk_full(problem) and str(problem.filename).startswith(str(folder)):  # not another disk, such as that of a log
+                raise full from None
+            raise
 
 
 @contextmanager

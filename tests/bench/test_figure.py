@@ -4,6 +4,9 @@ import csv
 import io
 import json
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import cv2
@@ -14,6 +17,7 @@ from core.bench import files
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.errors import BadInput, BadSetting
 from core.report import Report
+from tests.test_layers import ROOT
 
 WORK = Quantity("seconds", "s", "log")
 ERROR = Quantity("error", "error", "log", limit=(0.1, "a limit"), floor=1e-6)
@@ -183,3 +187,11 @@ def test_the_table_has_a_column_for_each_quantity_and_says_what_it_was_made_on()
     assert heard.rows[1] == ("a", "y (default)", "0.1", "1e-09", "20 (19 to 21)", "2")
     assert heard.rows[2][4:] == ("-", "")
     assert any("Some, CPU" in line and "seed 7" in line for line in heard.lines)
+
+
+def test_a_home_that_cannot_be_written_in_is_no_matter(tmp_path):
+    (tmp_path / "file").touch()
+    program = "from core.bench.files import draw_png; from tests.bench.test_figure import figure, point; draw_png(figure(point('a', 1, 1)))"
+    environment = os.environ | {"MPLCONFIGDIR": str(tmp_path / "file" / "matplotlib")}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, cwd=ROOT, check=True, capture_output=True, text=True)
+    assert done.stderr == ""

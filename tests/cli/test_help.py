@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 import core
 from core.config import FIELDS, PRESETS
+from tests.test_layers import ROOT
 from wegs_cli.main import COMMANDS, wegs
 from wegs_cli.options import FLAGS, shown_default
 
@@ -55,6 +56,11 @@ def test_the_settings_stand_under_headings():
 def test_the_version_is_the_engines():
     result = CliRunner().invoke(wegs, ["--version"])
     assert (result.exit_code, result.output) == (0, f"wegs {core.__version__}\n")
+
+
+def test_the_command_is_there_also_where_its_name_is_not():
+    done = subprocess.run([sys.executable, "-m", "wegs_cli", "--version"], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == f"wegs {core.__version__}\n"
 
 
 def test_help_loads_nothing_heavy():

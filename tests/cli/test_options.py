@@ -6,7 +6,7 @@ import pytest
 
 from core.config import PRESETS, Settings, preset
 from core.errors import BadInput, BadSetting
-from wegs_cli.options import OutputPath, settings_from
+from wegs_cli.options import InputPath, OutputPath, settings_from
 
 NOTHING: dict = {"steps": None, "seed": None}
 
@@ -34,6 +34,11 @@ def test_an_output_behind_a_folder_that_is_not_there_is_the_one_it_leads_to(tmp_
         assert OutputPath().convert(typed, None, None) == Path(typed)
     for typed in ("none/../a", "../runs/none/../a", "none/none/../../a/"):
         assert OutputPath().convert(typed, None, None) == (tmp_path / "runs" / "a").resolve()
+
+
+def test_what_may_not_be_read_is_left_to_its_reader(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda *_: False)
+    assert InputPath().convert(str(tmp_path), None, None) == tmp_path
 
 
 def test_without_anything_the_defaults_stand():

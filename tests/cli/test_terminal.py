@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from numba import njit
 from rich.console import Console
 
 from wegs_cli import terminal
@@ -42,6 +43,12 @@ def test_a_log_file_says_what_time_is_left_also_where_parts_differ(clock, capsys
     lines = [line for line in capsys.readouterr().out.splitlines() if "left" in line]
     assert lines[0] == "Training 16/100, 0:03:04 left" and lines[2] == "Training 46/100, 0:02:34 left"
     assert lines[-1] == "Training 99/100, 0:00:04 left"
+
+
+def test_whoever_waits_for_kernels_to_be_compiled_is_told(capsys):
+    with Terminal():
+        njit(lambda x: x + 1)(1.0)
+    assert capsys.readouterr().out.startswith("Compiling the kernels")
 
 
 @pytest.mark.parametrize("done", [1, 2])

@@ -1,5 +1,7 @@
 """Masks that the user gives: found by name, said, and laid over the photo as the photo is laid out."""
 
+import errno
+import os
 from dataclasses import replace
 
 import cv2
@@ -114,6 +116,15 @@ def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
     found = with_masks_in(scene, tmp_path / "masks")
     assert [photo.mask for photo in found.photos[:3]] == [None, given, None]
     assert found.notes[-1].text == "The masks that the scene itself gives are not used."
+
+
+def test_a_folder_that_may_not_be_read_is_not_called_empty(tmp_path, monkeypatch):
+    def refused(path):
+        raise PermissionError(errno.EACCES, "Permission denied", path)
+
+    monkeypatch.setattr(os, "listdir", refused)
+    with pytest.raises(PermissionError):
+        check_masks(tmp_path, ())
 
 
 def test_what_cannot_be_meant_is_refused(collection, tmp_path):

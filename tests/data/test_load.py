@@ -59,6 +59,22 @@ def test_photos_without_a_model(tmp_path, folder):
         load_collection(tmp_path)
 
 
+def test_a_folder_of_videos_says_how_to_take_pictures_out_of_them(tmp_path):
+    for name in ("b.MOV", "a.mp4"):
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(BadInput, match=f"{tmp_path} holds only videos. Take pictures out of it: mkdir photos; ffmpeg -i {tmp_path}/a.mp4 -vf"):
+        find_kind(tmp_path)
+    save_photo(tmp_path / "inner" / "a.jpg")
+    with pytest.raises(BadInput, match="there are photos in its folder inner"):
+        find_kind(tmp_path)
+
+
+def test_links_to_photos_that_are_gone_are_not_called_no_photos(tmp_path):
+    (tmp_path / "a.jpg").symlink_to(tmp_path / "disk" / "a.jpg")
+    with pytest.raises(BadInput, match="holds only links to photos that are gone, such as a.jpg. Connect"):
+        find_kind(tmp_path)
+
+
 def test_the_current_folder_is_called_by_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput, match=f"^{re.escape(str(tmp_path))} holds no photos"):

@@ -139,6 +139,9 @@ def test_photos_without_points_or_cameras(tmp_path):
     (tmp_path / "scene" / "images" / "IMG_1.DNG").write_bytes(b"x")
     other = examined(tmp_path / "scene" / "images")[0]["photos in other formats"]
     assert other.figure == "1 of 5 (IMG_1.DNG)" and "JPEG" in other.advice
+    (tmp_path / "scene" / "images" / "a.jpg").symlink_to(tmp_path / "gone.jpg")
+    unusable = examined(tmp_path / "scene" / "images")[0]["unusable photos"]
+    assert unusable.figure.startswith("2 of 5 (a.jpg (is a link to a file that is gone), ") and "Connect its disk" in unusable.advice
 
 
 @pytest.mark.parametrize(("photos", "needed"), [(1, True), (3, False)])

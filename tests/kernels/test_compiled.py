@@ -7,7 +7,8 @@ from numba import njit
 from numba.core import event
 from numba.core.errors import TypingError
 
-from core.kernels.compiled import exact_kernel, exact_part
+from core.kernels.compiled import compiling_told, exact_kernel, exact_part
+from tests.heard import Heard
 
 
 class Watch(event.Listener):
@@ -47,3 +48,18 @@ def test_the_collector_is_back_after_a_kernel_that_cannot_be_compiled():
     with pytest.raises(TypingError):
         exact_kernel(impossible)(1.5)
     assert gc.isenabled()
+
+
+def test_who_waits_for_kernels_is_told_once_and_whoever_finds_them_is_not():
+    def halved(x):
+        return x / 2
+
+    def thirded(x):
+        return x / 3
+
+    kernels = njit(halved), njit(thirded)
+    for lines in (["Compiling the kernels, the first time only: some 15 s"], []):
+        heard = Heard()
+        with compiling_told(heard):
+            assert [kernel(6.0) for kernel in kernels] == [3, 2]
+        assert heard.lines == lines

@@ -139,6 +139,15 @@ def test_where_no_temporary_folder_can_be_is_told(monkeypatch):
         pass
 
 
+def test_temporary_files_without_room_say_where_others_may_be(tmp_path, monkeypatch):
+    monkeypatch.setattr(atomic.tempfile, "gettempdir", lambda: str(tmp_path))
+    with pytest.raises(WegsError, match=f"could not be written in {tmp_path}. Free some space, or set TMPDIR"), atomic.scratch("a") as work:
+        raise OSError(errno.ENOSPC, "full", str(work / "a"))
+    with pytest.raises(OSError), atomic.scratch("a"):  # of a log
+        raise OSError(errno.ENOSPC, "full")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_that_was_made_for_nothing_vanishes(tmp_path):
     with pytest.raises(KeyboardInterrupt), filling(tmp_path / "run" / "pictures" / "half", ("*.png",), True):
         raise KeyboardInterrupt

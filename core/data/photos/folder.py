@@ -6,13 +6,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from core.data.made import digest, is_of_wegs, names_wegs
-from core.errors import BadInput
+from core.errors import BadInput, command
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe", ".heic", ".heif", ".hif")
 # Formats of cameras and phones that cannot be read (OpenCV reads .avif only in some builds, and not turned as the file says); no .gif is a photo.
 UNREADABLE_SUFFIXES = (
     ".avif", ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw",
 )  # fmt: skip
+VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 LEVELS = 3  # how deep to look for photos in subfolders: phone scanners nest theirs that deep
 START_BYTES = 1 << 16  # of files of one size, compared before the whole of them
 
@@ -27,9 +28,14 @@ def list_unreadable(folder: Path) -> list[Path]:
     return _list_files(folder, UNREADABLE_SUFFIXES)
 
 
-def _list_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+def list_gone(folder: Path) -> list[Path]:
+    """The links in `folder` that are named as photos but lead to nothing, by name."""
+    return _list_files(folder, SUFFIXES, lambda path: path.is_symlink() and not path.exists())
+
+
+def _list_files(folder: Path, suffixes: tuple[str, ...], chosen: Callable[[Path], bool] = Path.is_file) -> list[Path]:
     files = (path for path in folder.iterdir() if path.suffix.lower() in suffixes and not path.name.startswith("."))
-    return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
+    return sorted(filter(chosen, files), key=lambda path: path.name)
 
 
 def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
@@ -62,7 +68,16 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     if below := fuller_below(folder, folder):
         inner = below.relative_to(folder)
         return BadInput(f"{name} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
+    if gone := list_gone(folder):
+        return BadInput(f"{name} holds only links to photos that are gone, such as {gone[0].name}.", "Connect their disk, or copy the photos.")
+    if videos := _list_files(folder, VIDEO_SUFFIXES):
+        return BadInput(f"{name} holds only videos.", take_pictures_out(videos[0]))
     return BadInput(f"{name} holds {what}.", "Give the folder that holds your photos.")
+
+
+def take_pictures_out(video: Path) -> str:
+    """What to do with a video."""
+    return f"Take pictures out of it: mkdir photos; {command('ffmpeg', '-i', video, '-vf', 'fps=2', 'photos/%04d.png')}"
 
 
 def fuller_below(folder: Path, than: Path) -> Path | None:

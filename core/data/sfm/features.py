@@ -1,5 +1,8 @@
 """SIFT features of photos and their matches, by pycolmap on a CPU, in parts that tell of progress."""
 
+import errno
+import os
+import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +25,7 @@ JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undi
 SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
+ROOM_BYTES = 64 << 20  # on the disk, for a part: a photo of MOST_FEATURES takes 1.2 MB, and as much in the database's journal
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
 # Of memory, for matching photos of up to MOST_FEATURES features. pycolmap ends the whole program where one of its threads finds none left.
 MATCHING_BYTES, MATCHING_BYTES_A_THREAD = 1 << 30, 2 << 30
@@ -80,6 +84,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     if within_limit < most:
         report.warn(f"The limit on memory leaves {within_limit} features a photo, not {most}: fewer points, and fewer photos find their place.")
     for done, part in _parts(names, least=2):
+        _check_room(work)
         _number(work, part)
         pycolmap.extract_features(
             work / DATABASE,
@@ -91,6 +96,12 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
             device=pycolmap.Device.cpu,
         )
         report.progress("Features", done, len(names))
+
+
+def _check_room(work: Path) -> None:
+    """Raise OSError unless the disk has ROOM_BYTES left: pycolmap ends the whole program where one of its threads cannot write."""
+    if shutil.disk_usage(work).free < ROOM_BYTES:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(work / DATABASE))
 
 
 def affordable(most: int) -> int:
@@ -124,6 +135,7 @@ def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
     for done, part in _parts(lines, least=8):
+        _check_room(work)
         (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
         pycolmap.match_image_pairs(
             work / DATABASE,

@@ -12,7 +12,7 @@ import core
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import lens_of, pinhole, undistort
 from core.data.photos.file import JPEG_EXIF, decode, without_orientation
-from core.data.photos.folder import list_photos, list_unreadable, no_photos
+from core.data.photos.folder import list_gone, list_photos, list_unreadable, no_photos
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, encoded, extract, match
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
@@ -53,7 +53,10 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     paths = list_photos(photos)
     if not paths:
         raise no_photos(photos)
-    for note in name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]):
+    for note in (
+        *name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]),
+        *name_them("whose file is gone, left out", [path.name for path in list_gone(photos)]),
+    ):
         report.warn(note.text)
     made_of = files_of(photos)
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():

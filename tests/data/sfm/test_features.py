@@ -1,5 +1,7 @@
 """Features of photos and their matches."""
 
+import errno
+
 import cv2
 import numpy as np
 import pycolmap
@@ -35,6 +37,20 @@ def test_epipolar_lines_lead_to_more_matches(work):
     match(work, [tuple(NAMES)], QUIET)
     alike, explained = found(work)
     assert explained > 1.05 * alike > 50  # of those that look alike alone fewer are explained, never more
+
+
+def test_a_disk_with_hardly_any_room_is_full_before_pycolmap_ends_the_program(work, monkeypatch):
+    usage = features.shutil.disk_usage(work)._replace(free=features.ROOM_BYTES - 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(features.shutil, "disk_usage", lambda _: usage)
+        with pytest.raises(OSError) as caught:
+            extract(work, NAMES, QUIET)
+        assert caught.value.errno == errno.ENOSPC
+    extract(work, NAMES, QUIET)
+    monkeypatch.setattr(features.shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(OSError) as caught:
+        match(work, [tuple(NAMES)], QUIET)
+    assert caught.value.errno == errno.ENOSPC
 
 
 def test_no_photo_has_more_features_than_asked_for(work):

@@ -162,13 +162,15 @@ def test_the_model_comes_last_into_a_folder_that_is_there(tmp_path, monkeypatch)
     assert len(replaced) == 5 and replaced[-1] == "sparse"
 
 
-def test_photos_in_formats_of_phones_are_named(tmp_path):
+def test_photos_in_formats_of_phones_and_links_to_nothing_are_named(tmp_path):
     noise_photo(tmp_path / "0.jpg", 0)
     (tmp_path / "IMG_1.DNG").write_bytes(b"x")
+    (tmp_path / "1.jpg").symlink_to(tmp_path / "gone.jpg")
     heard = Heard()
     with pytest.raises(BadInput, match="holds 1 photo that can be used"):
         reconstruct(tmp_path, tmp_path / "scene", heard)
     assert any("cannot be read, left out; convert them to JPEG: IMG_1.DNG" in line for line in heard.lines)
+    assert "! 1 photo whose file is gone, left out: 1.jpg" in heard.lines
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ A GPU is through with a small kernel sooner than the host has started the next.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Generic, TypeVar
 
 import torch
@@ -39,8 +39,11 @@ class Recorder:
         graph.capture_begin(None if self.last is None else self.last.pool())
         try:
             result = work()
-        finally:
-            graph.capture_end()
+        except BaseException:
+            with suppress(RuntimeError):  # which would hide the first
+                graph.capture_end()
+            raise
+        graph.capture_end()
         self.last = graph
         return Recording(graph, result)
 

@@ -111,13 +111,19 @@ class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at every coarse-to-fine size.
 
     notes: lines to warn of photos left out for damage that shows only now that they are decoded, and of doubtful masks. device: of the
-    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it.
+    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it. share_canvas: whether targets are laid on one, see `canvas`.
     """
 
     def __init__(
-        self, photos: tuple[Photo, ...], sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False, report: Report = QUIET
+        self,
+        photos: tuple[Photo, ...],
+        sizes: Sizes,
+        device: torch.device = CPU,
+        transparent_is_empty: bool = False,
+        share_canvas: bool = False,
+        report: Report = QUIET,
     ):
-        self.device, self.transparent_is_empty = device, transparent_is_empty
+        self.device, self.transparent_is_empty, self.share_canvas = device, transparent_is_empty, share_canvas
         self.photos: list[SizedPhoto] = []
         damaged = Reasons()
         for number, photo in enumerate(photos, 1):
@@ -138,10 +144,10 @@ class SizedPhotos(Sequence[SizedPhoto]):
         return self.photos[index]
 
     def canvas(self, factor: int) -> tuple[int, int] | None:
-        """Height and width (px) of what all photos fit on when shrunk by `factor`. None where they do not share a canvas: on a CPU, where
-        transparent pixels mean empty space, and where the photos would leave most of it empty.
+        """Height and width (px) of what all photos fit on when shrunk by `factor`. None where they share no canvas: if they are not asked to,
+        where transparent pixels mean empty space, and where photos would leave most of it empty.
         """
-        if self.device.type == "cpu" or self.transparent_is_empty:
+        if not self.share_canvas or self.transparent_is_empty:
             return None
         sizes = np.array([_shrunk(sized.camera, factor) for sized in self.photos])
         width, height = sizes.max(axis=0).tolist()

@@ -4,7 +4,7 @@ A name in `_later` is a result that is still being computed beside what follows:
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -13,6 +13,7 @@ from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
 from core.rasterizer import Colour, Rasterizer, Visible
 from core.scene.camera import Camera
+from core.system.device import sent, sent_together
 from core.system.threads import beside
 from core.training import guards, network_updates, schedule
 from core.training.background import background_of_step
@@ -62,6 +63,26 @@ class StepInputs:
     gauge_rows: Tensor | None
     view: Tensor | None = None
 
+    def sent(self) -> "StepInputs":
+        """The same, all that the host made of them where the rest is; from a CPU to a GPU without waiting."""
+        device = self.encoder_input.device
+        if device.type == "cpu":
+            return self
+        numbers = self.half_size, self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values()
+        numbers = sent_together([*numbers, *([] if self.gain is None else [self.gain])], device)
+        half_size, largest_loss, mask_mean, network_rates, *others = numbers
+        return replace(
+            self,
+            gain=None if self.gain is None else others[-1],
+            camera=sent(self.camera, device),
+            half_size=half_size,
+            largest_loss=largest_loss,
+            mask_mean=mask_mean,
+            rates=dict(zip(self.rates, others)),
+            network_rates=list(network_rates.unbind()),
+            gauge_rows=None if self.gauge_rows is None else sent(self.gauge_rows, device),
+        )
+
 
 @dataclass
 class Stepper:
@@ -97,12 +118,12 @@ class Stepper:
             gauge_rows=self.objective.drawn_for_gauge(gaussians, generator),
         )
         background = background_of_step(transparent_is_empty(settings), generator)
-        return self._taken(gaussians, inputs, Moment(index, done, progress, camera, background))
+        return self._taken(gaussians, inputs.sent(), Moment(index, done, progress, camera, background))
 
     def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         visible = lambda: (self.rasterizer.visible(gaussians.splats, moment.camera), None)
         reading, facts = self._learn(gaussians, inputs, moment, visible)
-        return reading, StepFacts(*facts.tolist())
+        return reading, StepFacts(*facts.cpu().tolist())
 
     def _learn(
         self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, look: Callable[[], tuple[Visible, Tensor | None]]

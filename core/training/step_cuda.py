@@ -16,7 +16,7 @@ from core.appearance.model import Reading
 from core.rasterizer.cuda.backend import Room
 from core.rasterizer.cuda.view import view_of
 from core.system.cuda_graph import Recorder, Recording, can_record
-from core.system.device import sent, sent_together
+from core.system.device import sent
 from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
 from core.training.guards import StepFacts
@@ -50,7 +50,7 @@ class StepperOnGpu(Stepper):
 
     def _fitting(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         """The step, with as much room as it needs: with too little it is not taken, but tells how much that is."""
-        inputs = on_gpu(inputs, moment)
+        inputs = replace(inputs, view=sent(view_of(moment.camera), inputs.encoder_input.device))
         situation = self._situation(gaussians, inputs, moment)
         if situation != self.situation:
             self.situation, self.kept = situation, gaussians.parameters
@@ -99,26 +99,6 @@ class StepperOnGpu(Stepper):
         for into, out_of in zip(_by_type(own), _by_type(inputs), strict=True):
             torch._foreach_copy_(into, out_of)
         return recording.replay()
-
-
-def on_gpu(inputs: StepInputs, moment: Moment) -> StepInputs:
-    """The inputs with all that the host made of them on the device, and the view."""
-    device, gain = inputs.encoder_input.device, inputs.gain
-    numbers = [view_of(moment.camera), inputs.half_size, inputs.largest_loss, inputs.mask_mean, torch.tensor(inputs.network_rates)]
-    numbers += [*inputs.rates.values(), *([] if gain is None else [gain])]
-    view, half_size, largest_loss, mask_mean, network_rates, *others = sent_together(numbers, device)
-    return replace(
-        inputs,
-        camera=sent(inputs.camera, device),
-        view=view,
-        half_size=half_size,
-        largest_loss=largest_loss,
-        mask_mean=mask_mean,
-        network_rates=list(network_rates.unbind()),
-        rates=dict(zip(inputs.rates, others)),
-        gain=None if gain is None else others[-1],
-        gauge_rows=None if inputs.gauge_rows is None else sent(inputs.gauge_rows, device),
-    )
 
 
 def _by_type(inputs: StepInputs) -> tuple[list[Tensor], list[Tensor]]:

@@ -77,7 +77,9 @@ class Trainer:
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
-        self.photos = SizedPhotos(collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings), report)
+        self.replays_steps = self.rasterizer.name == "cuda" and self.device.type != "cpu"
+        given = collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings), self.replays_steps, report
+        self.photos = SizedPhotos(*given)
         if not len(self.photos):
             what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
@@ -112,7 +114,7 @@ class Trainer:
 
     def _stepper(self) -> Stepper:
         given = self.settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator
-        if self.device.type == "cpu":
+        if not self.replays_steps:
             return Stepper(*given)
         from core.training.step_cuda import StepperOnGpu  # Triton, which a machine without a GPU need not have
 

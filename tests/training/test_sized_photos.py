@@ -52,3 +52,29 @@ def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
         target = photos.target(0, factor)[1]
         assert target.valid.any() and not target.valid.all() and not target.planes.any()
     assert not photos[0].encoder_input.any()
+
+
+def sized(tmp_path, sizes_px: list[tuple[int, int]], **given) -> SizedPhotos:
+    """Photos of these widths and heights."""
+    photo = small_collection(tmp_path, photos=1).photos[0]
+    photos = [replace(photo, name=f"{number}.png", camera=photo.camera.resized(*size)) for number, size in enumerate(sizes_px)]
+    return SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX), **given)
+
+
+def test_photos_that_share_a_canvas_have_targets_of_one_size(tmp_path):
+    upright_and_wide = [(30, 40), (40, 30), (36, 36)]
+    photos = sized(tmp_path, upright_and_wide, share_canvas=True)
+    for factor in (1, 2):
+        assert photos.canvas(factor) == (40 // factor, 40 // factor)
+        for index, (width, height) in enumerate(upright_and_wide):
+            camera, target = photos.target(index, factor)
+            assert (camera.width, camera.height) == (width // factor, height // factor)
+            assert target.planes.shape == (3, 40 // factor, 40 // factor)
+            assert int(target.valid.sum()) == int(target.valid_pixels) == camera.width * camera.height
+            assert target.valid[: camera.height, : camera.width].all()
+
+
+def test_photos_share_no_canvas_where_it_would_not_pay(tmp_path):
+    assert sized(tmp_path, [(30, 40), (40, 30)]).canvas(1) is None
+    assert sized(tmp_path, [(30, 40), (40, 30)], share_canvas=True, transparent_is_empty=True).canvas(1) is None
+    assert sized(tmp_path, [(100, 10), (10, 100)], share_canvas=True).canvas(1) is None

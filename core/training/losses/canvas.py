@@ -34,6 +34,10 @@ class TargetOnCanvas(Target):
         """All that differs between two photos on one canvas."""
         return self.padded, self.mean, self.mean_square, self.valid, self.valid_pixels, *self.averaging, *self.enlarging
 
+    @property
+    def nbytes(self) -> int:
+        return sum(tensor.nbytes for tensor in self.tensors)
+
     def to_cells(self, planes: Float[Tensor, "3 H W"], height: int, width: int) -> Float[Tensor, "3 h w"]:
         down, across = self.averaging
         return down @ planes @ across.T

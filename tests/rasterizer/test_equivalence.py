@@ -16,6 +16,7 @@ from tests.rasterizer.tolerances import (
     FOOTPRINT_PX,
     GRADIENT,
     GRADIENT_OF_ONE,
+    GRADIENT_ON_GPU,
     PICTURE,
     Outcome,
     outcome,
@@ -67,7 +68,8 @@ def test_gradients(backend, name):
         if not len(expected):
             continue
         error, size = [tensor[..., None].abs().flatten(1).amax(dim=1) for tensor in (gradient - expected, expected)]
-        limit = torch.minimum(GRADIENT * size.max(), GRADIENT_OF_ONE * (size + FAINT * size.max()))
+        most = GRADIENT_ON_GPU if backend.name == "cuda" else GRADIENT
+        limit = torch.minimum(most * size.max(), GRADIENT_OF_ONE * (size + FAINT * size.max()))
         assert (error <= limit).all(), f"{parameter}: {(error / limit).max():.1f} times the tolerance"
 
 

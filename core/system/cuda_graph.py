@@ -29,12 +29,19 @@ class Recorder:
         """All work inside, recorded or not, is on that stream: after what was asked for before, and before what is asked for later."""
         outer = torch.cuda.current_stream()
         self.stream.wait_stream(outer)
-        with torch.cuda.stream(self.stream):
-            yield
-        outer.wait_stream(self.stream)
+        try:
+            with torch.cuda.stream(self.stream):
+                yield
+        finally:
+            outer.wait_stream(self.stream)
+
+    def forget(self) -> None:
+        """Let the memory of all recordings go with them: none is used any more."""
+        self.last = None
 
     def record(self, work: Callable[[], Result]) -> "Recording[Result]":
         """`work`, which has run before on tensors of the same sizes, so that its kernels are compiled, and waits for nothing. It is not done now."""
+        torch.cuda.empty_cache()  # as torch does before: while it records, it gives nothing back that it has reserved
         graph = torch.cuda.CUDAGraph()
         graph.capture_begin(None if self.last is None else self.last.pool())
         try:

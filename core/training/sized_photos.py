@@ -134,6 +134,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
                 damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
         self.notes = [note.text for note in damaged.notes()] + _doubtful_masks(self.photos)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
+        self._canvases: dict[int, tuple[int, int] | None] = {}
         self._bytes = 0
         self._most_bytes = _most_bytes(device)
 
@@ -149,9 +150,11 @@ class SizedPhotos(Sequence[SizedPhoto]):
         """
         if not self.share_canvas or self.transparent_is_empty:
             return None
-        sizes = np.array([_shrunk(sized.camera, factor) for sized in self.photos])
-        width, height = sizes.max(axis=0).tolist()
-        return (height, width) if sizes.prod(axis=1).mean() >= LEAST_FILLED * height * width else None
+        if factor not in self._canvases:
+            sizes = np.array([_shrunk(sized.camera, factor) for sized in self.photos])
+            width, height = sizes.max(axis=0).tolist()
+            self._canvases[factor] = (height, width) if sizes.prod(axis=1).mean() >= LEAST_FILLED * height * width else None
+        return self._canvases[factor]
 
     def target(self, index: int, factor: int) -> tuple[Camera, Target]:
         """The photo as a training target, shrunk by `factor`, and its camera at that size."""

@@ -63,6 +63,17 @@ class StepInputs:
     gauge_rows: Tensor | None
     view: Tensor | None = None
 
+    @property
+    def tensors(self) -> list[Tensor]:
+        """All tensors in it, in the order of the fields."""
+        found = []
+        for part in vars(self).values():
+            if isinstance(part, Target):
+                found += part.tensors
+            else:
+                found += part.values() if isinstance(part, dict) else part if isinstance(part, list) else [part]
+        return [tensor for tensor in found if tensor is not None]
+
     def sent(self) -> "StepInputs":
         """The same, all that the host made of them where the rest is; from a CPU to a GPU without waiting."""
         device = self.encoder_input.device
@@ -120,15 +131,18 @@ class Stepper:
         background = background_of_step(transparent_is_empty(settings), generator)
         return self._taken(gaussians, inputs.sent(), Moment(index, done, progress, camera, background))
 
+    def forget(self) -> None:
+        """Keep nothing of the Gaussians: they are about to grow in number, to be removed or replaced."""
+
     def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
-        visible = lambda: (self.rasterizer.visible(gaussians.splats, moment.camera), None)
-        reading, facts = self._learn(gaussians, inputs, moment, visible)
+        find_visible = lambda: (self.rasterizer.visible(gaussians.splats, moment.camera), None)
+        reading, facts = self._learn(gaussians, inputs, moment, find_visible)
         return reading, StepFacts(*facts.cpu().tolist())
 
     def _learn(
-        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, look: Callable[[], tuple[Visible, Tensor | None]]
+        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, find_visible: Callable[[], tuple[Visible, Tensor | None]]
     ) -> tuple[Reading, Tensor]:
-        """The step itself. look: tells what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`."""
+        """The step itself. find_visible: what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`."""
         model, objective, progress = self.model, self.objective, moment.progress
         if self.optimizer is not None:
             self.optimizer.zero_grad()
@@ -140,7 +154,7 @@ class Stepper:
 
         read_later = beside(read_photo)
         gauge_loss_later = beside(lambda: objective.gauge(gaussians, inputs.gauge_rows, inputs.neutral))
-        visible, shown = look()
+        visible, shown = find_visible()
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
 

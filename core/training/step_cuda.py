@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from core.appearance.model import Reading
-from core.rasterizer.cuda.backend import Room
+from core.rasterizer.cuda.backend import BYTES_A_PAIR, Room, memory_budget
 from core.rasterizer.cuda.view import view_of
 from core.system.cuda_graph import Recorder, Recording, can_record
 from core.system.device import sent
@@ -30,16 +30,26 @@ MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # than one photo shows there is room for:
 class StepperOnGpu(Stepper):
     """Takes the steps of Stepper, and replays those that were recorded.
 
-    situation: of the last step; `kept`: its Gaussians. ran: the kinds of steps that were taken in it with this `room`: those that look at who
-    stands at the front, and those that do not. The next of such a kind is recorded, with the inputs that those of others are copied into.
+    Not where rows of a table are chosen by the host, nor where photos share no canvas. situation: of the last step. ran: the kinds of steps that
+    were taken in it: True for those that look at who stands at the front, False for others. The next of such a kind is recorded, with inputs that
+    those of others are copied into.
     """
 
     situation: tuple = ()
-    kept: dict[str, Tensor] | None = None
     room: Room | None = None
     ran: set[bool] = field(default_factory=set)
     recordings: dict[bool, tuple[Recording[tuple[Reading, Tensor]], StepInputs]] = field(default_factory=dict)
     recorder: Recorder | None = None
+    records: bool = True  # False once the GPU's memory did not suffice for it
+
+    def forget(self) -> None:
+        self.room = None
+        self._drop_recordings()
+
+    def _drop_recordings(self) -> None:
+        self.ran, self.recordings = set(), {}
+        if self.recorder is not None:
+            self.recorder.forget()
 
     def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         if not can_record(inputs.encoder_input.device):
@@ -51,36 +61,37 @@ class StepperOnGpu(Stepper):
     def _fitting(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         """The step, with as much room as it needs: with too little it is not taken, but tells how much that is."""
         inputs = replace(inputs, view=sent(view_of(moment.camera), inputs.encoder_input.device))
-        situation = self._situation(gaussians, inputs, moment)
+        situation = self._situation(inputs, moment)
         if situation != self.situation:
-            self.situation, self.kept = situation, gaussians.parameters
+            self.situation = situation
+            self._drop_recordings()
+        if self.room is None:
             visible = self.rasterizer.visible(gaussians.splats, moment.camera)
-            self._make_room(inputs, len(visible.rows), visible.known.pairs)
-        kind = self.objective.looks_at_front(moment.progress, moment.done)
+            self._make_room(len(visible.rows), visible.known.pairs, inputs.view.device)
+        looks_at_front = self.objective.looks_at_front(moment.progress, moment.done)
         while True:
-            if kind in self.ran and self._can_be_replayed(inputs):
-                reading, facts = self._replay(kind, gaussians, inputs, moment)
+            if looks_at_front in self.ran and self._can_be_replayed(inputs):
+                reading, facts = self._replay(looks_at_front, gaussians, inputs, moment)
             else:
                 reading, facts = self._run(gaussians, inputs, moment)
-            self.ran.add(kind)
+            self.ran.add(looks_at_front)
             *facts, shown, pairs = facts.cpu().tolist()
             if shown <= self.room.gaussians and pairs <= self.room.pairs:
                 return reading, StepFacts(*facts)
-            self._make_room(inputs, shown, pairs)
+            self._make_room(shown, pairs, inputs.view.device)
 
-    def _situation(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple:
-        """What decides which kernels a step starts, on which memory. The Gaussians are `kept` so that no others come to have their id."""
-        sizes = inputs.encoder_input.shape, inputs.target.planes.shape
-        return id(gaussians.parameters), *sizes, inputs.gain is None, schedule.begun(self.settings, moment.progress)
+    def _situation(self, inputs: StepInputs, moment: Moment) -> tuple:
+        """What decides which kernels a step starts, beside the Gaussians and their room."""
+        return inputs.encoder_input.shape, inputs.target.planes.shape, inputs.gain is None, schedule.begun(self.settings, moment.progress)
 
-    def _make_room(self, inputs: StepInputs, shown: float, pairs: float) -> None:
-        height, width = inputs.target.planes.shape[1:]
-        self.room = Room(width, height, math.ceil(MORE_GAUSSIANS * shown), math.ceil(MORE_PAIRS * pairs))
-        self.ran, self.recordings = set(), {}
+    def _make_room(self, shown: float, pairs: float, device: torch.device) -> None:
+        most_pairs = memory_budget(device) // BYTES_A_PAIR
+        self.room = Room(math.ceil(MORE_GAUSSIANS * shown), int(max(pairs, min(math.ceil(MORE_PAIRS * pairs), most_pairs))))
+        self._drop_recordings()
 
     def _run(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
         """The step, and its facts, behind which it says how much room it needs."""
-        visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, self.room)
+        visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, inputs.target.planes.shape[1:], self.room)
         fits = (needed[0] <= self.room.gaussians) & (needed[1] <= self.room.pairs)
         inputs = replace(inputs, largest_loss=torch.where(fits, inputs.largest_loss, -math.inf))
         reading, facts = self._learn(gaussians, inputs, moment, lambda: (visible, needed[0]))
@@ -88,22 +99,19 @@ class StepperOnGpu(Stepper):
 
     def _can_be_replayed(self, inputs: StepInputs) -> bool:
         """Whether nothing but numbers differs between this step and another of its kind in the same situation."""
-        tables = self.model.embedding_table is not None or self.settings.mask == "mlp"  # rows are chosen by the host
-        return self.recorder is not None and isinstance(inputs.target, TargetOnCanvas) and not tables
+        tables = self.model.embedding_table is not None or self.settings.mask == "mlp"
+        return self.recorder is not None and self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
 
-    def _replay(self, kind: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
-        if kind not in self.recordings:
-            own = deepcopy(inputs)
-            self.recordings[kind] = self.recorder.record(lambda: self._run(gaussians, own, moment)), own
-        recording, own = self.recordings[kind]
-        for into, out_of in zip(_by_type(own), _by_type(inputs), strict=True):
-            torch._foreach_copy_(into, out_of)
+    def _replay(self, looks_at_front: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+        if looks_at_front not in self.recordings:
+            try:
+                own = deepcopy(inputs)
+                self.recordings[looks_at_front] = self.recorder.record(lambda: self._run(gaussians, own, moment)), own
+            except torch.OutOfMemoryError:  # a recording keeps the memory that it works in
+                self.records = False
+                self._drop_recordings()
+                return self._run(gaussians, inputs, moment)
+        recording, own = self.recordings[looks_at_front]
+        for dtype in {tensor.dtype for tensor in own.tensors}:  # those of one type are copied at once
+            torch._foreach_copy_(*([tensor for tensor in given.tensors if tensor.dtype == dtype] for given in (own, inputs)))
         return recording.replay()
-
-
-def _by_type(inputs: StepInputs) -> tuple[list[Tensor], list[Tensor]]:
-    """All tensors of the inputs: those of float32, which are copied at once, and the others."""
-    target, rates = inputs.target.tensors, inputs.rates.values()
-    given = inputs.encoder_input, *target, inputs.view, inputs.half_size, inputs.largest_loss, inputs.mask_mean, *rates, *inputs.network_rates
-    given = [tensor for tensor in (*given, inputs.camera, inputs.neutral, inputs.gain, inputs.gauge_rows) if tensor is not None]
-    return [each for each in given if each.dtype == torch.float32], [each for each in given if each.dtype != torch.float32]

@@ -77,9 +77,9 @@ class Trainer:
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
-        self.replays_steps = self.rasterizer.name == "cuda" and self.device.type != "cpu"
-        given = collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings), self.replays_steps, report
-        self.photos = SizedPhotos(*given)
+        self.on_cuda_kernels = self.rasterizer.name == "cuda" and self.device.type != "cpu"
+        given = collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings)
+        self.photos = SizedPhotos(*given, share_canvas=self.on_cuda_kernels, report=report)
         if not len(self.photos):
             what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
@@ -114,7 +114,7 @@ class Trainer:
 
     def _stepper(self) -> Stepper:
         given = self.settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator
-        if not self.replays_steps:
+        if not self.on_cuda_kernels:
             return Stepper(*given)
         from core.training.step_cuda import StepperOnGpu  # Triton, which a machine without a GPU need not have
 
@@ -219,6 +219,7 @@ class Trainer:
 
     def control_density(self) -> None:
         """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
+        self.stepper.forget()
         densify.prune(self.gaussians, self.settings, self.surroundings)
         now = sum(step <= self.done for step in self.grow_at) / len(self.grow_at)
         allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
@@ -226,6 +227,7 @@ class Trainer:
 
     def prune_by_contribution(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
+        self.stepper.forget()
         cameras = [sized.camera for sized in self.photos]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
@@ -255,6 +257,7 @@ class Trainer:
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:
             raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
+        self.stepper.forget()
         self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:

@@ -1,6 +1,8 @@
 """What a training step asks of a GPU: how often the host waits for it, and how many kernels it starts."""
 
+from contextlib import nullcontext
 from importlib import import_module
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -78,9 +80,42 @@ def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
         if room is not None:
             trainer.stepper.room = trainer.stepper.room._replace(gaussians=room[0], pairs=room[1])
         losses.append(trainer.step().loss)
-    assert (trainer.stepper.room.width, trainer.stepper.room.height) == (20, 17)
     # Losses of order 0.1 over a hundred pixels of one picture, each good to 1e-6; a few steps of Adam keep that.
     assert losses == pytest.approx(losses_on_cpu, abs=1e-5)
+
+
+class Again:
+    """Does the work again where a GPU would replay it: on the tensors, and with Python's numbers, that it was recorded with. full: of memory."""
+
+    full, recorded = False, 0
+
+    def at_work(self):
+        return nullcontext()
+
+    def forget(self):
+        pass
+
+    def record(self, work):
+        if self.full:
+            raise torch.OutOfMemoryError("CUDA out of memory.")
+        Again.recorded += 1
+        return SimpleNamespace(replay=work)
+
+
+@pytest.mark.parametrize("full", [False, True], ids=["recorded", "no-memory-to-record"])
+def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer, monkeypatch, full):
+    """What a replayed step has of the recorded one is the same in both; and where one cannot be recorded, all steps are run."""
+    from core.training import step_cuda
+
+    monkeypatch.setattr(step_cuda, "can_record", lambda device: True)
+    monkeypatch.setattr(step_cuda, "Recorder", Again)
+    monkeypatch.setattr(Again, "full", full)
+    monkeypatch.setattr(Again, "recorded", 0)
+    losses = [trainer.step().loss for _ in range(STEPS)]
+    assert Again.recorded == (not full) and trainer.stepper.records != full
+    assert losses == pytest.approx(losses_on_cpu, abs=1e-5)
+    trainer.prune_by_contribution()
+    assert trainer.stepper.room is None and not trainer.stepper.recordings
 
 
 def test_a_step_waits_once(trainer):

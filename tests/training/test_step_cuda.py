@@ -1,7 +1,5 @@
 """Steps that are replayed are the steps themselves. What they compute is compared with a CPU in test_cuda_run and test_cuda_work."""
 
-from functools import partial
-
 import pytest
 import torch
 
@@ -35,15 +33,3 @@ def test_a_replayed_run_is_the_run(tmp_path, monkeypatch):
     # The library of convolutions may choose another algorithm: the runs are the same but for rounding, which grows.
     assert losses[: STEPS // 3] == pytest.approx(expected_losses[: STEPS // 3], rel=1e-3)
     assert losses == pytest.approx(expected_losses, rel=0.1) and count == pytest.approx(expected_count, rel=0.1)
-
-
-def test_what_is_recorded_is_done_again_with_other_numbers():
-    from core.system.cuda_graph import Recorder
-
-    recorder, given = Recorder(), torch.ones(5, device="cuda")
-    with recorder.at_work():
-        for factor in (2, 3):
-            recording = recorder.record(partial(torch.mul, given, factor))
-            for number in (1.0, 7.0):
-                given.fill_(number)
-                assert recording.replay().tolist() == [factor * number] * 5

@@ -25,7 +25,10 @@ JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undi
 SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
-ROOM_BYTES = 64 << 20  # on the disk, for a part: a photo of MOST_FEATURES takes 1.2 MB, and as much in the database's journal
+# On the disk, in the database and once more in its journal: a photo of MOST_FEATURES, and a pair of two such in which all match.
+PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
+SPARE_BYTES = 16 << 20  # that are left on it
+MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, however fast they go: those that are there already take no time
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
 # Of memory, for matching photos of up to MOST_FEATURES features. pycolmap ends the whole program where one of its threads finds none left.
 MATCHING_BYTES, MATCHING_BYTES_A_THREAD = 1 << 30, 2 << 30
@@ -83,8 +86,8 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.sift.max_num_features = within_limit = affordable(most)
     if within_limit < most:
         report.warn(f"The limit on memory leaves {within_limit} features a photo, not {most}: fewer points, and fewer photos find their place.")
-    for done, part in _parts(names, least=2):
-        _check_room(work)
+    for done, part in _parts(names, 2, MOST_PHOTOS):
+        _check_room(work, len(part) * PHOTO_BYTES)
         _number(work, part)
         pycolmap.extract_features(
             work / DATABASE,
@@ -98,9 +101,9 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
         report.progress("Features", done, len(names))
 
 
-def _check_room(work: Path) -> None:
-    """Raise OSError unless the disk has ROOM_BYTES left: pycolmap ends the whole program where one of its threads cannot write."""
-    if shutil.disk_usage(work).free < ROOM_BYTES:
+def _check_room(work: Path, needed: int) -> None:
+    """Raise OSError unless so many bytes can be written: pycolmap ends the whole program where one of its threads cannot write."""
+    if shutil.disk_usage(work).free < needed + SPARE_BYTES:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(work / DATABASE))
 
 
@@ -134,8 +137,8 @@ def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool
     lines = [f"{first} {second}" for first, second in pairs]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
-    for done, part in _parts(lines, least=8):
-        _check_room(work)
+    for done, part in _parts(lines, 8, MOST_PAIRS):
+        _check_room(work, len(part) * PAIR_BYTES)
         (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
         pycolmap.match_image_pairs(
             work / DATABASE,
@@ -153,11 +156,11 @@ def _matching_threads() -> int:
     return cores if room is None else max(0, min(cores, (room - MATCHING_BYTES) // MATCHING_BYTES_A_THREAD))
 
 
-def _parts(items: list[str], least: int) -> Iterator[tuple[int, list[str]]]:
-    """The items in parts of `least` or more, sized to take PART_S each, with the number of items up to the end of that part."""
+def _parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:
+    """The items in parts of `least` to `most`, sized to take PART_S each, with the number of items up to the end of that part."""
     done, size = 0, least
     while done < len(items):
         part, since = items[done : done + size], time.monotonic()
         done += len(part)
         yield done, part
-        size = max(least, min(2 * size, int(size * PART_S / max(time.monotonic() - since, 1e-3))))
+        size = max(least, min(most, 2 * size, int(size * PART_S / max(time.monotonic() - since, 1e-3))))

@@ -29,10 +29,8 @@ MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, as kernels find th
 
 
 class Room(NamedTuple):
-    """What there is room for in a view: a picture of as many pixels, so many Gaussians, and pairs of a Gaussian and a tile that it touches."""
+    """How many Gaussians there is room for in a view, and how many pairs of a Gaussian and a tile that it touches."""
 
-    width: int
-    height: int
     gaussians: int
     pairs: int
 
@@ -68,15 +66,16 @@ class CudaRasterizer:
         count, pairs = counts.cpu().tolist()  # the host waits for the device
         return Visible(torch.nonzero_static(shown, size=count).squeeze(1), Known(view, pairs, camera.width, camera.height))
 
-    def visible_within(self, splats: Splats, view: Tensor, room: Room) -> tuple[Visible, Int[Tensor, "2"]]:
+    def visible_within(self, splats: Splats, view: Tensor, size: tuple[int, int], room: Room) -> tuple[Visible, Int[Tensor, "2"]]:
         """What a view shows, as `visible`, without waiting for the device: as much of it as there is room for.
 
-        view: see `view_of`, on the device. Of the rows, those that are not needed are -1. Returns also for how many Gaussians and pairs there
-        should be room; where there is not, what is drawn is incomplete.
+        view: see `view_of`, on the device. size: height and width of the picture (px), as large as the view's or larger. Of the rows, those that
+        are not needed are -1. Returns also for how many Gaussians and pairs there should be room; where there is not, what is drawn is incomplete.
         """
         shown, counts = self._find_visible(splats, view)
         rows = torch.nonzero_static(shown, size=room.gaussians, fill_value=-1).squeeze(1)
-        return Visible(rows, Known(view, room.pairs, room.width, room.height)), counts
+        height, width = size
+        return Visible(rows, Known(view, room.pairs, width, height)), counts
 
     def _find_visible(self, splats: Splats, view: Tensor) -> tuple[Int[Tensor, " n"], Int[Tensor, "2"]]:
         """Which Gaussians are not culled, 1 or 0; how many these are, and how many pairs with a tile."""

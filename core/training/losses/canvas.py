@@ -32,11 +32,7 @@ class TargetOnCanvas(Target):
     @property
     def tensors(self) -> tuple[Tensor, ...]:
         """All that differs between two photos on one canvas."""
-        return self.padded, self.mean, self.mean_square, self.valid, self.valid_pixels, *self.averaging, *self.enlarging
-
-    @property
-    def nbytes(self) -> int:
-        return sum(tensor.nbytes for tensor in self.tensors)
+        return *super().tensors, self.valid, self.valid_pixels, *self.averaging, *self.enlarging
 
     def to_cells(self, planes: Float[Tensor, "3 H W"], height: int, width: int) -> Float[Tensor, "3 h w"]:
         down, across = self.averaging

@@ -109,9 +109,14 @@ class Target:
         return self.padded[:, RADIUS:-RADIUS]
 
     @property
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Those of its size."""
+        return self.padded, self.mean, self.mean_square, *(self.empty_share or ())
+
+    @property
     def nbytes(self) -> int:
-        """What it takes of memory."""
-        return sum(tensor.nbytes for tensor in (self.padded, self.mean, self.mean_square, *(self.empty_share or ())))
+        """What they take of memory."""
+        return sum(tensor.nbytes for tensor in self.tensors)
 
     def to_cells(self, planes: Float[Tensor, "3 H W"], height: int, width: int) -> Float[Tensor, "3 h w"]:
         """Planes of the photo's size averaged down to as many cells."""

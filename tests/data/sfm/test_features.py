@@ -40,7 +40,7 @@ def test_epipolar_lines_lead_to_more_matches(work):
 
 
 def test_a_disk_with_hardly_any_room_is_full_before_pycolmap_ends_the_program(work, monkeypatch):
-    usage = features.shutil.disk_usage(work)._replace(free=features.ROOM_BYTES - 1)
+    usage = features.shutil.disk_usage(work)._replace(free=features.SPARE_BYTES)
     with monkeypatch.context() as patch:
         patch.setattr(features.shutil, "disk_usage", lambda _: usage)
         with pytest.raises(OSError) as caught:
@@ -71,13 +71,16 @@ def test_photos_are_numbered_in_their_order_however_long_they_take(tmp_path):
     assert [database.read_image_with_name(name).image_id for name in names] == [1, 2, 3, 4, 5, 6]
 
 
-@pytest.mark.parametrize("cost_s, sizes", [(0.01, [8, 16, 32, 64, 80]), (1.0, [8, 8, 8]), (0.2, [8, 15, 15, 15])])
-def test_parts_take_as_long_as_one_waits_for_progress(monkeypatch, cost_s, sizes):
+@pytest.mark.parametrize(
+    "cost_s, sizes, most",
+    [(0.01, [8, 16, 32, 64, 80], 512), (1.0, [8, 8, 8], 512), (0.2, [8, 15, 15, 15], 512), (0.0, [8, 16, 32, 40, 40, 3], 40)],
+)
+def test_parts_take_as_long_as_one_waits_for_progress(monkeypatch, cost_s, sizes, most):
     now = 0.0
     monkeypatch.setattr(features.time, "monotonic", lambda: now)
     items = [str(number) for number in range(sum(sizes))]
     met = []
-    for done, part in features._parts(items, least=8):
+    for done, part in features._parts(items, 8, most):
         now += cost_s * len(part)
         met.append(part)
         assert done == sum(map(len, met))

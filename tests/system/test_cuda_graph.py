@@ -1,0 +1,32 @@
+"""What is recorded on a GPU is done again, with the numbers of the moment."""
+
+from functools import partial
+
+import pytest
+import torch
+
+from core.system.cuda_graph import Recorder
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU to record anything on")
+
+
+def test_recordings_are_replayed_in_turn_with_other_numbers():
+    recorder, given = Recorder(), torch.ones(5, device="cuda")
+    with recorder.at_work():
+        recordings = {factor: recorder.record(partial(torch.mul, given, factor)) for factor in (2, 3)}
+        for number in (1.0, 7.0):
+            for factor, recording in recordings.items():
+                given.fill_(number)
+                assert recording.replay().tolist() == [factor * number] * 5
+
+
+def test_work_that_fails_while_it_is_recorded_says_why_and_later_work_goes_on():
+    def fails():
+        torch.ones(3, device="cuda").add_(1)
+        raise ZeroDivisionError
+
+    recorder = Recorder()
+    with recorder.at_work():
+        with pytest.raises(ZeroDivisionError):
+            recorder.record(fails)
+        assert torch.ones(3, device="cuda").sum().item() == 3

@@ -115,7 +115,7 @@ def measure_steps(place: Place) -> Iterable[Line]:
         what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
         found = profiled(trainer.step, place)
         busy = sum(found.kernels.values())
-        yield f"{what}: kernels and waits", "at most 1 wait", f"{found.launches} kernels, {found.waits} waits, {milliseconds(busy)} of the GPU"
+        yield f"{what}: launches and waits", "at most 1 wait", f"{found.launches} launches, {found.waits} waits, {milliseconds(busy)} of the GPU"
         other, works = peer.gsplat(), {"ours": trainer.step}
         if other is not None:
             theirs = peer.PeerTrainer(other, trainer.gaussians.splats, len(trainer.photos))

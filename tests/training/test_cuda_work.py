@@ -29,23 +29,30 @@ MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 360, 75  # of a step, and of L_regTS, which
 STEPS = 4  # compared with those on a CPU
 
 
-def trainer_of(folder) -> Trainer:
-    """In the middle of a small run, everything on."""
-    trainer = Trainer(small_collection(folder), small_settings(mask_start=0.0, mask_apply=0.0, geometry_from=0.0, **SIZES), folder)
+def trainer_of(folder, changes: dict) -> Trainer:
+    """In the middle of a small run, everything on but for the changes."""
+    settings = small_settings(**{"mask_start": 0.0, "mask_apply": 0.0, "geometry_from": 0.0, **SIZES, **changes})
+    trainer = Trainer(small_collection(folder), settings, folder)
     trainer.done = 2 * TRANSIENT_EVERY - 3
     return trainer
 
 
 @pytest.fixture
-def losses_on_cpu(tmp_path) -> list[float]:
+def changes(request) -> dict:
+    """Of the settings; none unless a test is parametrised with some, indirectly."""
+    return getattr(request, "param", {})
+
+
+@pytest.fixture
+def losses_on_cpu(tmp_path, changes) -> list[float]:
     """Asked for before `trainer`, which changes what a GPU is."""
     (folder := tmp_path / "cpu").mkdir()
-    trainer = trainer_of(folder)
+    trainer = trainer_of(folder, changes)
     return [trainer.step().loss for _ in range(STEPS)]
 
 
 @pytest.fixture
-def trainer(tmp_path, monkeypatch):
+def trainer(tmp_path, monkeypatch, changes):
     """On DEVICE, by the kernels of a GPU."""
     from core.appearance import positional_encoding_cuda
     from core.kernels import chosen_rows_cuda
@@ -69,7 +76,7 @@ def trainer(tmp_path, monkeypatch):
     monkeypatch.setattr("core.training.losses.objective.photometric", photometric_cuda.photometric_cuda)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread
     with elsewhere(), kernels():
-        yield trainer_of(tmp_path)
+        yield trainer_of(tmp_path, changes)
 
 
 def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
@@ -85,7 +92,10 @@ def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
 
 
 class Again:
-    """Does the work again where a GPU would replay it: on the tensors, and with Python's numbers, that it was recorded with. full: of memory."""
+    """Does the work again where a GPU would replay it: on the tensors, and with Python's numbers, that it was recorded with.
+
+    full: whether memory does not suffice to record. recorded: how often it did.
+    """
 
     full, recorded = False, 0
 
@@ -102,20 +112,49 @@ class Again:
         return SimpleNamespace(replay=work)
 
 
-@pytest.mark.parametrize("full", [False, True], ids=["recorded", "no-memory-to-record"])
-def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer, monkeypatch, full):
-    """What a replayed step has of the recorded one is the same in both; and where one cannot be recorded, all steps are run."""
+@pytest.fixture
+def records(monkeypatch):
+    """Steps on DEVICE are recorded."""
     from core.training import step_cuda
 
     monkeypatch.setattr(step_cuda, "can_record", lambda device: True)
     monkeypatch.setattr(step_cuda, "Recorder", Again)
-    monkeypatch.setattr(Again, "full", full)
     monkeypatch.setattr(Again, "recorded", 0)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"appearance": "off", "transients": "off", "sh_degree": 3, "exposure_jitter": 0.0},
+        {"appearance": "exposure", "sky": "none"},
+        {"mask": "cnn", "mask_loss": "paper", "embedding_enters": "input", "sh_octaves": 1, "detach_sh": True},
+        {"transients": "off", "residual": False, "sh_degree": 0},
+    ],
+    ids=lambda changes: "-".join(map(str, changes.values())) or "everything",
+    indirect=True,
+)
+@pytest.mark.usefixtures("records")
+def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer):
+    """What a replayed step has of the recorded one is the same in both."""
     losses = [trainer.step().loss for _ in range(STEPS)]
-    assert Again.recorded == (not full) and trainer.stepper.records != full
-    assert losses == pytest.approx(losses_on_cpu, abs=1e-5)
+    assert Again.recorded == 1 and losses == pytest.approx(losses_on_cpu, abs=2e-5)
     trainer.prune_by_contribution()
     assert trainer.stepper.room is None and not trainer.stepper.recordings
+
+
+@pytest.mark.parametrize("changes", [{"embedding": "glo", "exposure_jitter": 0.0}, {"mask": "mlp"}], ids=["glo", "mlp"], indirect=True)
+@pytest.mark.usefixtures("records")
+def test_steps_whose_rows_the_host_chooses_are_not_replayed(losses_on_cpu, trainer):
+    assert [trainer.step().loss for _ in range(STEPS)] == pytest.approx(losses_on_cpu, abs=1e-5)
+    assert Again.recorded == 0
+
+
+@pytest.mark.usefixtures("records")
+def test_where_memory_does_not_suffice_to_record_a_step_all_are_run(losses_on_cpu, trainer, monkeypatch):
+    monkeypatch.setattr(Again, "full", True)
+    assert [trainer.step().loss for _ in range(STEPS)] == pytest.approx(losses_on_cpu, abs=1e-5)
+    assert not trainer.stepper.records
 
 
 def test_a_step_waits_once(trainer):

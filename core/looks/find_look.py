@@ -61,7 +61,7 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
 def check_known(trained: TrainedRun, word: str) -> None:
     """Raise BadInput, before any work, for a word that stands for nothing in `find_look`."""
-    if not (word == NEUTRAL or _saved_as(trained, word) or _of_collection(trained, word) or Path(word).is_file()):
+    if not (word == NEUTRAL or Path(word).is_file() or _saved_as(trained, word) or _of_collection(trained, word)):
         raise _unknown(trained, word)
 
 

@@ -45,16 +45,15 @@ class StepInputs:
     """The numbers that differ between two steps, where they are computed.
 
     encoder_input: the photo as the encoder takes it; target: as the picture's; gain: (3,), of the exposure that both are seen in, None for their
-    own. camera: see `regularisers.camera_numbers`. half_size: (2,), half of the picture's width and height, px. largest_loss: (), see `guards`.
-    mask_mean: (), see `mask_weights`. rates: of the Gaussians, see `learning_rates`; network_rates: of the networks, see `network_updates`.
-    neutral: (e,), the mean embedding. gauge_rows: see `Objective.gauge`. view: the camera as a GPU reads it, see core.rasterizer.cuda.view.
+    own. camera: see `regularisers.camera_numbers`. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of the Gaussians, see
+    `learning_rates`; network_rates: of the networks, see `network_updates`. neutral: (e,), the mean embedding. gauge_rows: see `Objective.gauge`.
+    view: the camera as a GPU reads it, see core.rasterizer.cuda.view.
     """
 
     encoder_input: Tensor
     target: Target
     gain: Tensor | None
     camera: Tensor
-    half_size: Tensor
     largest_loss: Tensor
     mask_mean: Tensor
     rates: dict[str, Tensor]
@@ -79,14 +78,13 @@ class StepInputs:
         device = self.encoder_input.device
         if device.type == "cpu":
             return self
-        numbers = self.half_size, self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values()
+        numbers = self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values()
         numbers = sent_together([*numbers, *([] if self.gain is None else [self.gain])], device)
-        half_size, largest_loss, mask_mean, network_rates, *others = numbers
+        largest_loss, mask_mean, network_rates, *others = numbers
         return replace(
             self,
             gain=None if self.gain is None else others[-1],
             camera=sent(self.camera, device),
-            half_size=half_size,
             largest_loss=largest_loss,
             mask_mean=mask_mean,
             rates=dict(zip(self.rates, others)),
@@ -120,7 +118,6 @@ class Stepper:
             target=target,
             gain=draw_gain(settings, generator),
             camera=camera_numbers(camera),
-            half_size=torch.tensor([camera.width / 2, camera.height / 2]),
             largest_loss=torch.tensor(guards.largest_loss(usual)),
             mask_mean=torch.tensor(mask_mean),
             rates=learning_rates(settings, progress),
@@ -187,7 +184,8 @@ class Stepper:
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             if not guards.refused(taken):
-                densify.gather(gaussians, visible.rows, probe.grad, inputs.half_size, taken)
+                half_size = inputs.camera[-1, 1:].float() / 2  # of the picture
+                densify.gather(gaussians, visible.rows, probe.grad, half_size, taken)
                 gaussians.step(visible.rows, leaves, inputs.rates, taken)
             learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if the encoder's gradient overflows
 

@@ -16,7 +16,6 @@ from core.appearance.model import Reading
 from core.rasterizer.cuda.backend import BYTES_A_PAIR, Room, memory_budget
 from core.rasterizer.cuda.view import view_of
 from core.system.cuda_graph import Recorder, Recording, can_record
-from core.system.device import sent
 from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
 from core.training.guards import StepFacts
@@ -60,7 +59,7 @@ class StepperOnGpu(Stepper):
 
     def _fitting(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         """The step, with as much room as it needs: with too little it is not taken, but tells how much that is."""
-        inputs = replace(inputs, view=sent(view_of(moment.camera), inputs.encoder_input.device))
+        inputs = replace(inputs, view=view_of(moment.camera, inputs.encoder_input.device))
         situation = self._situation(inputs, moment)
         if situation != self.situation:
             self.situation = situation

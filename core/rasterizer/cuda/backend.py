@@ -18,7 +18,6 @@ from core.rasterizer.cuda.view import view_of
 from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.system.device import sent
 
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
 # and in the backward pass the slot, and whether it was blended.
@@ -61,7 +60,7 @@ class CudaRasterizer:
             raise BadSetting("The cuda rasterizer needs an NVIDIA GPU, and torch finds none here.", "Leave --backend out.")
 
     def visible(self, splats: Splats, camera: Camera) -> Visible:
-        view = sent(view_of(camera), splats.means.device)
+        view = view_of(camera, splats.means.device)
         shown, counts = self._find_visible(splats, view)
         count, pairs = counts.cpu().tolist()  # the host waits for the device
         return Visible(torch.nonzero_static(shown, size=count).squeeze(1), Known(view, pairs, camera.width, camera.height))
@@ -193,7 +192,7 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, know
     known: as `contract.Visible` has it; without it the host waits for the number of pairs.
     """
     count, device = len(parameters[0]), parameters[0].device
-    view = sent(view_of(camera), device) if known is None else known.view
+    view = view_of(camera, device) if known is None else known.view
     width, height = (camera.width, camera.height) if known is None else (known.width, known.height)
     footprints = torch.empty(count, layout.FOOTPRINT_COLUMNS, device=device)
     depths = torch.empty(count, device=device)

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from core.rasterizer.contract import jacobian_limits
 from core.scene.camera import Camera
+from core.system.device import sent
 
 # Where what stands in the array. The centre as two floats, of which the first is it rounded: their sum is good to 14 digits,
 # so that a mean far from the origin loses nothing when the centre is taken from it.
@@ -18,8 +19,8 @@ LEFT, RIGHT, TOP, BOTTOM = (tl.constexpr(at) for at in (19, 20, 21, 22))
 WIDTH, HEIGHT = (tl.constexpr(at) for at in (23, 24))  # px
 
 
-def view_of(camera: Camera) -> Tensor:
-    """The camera as such an array, on the CPU."""
+def view_of(camera: Camera, device: torch.device) -> Tensor:
+    """The camera as such an array, on `device`."""
     centre = torch.tensor(camera.centre, dtype=torch.float64)
     rest = centre - centre.float().double()
     numbers = [
@@ -30,4 +31,4 @@ def view_of(camera: Camera) -> Tensor:
         *jacobian_limits(camera),
         *(camera.width, camera.height),
     ]
-    return torch.tensor(numbers, dtype=torch.float32)
+    return sent(torch.tensor(numbers, dtype=torch.float32), device)

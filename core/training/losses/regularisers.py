@@ -49,7 +49,7 @@ def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tupl
 
 
 def camera_numbers(camera: Camera) -> Float[Tensor, "6 3"]:
-    """A camera as `transient_rows` reads it, float64: its axes, its centre, then focal lengths and the principal point, the picture's size."""
+    """A camera as a step reads it, float64: its axes, its centre, then focal lengths, the principal point, and the picture's width and height."""
     others = [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height]
     return torch.from_numpy(np.vstack([camera.world_to_camera, camera.centre, np.reshape(others, (2, 3))]))
 

@@ -16,7 +16,7 @@ from core.system.lock import taken
 from core.system.outputs import TEMPORARY, check_file, check_fillable
 
 KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
-NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
+NAME_PART = 58  # characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the usual 255
 FRESH_S = 5  # a temporary folder younger than this may be one that its process is about to hold
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),

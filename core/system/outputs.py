@@ -11,7 +11,8 @@ TEMPORARY = ".wegs-"  # in the names of temporary folders of work in progress
 
 def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
     """Raise BadInput unless `folder` can be written in, or be made. fix: what to do where it is read-only."""
-    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
+    above = (path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
+    there = next(above, folder)  # nothing is, of a drive that Windows lacks
     if not there.is_dir():
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     if not os.access(there, os.W_OK):

@@ -67,7 +67,9 @@ def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] =
 def _by_key(folder: Path) -> dict[str, list[Path]]:
     """The photos in a folder by name and by stem; empty if there is no such folder."""
     photos: dict[str, list[Path]] = {}
-    for photo in list_photos(folder) if os.path.isdir(folder) else ():
+    if not os.path.isdir(folder):
+        return photos
+    for photo in list_photos(folder):
         for name in (photo.name, photo.stem):
             photos.setdefault(folded(name), []).append(photo)
     return photos

@@ -5,7 +5,7 @@ Imports no torch, so that `wegs --help` answers at once.
 
 import difflib
 import sys
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import Field, asdict, dataclass, field, fields, replace
 from typing import Any
 
 from core.errors import BadSetting
@@ -251,6 +251,7 @@ class Settings:
         return tuple(name for name in DECIDABLE if getattr(self, name) in (AUTO, UNDECIDED))
 
     def to_json(self) -> dict:
+        """The settings by name, which `changed` takes again."""
         return asdict(self)
 
 
@@ -267,7 +268,7 @@ def no_setting(name: str) -> BadSetting:
 KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}
 
 
-def accepted(item) -> str:
+def accepted(item: Field) -> str:
     """What to give for the Settings field `item`, in a sentence."""
     rules = item.metadata
     if choices := ("true", "false") if item.type is bool else rules["choices"]:
@@ -276,12 +277,12 @@ def accepted(item) -> str:
     return f"Give one {span}{f', or {AUTO}' if rules['auto'] else ''}."
 
 
-def wrong_kind(item, text: str) -> BadSetting:
+def wrong_kind(item: Field, text: str) -> BadSetting:
     """The error for a value of another type than the Settings field `item` has, written as `text`."""
     return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", accepted(item))
 
 
-def check(item, value: Any) -> None:
+def check(item: Field, value: Any) -> None:
     """Raise BadSetting unless `value` has the type and lies in the range of the Settings field `item`."""
     rules = item.metadata
     good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))

@@ -34,7 +34,7 @@ class DiskFull(WegsError):
 
 
 LESS_MEMORY = "Train on smaller photos (-r 320: 320 px wide) or with a lower --max-gaussians"  # what to do where memory runs out
-FULL = (errno.ENOSPC, errno.EDQUOT)
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 
 
@@ -45,7 +45,7 @@ def disk_full(what: str | Path) -> DiskFull:
 
 def as_disk_full(problem: BaseException, path: Path | None = None) -> DiskFull | None:
     """The error to show where `problem` says that the disk is full, else None. path: what was being written, if that is known."""
-    if isinstance(problem, OSError) and problem.errno in FULL:
+    if isinstance(problem, OSError) and problem.errno in DISK_FULL:
         return disk_full(path or problem.filename or "a file")
     return problem if isinstance(problem, DiskFull) else None
 

@@ -42,5 +42,15 @@ def bake(appearance, output, run_folder, force, mask, no_refine, save_appearance
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        choices = {"force": force, "save_as": save_appearance, "prune": prune == "auto", "mask": mask, "with_sky": sky, "refine": not no_refine}
-        pipeline.bake_to_file(run_folder, appearance, output, terminal, **choices)
+        pipeline.bake_to_file(
+            run_folder,
+            appearance,
+            output,
+            terminal,
+            force=force,
+            save_as=save_appearance,
+            prune=prune == "auto",
+            mask=mask,
+            with_sky=sky,
+            refine=not no_refine,
+        )

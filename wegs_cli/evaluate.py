@@ -38,7 +38,6 @@ def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
     """
     if len(run_folders) > 1 and not curve:
         raise BadSetting("Several runs were given.", "Measure one at a time, or add --curve to draw them together.")
-
     if curve and pictures:
         raise BadSetting("--curve draws figures, and --pictures keeps renders.", "Type one of them.")
 

@@ -27,5 +27,4 @@ def interpolate(first, last, steps, view, no_refine, ply, output, run_folder, fo
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        choices = {"view": view, "ply": ply, "force": force, "refine": not no_refine}
-        pipeline.interpolate(run_folder, first, last, steps, output, terminal, **choices)
+        pipeline.interpolate(run_folder, first, last, steps, output, terminal, view=view, ply=ply, force=force, refine=not no_refine)

@@ -121,9 +121,8 @@ def _no_options_among(names: Iterable[str], where: str = "") -> None:
     options = {option.opts[-1].removeprefix("--"): option for option in given if option.name not in FIELDS}
     for name in names:
         if name in options:
-            raise BadSetting(
-                f"{where}{name} is no setting but an option of the command line.", f"Type: --{name}{' ...' * (not options[name].is_flag)}"
-            )
+            value = "" if options[name].is_flag else " ..."
+            raise BadSetting(f"{where}{name} is no setting but an option of the command line.", f"Type: --{name}{value}")
 
 
 def settings_table() -> str:

@@ -87,9 +87,8 @@ class Terminal(Report):
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self._end_bar()
         if not self.console.is_terminal:
-            if header:
-                click.echo(title)
-            for line in _aligned([header, *rows]) if header else map(": ".join, rows):
+            lines = [title, *_aligned([header, *rows])] if header else [": ".join(row) for row in rows]
+            for line in lines:
                 click.echo(line)
             return
         grid = Table(title=title, title_justify="left", show_header=bool(header))
@@ -107,10 +106,11 @@ class Terminal(Report):
         """Begin or move the bar, which counts time and only shows how many parts are through; in a log file it is not drawn."""
         if self.bar is None or what != self.what:
             self._end_bar()
-            text, count, note_column = (TextColumn(f"{{task.{name}}}", markup=False) for name in ("description", "fields[count]", "fields[note]"))
-            columns = [text, count, TextColumn("left"), TimeRemainingColumn()]
+            name, count = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[count]}", markup=False)
+            left = [TextColumn("left"), TimeRemainingColumn()]
+            columns = [name, count, *left]
             if self.console.width >= WIDE:
-                columns = [text, BarColumn(), count, TimeElapsedColumn(), *columns[2:], note_column]
+                columns = [name, BarColumn(), count, TimeElapsedColumn(), *left, TextColumn("{task.fields[note]}", markup=False)]
             self.bar = Progress(*columns, console=self.console, get_time=time.monotonic, disable=not self.console.is_terminal)
             self.bar.start()
             self.bar.add_task(what, total=1.0, count="", note="")

@@ -103,9 +103,12 @@ class Collection:
 
         Of two suffixes both may be left out: structure from motion makes a.png.jpg of a.png.
         """
-        exactly, name = [photo for photo in self.photos if photo.name == name], composed(name)
-        nearly = exactly or [photo for photo in self.photos if name in names_without_suffixes(composed(photo.name))]
-        return nearly or [photo for photo in self.photos if name in names_without_suffixes(composed(Path(photo.name).name))]
+        if exactly := [photo for photo in self.photos if photo.name == name]:
+            return exactly
+        wanted = composed(name)
+        if nearly := [photo for photo in self.photos if wanted in names_without_suffixes(composed(photo.name))]:
+            return nearly
+        return [photo for photo in self.photos if wanted in names_without_suffixes(composed(Path(photo.name).name))]
 
     def check_meant(self, name: str) -> None:
         """Raise BadInput if several photos may be called `name`."""

@@ -4,7 +4,6 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import takewhile
 from pathlib import Path
 
 from core.data.photos.folder import SUFFIXES, list_photos
@@ -36,8 +35,12 @@ def _named_beside(path: Path, missing: Path) -> str:
     """The name of the file; if it lies in another folder, with its folders, from the innermost to the first whose name differs."""
     if path.parent == missing.parent:
         return path.name
-    same = list(takewhile(lambda folders: folders[0].name == folders[1].name, zip(path.parents, missing.parents, strict=False)))
-    return "/".join(path.parts[-2 - len(same) :])
+    shown = path.name
+    for folder, expected in zip(path.parents, missing.parents, strict=False):
+        shown = f"{folder.name}/{shown}"
+        if folder.name != expected.name:
+            break
+    return shown
 
 
 def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] = ()) -> dict[Path, Path]:
@@ -64,7 +67,9 @@ def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] =
 def _by_key(folder: Path) -> dict[str, list[Path]]:
     """The photos in a folder by name and by stem; empty if there is no such folder."""
     photos: dict[str, list[Path]] = {}
-    for photo in list_photos(folder) if os.path.isdir(folder) else ():
+    if not os.path.isdir(folder):
+        return photos
+    for photo in list_photos(folder):
         for name in (photo.name, photo.stem):
             photos.setdefault(folded(name), []).append(photo)
     return photos

@@ -168,6 +168,8 @@ def with_same_masks(collection: Collection, before: Collection) -> Collection:
 def _by_stem(folder: Path) -> dict[str, list[Path]]:
     """The pictures in a folder by their stems, `composed`; empty if there is no such folder."""
     found: dict[str, list[Path]] = {}
-    for path in list_photos(folder) if folder.is_dir() else ():
+    if not folder.is_dir():
+        return found
+    for path in list_photos(folder):
         found.setdefault(composed(path.stem), []).append(path)
     return found

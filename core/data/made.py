@@ -101,7 +101,8 @@ def is_of_wegs(folder: Path) -> bool:
 
 def stamp(path: Path) -> list[int]:
     """Size (bytes) and modification time (ns) of a file, which tell whether it has changed."""
-    return [path.stat().st_size, path.stat().st_mtime_ns]
+    facts = path.stat()
+    return [facts.st_size, facts.st_mtime_ns]
 
 
 def digest(path: Path, count: int = -1) -> str:

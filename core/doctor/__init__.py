@@ -27,11 +27,15 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         findings = examine_run(path, report)
     elif newest := max(path.glob(run_folders.CLOUDS), key=_step_and_date, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
+    elif path.is_dir() or path.suffix.lower() in (".json", *VIDEO_SUFFIXES):
+        findings = examine_scene(path, report)  # which says what to do with a file
     else:
-        meant_as_scene = path.is_dir() or path.suffix.lower() in (".json", *VIDEO_SUFFIXES)
-        findings = (examine_scene if meant_as_scene else examine_ply)(path, report)
+        findings = examine_ply(path, report)
     for finding in findings:
-        (report.warn if finding.advice else report.say)(finding.line())
+        if finding.advice:
+            report.warn(finding.line())
+        else:
+            report.say(finding.line())
     report.say(f"{path}: {verdict(findings)}")
     return findings
 

@@ -65,10 +65,10 @@ def _opacities(splats: Splats) -> list[Finding]:
 
 def _shapes(splats: Splats) -> list[Finding]:
     axes = np.sort(splats.log_scales.double().clamp(*LOG_SCALE_RANGE).numpy(), axis=1)
-    ratios, lengths = np.exp(axes[:, 2] - axes[:, 0]), np.exp(axes[:, 2] - axes[:, 1])
+    ratios, stretches = np.exp(axes[:, 2] - axes[:, 0]), np.exp(axes[:, 2] - axes[:, 1])
     middle, high, most = np.quantile(ratios, [0.5, 0.99, 1.0])
-    stiff, needles = int((ratios > STIFF).sum()), int((lengths > NEEDLE).sum())
-    clamp = "Make their thinnest axis thicker, or take a viewer with a safe determinant."
+    stiff, needles = int((ratios > STIFF).sum()), int((stretches > NEEDLE).sum())
+    thicken = "Make their thinnest axis thicker, or take a viewer with a safe determinant."
     more = "Add photos from other sides, or train with a lower scale_rate."
     return [
         Finding(
@@ -80,7 +80,7 @@ def _shapes(splats: Splats) -> list[Finding]:
             "stiff",
             part(stiff, len(splats)),
             f"ratio above {STIFF:.0f}: viewers that form a c - b^2 in float32 draw them wrong from near",
-            clamp if stiff > WASTE * len(splats) else "",
+            thicken if stiff > WASTE * len(splats) else "",
         ),
         Finding(
             "needles",
@@ -126,20 +126,19 @@ def _colours(splats: Splats) -> list[Finding]:
     higher = splats.sh[:, 1:].abs().flatten(1)
     wild = int((higher > SH_RANGE).any(dim=1).sum())
     most = float(higher.max()) if higher.numel() else 0.0
-    slower = "Train with a lower sh_rate."
     return [
         Finding(
             "colours",
             f"{low:.2f} to {high:.2f} (1 to 99 %); {part(burnt, len(dc))} beyond {COLOURS[0]} to {COLOURS[1]}",
             "without view dependence; what lies outside 0 to 1 is cut or burns",
-            slower if burnt > BURNT_SHARE * len(dc) else "",
+            "Train with a lower sh_rate." if burnt > BURNT_SHARE * len(dc) else "",
             "Train with a lower learning rate of colours.",
         ),
         Finding(
             "harmonics",
             f"degree {used} used of {splats.degree}, coefficients up to {most:.3g}",
             f"how colours follow the view; {part(wild, len(dc))} above {SH_RANGE:g} flash as one moves",
-            f"{slower[:-1]}, or a lower --sh-degree." if wild else "",
+            "Train with a lower sh_rate, or a lower --sh-degree." if wild else "",
             "Train with a lower learning rate of colours, or a lower SH degree.",
         ),
     ]

@@ -55,17 +55,17 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
 def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
     """How far the run got, how many steps were skipped, and whether quality fell."""
     steps, wanted = trained.step, trained.settings.steps
-    advice, asked = "", "what was asked for"
+    advice, meaning = "", "what was asked for"
     if run_folders.is_at_work(trained.folder):
-        asked += "; it is still being trained"
+        meaning += "; it is still being trained"
     elif steps < wanted or (len(trained.splats) and not any(trained.folder.glob(run_folders.CLOUDS))):  # of no Gaussian there is no file
         advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
         if steps == wanted:
-            asked += "; the results were not written"
+            meaning += "; the results were not written"
     skipped = facts["skipped"]
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
     findings = [
-        Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", asked, advice),
+        Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", meaning, advice),
         Finding(
             "skipped steps",
             part(skipped, steps),
@@ -95,7 +95,7 @@ def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
     masks: dict[str, float] = {}
     unusable: dict[str, str] = {}  # with what to do about each
     splats, latents = trained.base(trained.splats.finite_rows())
-    added = _Residuals(trained.settings.residual_bound)
+    added = _Residuals(trained.settings)
     for number, photo in enumerate(photos):
         report.progress("Looks", number + 1, len(photos), photo.name)
         try:
@@ -116,7 +116,7 @@ def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
         figure = f"{len(unusable)} of {len(photos)}, such as {example}"
         findings.append(Finding("photos", figure, "cannot be used now, so their looks cannot be refined", fix))
     if added.looks:
-        findings += added.findings(trained.settings)
+        findings += added.findings()
     if masks:
         findings.append(_masks(masks, facts))
     return findings
@@ -125,8 +125,9 @@ def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
 class _Residuals:
     """Statistics of what looks add to SH coefficients, summed look by look: a million Gaussians in 64 looks would not fit into memory."""
 
-    def __init__(self, bound: float):
-        self.bound = bound
+    def __init__(self, settings: Settings):
+        """settings: of the run."""
+        self.settings = settings
         self.looks, self.most, self.near_bound, self.numbers = 0, 0.0, 0, 0
         self.total: torch.Tensor | float = 0.0
         self.squares: torch.Tensor | float = 0.0
@@ -136,23 +137,23 @@ class _Residuals:
         size = residual.abs()
         self.looks += 1
         self.most = max(self.most, float(size.max()))
-        self.near_bound += int((size > NEAR_BOUND * self.bound).sum())
+        self.near_bound += int((size > NEAR_BOUND * self.settings.residual_bound).sum())
         self.numbers += size.numel()
         dc = residual[:, 0].double()
         self.total, self.squares = self.total + dc, self.squares + dc**2
 
-    def findings(self, settings: Settings) -> list[Finding]:
-        """settings: of the run."""
-        bounded = settings.appearance == "full"  # the affine transfer has no bound
+    def findings(self) -> list[Finding]:
+        """The findings, once a look or more were added."""
+        bounded = self.settings.appearance == "full"  # the affine transfer has no bound
         share = self.near_bound / self.numbers if bounded else 0.0
-        near = f", {100 * share:.3g} % of them near the bound of {self.bound:g}" if bounded else ""
+        near = f", {100 * share:.3g} % of them near the bound of {self.settings.residual_bound:g}" if bounded else ""
         advice = "Train with a larger residual_bound, or a lower network_rate." if share > AT_BOUND_SHARE else ""
         figure = f"up to {self.most:.3g}{near}, over {self.looks} looks"
         findings = [Finding("residuals", figure, "what looks add to SH coefficients", advice)]
         if self.looks > 1:
             variance = self.squares / self.looks - (self.total / self.looks) ** 2
             spread = float(variance.clamp_min(0).sqrt().mean())
-            advice = _if_all_look_alike(settings) if spread < SAME_LOOK else ""
+            advice = _if_all_look_alike(self.settings) if spread < SAME_LOOK else ""
             figure = f"DC coefficients vary by {spread:.3g}"
             findings.append(Finding("looks", figure, "spread between photos, mean over Gaussians", advice))
         return findings

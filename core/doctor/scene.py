@@ -36,6 +36,8 @@ OFF_CENTRE = 0.15  # of a side: the principal point of a photo that was cropped
 FLAT = 3.0  # standard deviation in 8-bit steps; a photo below it shows nothing
 SMALL_PX = 160  # photos are decoded to about this width
 REMOVE = "Remove them from the model unless they are what they seem."
+SQUARE = "Unless they are, run SfM with one focal length."
+CENTRED = "Unless they are, run SfM with the middle fixed."
 
 
 def examine_scene(root: Path, report: Report) -> list[Finding]:
@@ -44,12 +46,15 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
         return _plain_photos(root, report)
     collection = load_collection(root)
     train, test = (len(collection.split(name)) for name in ("train", "test"))
-    findings = [
+    return [
         Finding("scene", f"{collection.kind}, {train} training and {test} test photos", "what `wegs train` would read"),
         *map(_note, collection.notes),
+        *placed_photos(root),
+        *_cameras(collection),
+        *_points(collection),
+        _world(collection),
+        *_photos(collection, report),
     ]
-    findings += placed_photos(root)
-    return [*findings, *_cameras(collection), *_points(collection), *_world(collection), *_photos(collection, report)]
 
 
 def _note(note: Note) -> Finding:
@@ -93,12 +98,11 @@ def _cameras(collection: Collection) -> list[Finding]:
     away = [photo.name for photo in photos if len(collection.points) and _shown(photo, collection.points) < SHOWN]
     lengths = np.array([focal_length_of(camera) for camera in cameras.values()])
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
-    square, middle = (f"Unless they are, run SfM with {what}." for what in ("one focal length", "the middle fixed"))
     return [
         Finding("focal lengths", figure, "in lengths of the longer side"),
         odd_focal_lengths(photos),
-        _named("unequal focal lengths", squeezed, total, f"fx and fy over {ASPECT:.0%} apart: squeezed photos", square),
-        _named("principal points", crooked, total, f"over {OFF_CENTRE:.0%} of a side off the middle: crops", middle),
+        _named("unequal focal lengths", squeezed, total, f"fx and fy over {ASPECT:.0%} apart: squeezed photos", SQUARE),
+        _named("principal points", crooked, total, f"over {OFF_CENTRE:.0%} of a side off the middle: crops", CENTRED),
         _named("cameras astray", far, total, f"over {ODD_DISTANCE:.0f} times as far off as the median one", REMOVE),
         _named("cameras that look away", away, total, "see less than half of the points said to be theirs", REMOVE),
     ]
@@ -130,7 +134,7 @@ def _points(collection: Collection) -> list[Finding]:
     return [found, _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders.")]
 
 
-def _world(collection: Collection) -> list[Finding]:
+def _world(collection: Collection) -> Finding:
     frame = collection.frame
     distance = float(np.linalg.norm(frame.centre))
     cameras = [photo.camera for photo in collection.photos]
@@ -138,7 +142,7 @@ def _world(collection: Collection) -> list[Finding]:
     cost = f"float32 without recentring would cost {plain.figure}; training recentres in float64"
     moved = ", and files are written around the scene" if frame.file_offset.any() else ""
     figure = f"a radius of {frame.radius:.4g} units, {distance:.4g} units from the origin"
-    return [Finding("world", figure, f"{cost}{moved}")]
+    return Finding("world", figure, f"{cost}{moved}")
 
 
 def _photos(collection: Collection, report: Report) -> list[Finding]:
@@ -181,26 +185,29 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
             sizes.append(photo.header.width * photo.header.height / 1e6)
             if photo.pixels.std() < FLAT:
                 flat.append(f"{path.name}: {photo.pixels.mean():.0f} of 255")
-    ends = [f"{end(sizes):.2g}" for end in (min, max) if sizes]
-    figure = counted(len(paths), "photo") + (f" of {' to '.join(dict.fromkeys(ends))} MP" if ends else "")
-    if around := scene_around(folder):
-        meaning, fix = f"photos of the {around[1]} scene {around[0]}", "Give that folder to use its cameras."
-    elif len(sizes) < LEAST_PHOTOS:
-        needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
-        meaning, fix = "photos without cameras", f"Add photos of the same place: {needed}."
-    else:
-        pairs, minutes = most_pairs(len(sizes)), math.ceil(longest_s(len(sizes)) / 60)
-        work = f"{counted(pairs, 'pair')} to match, up to {counted(minutes, 'minute')}"
-        finds = f"`{command('wegs', 'train', root)}` finds them ({work}) and trains"
-        meaning, fix = f"photos without cameras; next, {finds}", ""
+    figure = counted(len(paths), "photo")
+    if sizes:
+        least, most = f"{min(sizes):.2g}", f"{max(sizes):.2g}"
+        figure += f" of {least} MP" if least == most else f" of {least} to {most} MP"
     others = [path.name for path in list_unreadable(folder)]
     return [
-        Finding("scene", figure, meaning, fix),
+        Finding("scene", figure, *_cameras_to_come(root, folder, len(sizes))),
         *_photos_elsewhere(root, folder),
         *_photo_findings(unusable, flat, len(paths) + len(gone)),
         _named("pictures stored twice", sorted(again), len(paths), "left out; the fullest file of each picture is used", ""),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]
+
+
+def _cameras_to_come(root: Path, folder: Path, usable: int) -> tuple[str, str]:
+    """How the photos in `folder`, so many of them usable, get cameras: what it takes, and what to do first, if anything."""
+    if around := scene_around(folder):
+        return f"photos of the {around[1]} scene {around[0]}", "Give that folder to use its cameras."
+    if usable < LEAST_PHOTOS:
+        needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
+        return "photos without cameras", f"Add photos of the same place: {needed}."
+    work = f"{counted(most_pairs(usable), 'pair')} to match, up to {counted(math.ceil(longest_s(usable) / 60), 'minute')}"
+    return f"photos without cameras; next, `{command('wegs', 'train', root)}` finds them ({work}) and trains", ""
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:

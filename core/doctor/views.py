@@ -33,12 +33,15 @@ def centres_of(splats: Splats, sky: int) -> np.ndarray:
 def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -> Finding:
     """By how much float32 moves a coordinate of the scene. means, cameras: scene frame; frame: that of the file."""
     error = frame.rounding / frame.radius
-    sizes = [error * max(camera.fx, camera.fy) / depth for camera in cameras if (depth := _depth(camera, means))]
-    pixels = float(np.median(sizes)) if sizes else error * PICTURE_PX
-    where = f"in the median of {counted(len(sizes), 'camera')}" if sizes else f"where the scene's radius takes {PICTURE_PX:.0f} px"
-    most = f", {max(sizes):.2g} px at most" if sizes else ""
-    advice = "Recentre the file; what `wegs bake` writes is." if pixels > VISIBLE_PX else ""
-    figure = f"{frame.rounding:.2g} units, {pixels:.2g} px {where}{most}"
+    shifts_px = [error * max(camera.fx, camera.fy) / depth for camera in cameras if (depth := _depth(camera, means))]
+    if shifts_px:
+        usual_px = float(np.median(shifts_px))
+        where = f"in the median of {counted(len(shifts_px), 'camera')}, {max(shifts_px):.2g} px at most"
+    else:
+        usual_px = error * PICTURE_PX
+        where = f"where the scene's radius takes {PICTURE_PX:.0f} px"
+    advice = "Recentre the file; what `wegs bake` writes is." if usual_px > VISIBLE_PX else ""
+    figure = f"{frame.rounding:.2g} units, {usual_px:.2g} px {where}"
     return Finding("float32 positions", figure, "how far coordinates of this size are rounded", advice, "Recentre the file.")
 
 

@@ -68,11 +68,12 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
         report.warn(f"{kept} is of an earlier call: --pictures replaces it")
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
     results.save(trained.folder)
-    *_, sheet = names = EVALUATED[protocol]
+    *figures, sheet = EVALUATED[protocol]
     write_png(trained.folder / sheet, picture_sheet(rows, protocol, trained.step))
+    written = [*figures, sheet]
     if keep_pictures:
-        names = (*names, f"{PICTURES}/{protocol}/")
-    report.say(f"{trained.folder}: {', '.join(names)}")
+        written.append(f"{PICTURES}/{protocol}/")
+    report.say(f"{trained.folder}: {', '.join(written)}")
     return results
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from core.data.made import FADE, is_of_wegs
 from core.data.photos.folder import SUFFIXES
-from core.errors import BadInput, BadSetting, WegsError
+from core.errors import BadSetting, WegsError
 from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks.find_look import check_known, find_look, find_view
 from core.looks.look_file import write_look
@@ -13,7 +13,7 @@ from core.looks.trained import bake, blend, drawn
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
 from core.system.atomic import filling
-from core.system.outputs import check_apart, check_fillable, check_named_as_folder
+from core.system.outputs import check_apart, check_fillable, check_named_as_folder, holds_others
 from core.words import counted
 
 
@@ -44,7 +44,7 @@ def interpolate(
     check_apart(output, [Path(first), Path(last)])
     old = check_fillable(output, FADE, force)
     if old and not is_of_wegs(output):  # photos may be called frame_*.png, too, as nerfstudio's are
-        raise BadInput(f"{output} holds other files, such as {old[0].name}.", "Choose another folder, or move them out.")
+        raise holds_others(output, old[0])
     for word in (first, last):  # refining the first takes seconds
         check_known(trained, word)
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}

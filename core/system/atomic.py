@@ -16,7 +16,7 @@ from core.system.lock import taken
 from core.system.outputs import TEMPORARY, check_file, check_fillable
 
 KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
-NAME_PART = 60  # characters of a name that its temporary folder repeats; with four bytes each, the whole stays within the usual 255
+NAME_PART = 58  # characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the usual 255
 FRESH_S = 5  # a temporary folder younger than this may be one that its process is about to hold
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
@@ -119,7 +119,7 @@ def _sweep(parent: Path, prefix: str) -> None:
 
 
 def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
-    """Remove `folder`, by `discard`, if its process was killed: nobody holds it, or is about to. Whether it was removed."""
+    """Remove `folder`, by `discard`, if its process was killed: nobody holds it, or is about to. Returns whether it was removed."""
     with suppress(OSError):
         if time.time() - folder.stat().st_mtime <= FRESH_S:  # asked first: whoever made it could not hold it while it is held here
             return False
@@ -146,9 +146,10 @@ def replacing_folder(output: Path) -> Iterator[Path]:
         try:
             with _named(output), named_if_full(work, disk_full(output)):
                 yield work
-                for part in sorted((work / "scene").iterdir()) if is_there else ():  # sparse/ comes last, and makes it a scene
-                    os.replace(part, output / part.name)
-                if not is_there:
+                if is_there:
+                    for part in sorted((work / "scene").iterdir()):  # sparse/ comes last, and makes it a scene
+                        os.replace(part, output / part.name)
+                else:
                     os.replace(work / "scene", output)
         except OSError as problem:
             if problem.errno not in (errno.ENOTEMPTY, errno.EEXIST):
@@ -218,7 +219,10 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
 
 def remove(path: Path) -> None:
     """Delete a file, a link or a folder with all that it holds."""
-    shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
 
 
 def write_bytes(path: Path, data: bytes) -> None:

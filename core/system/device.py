@@ -23,7 +23,7 @@ def chosen(device: str, backend: str) -> torch.device:
         if not torch.cuda.is_available():
             raise BadSetting("device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver.")
         if fault := fault_of_gpu():
-            raise BadSetting(f"device=cuda: {fault}.", "Or leave --device out.")
+            raise BadSetting(f"device=cuda: {fault}.", "Mend that, or leave --device out.")
     elif not (may_be_gpu(device, backend) and can_use_gpu()):
         return CPU
     # Otherwise cuDNN rounds what it convolves to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of such sums.

@@ -11,7 +11,8 @@ TEMPORARY = ".wegs-"  # in the names of temporary folders of work in progress
 
 def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
     """Raise BadInput unless `folder` can be written in, or be made. fix: what to do where it is read-only."""
-    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
+    above = (path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
+    there = next(above, folder)  # nothing is, of a drive that Windows lacks
     if not there.is_dir():
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     if not os.access(there, os.W_OK):
@@ -58,12 +59,17 @@ def check_replaceable(path: Path, force: bool) -> None:
 
 
 def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:
-    """What `core.system.atomic.filling` would replace; raises BadInput where that would."""
+    """What `core.system.atomic.filling` would replace in the folder; raises BadInput where that would."""
     check_folder(folder)
     old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
     if foreign:
-        raise BadInput(f"{folder} holds other files, such as {foreign[0].name}.", "Choose another folder, or move them out.")
+        raise holds_others(folder, foreign[0])
     if old and not force:
         raise BadInput(f"{folder} exists and is not empty.", "Add --force to replace it, or choose another folder.")
     return old
+
+
+def holds_others(folder: Path, example: Path) -> BadInput:
+    """The error for a folder of results that holds files which are none of ours, such as the `example`."""
+    return BadInput(f"{folder} holds other files, such as {example.name}.", "Choose another folder, or move them out.")

@@ -1,10 +1,11 @@
 """Photos under other names than their model gives: found where no other can be meant, and said so."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 
-from core.data import load_collection
+from core.data import found_file, load_collection
 from tests.data.checks import check_geometry, notes_with
 from tests.data.converted import changed, write_nerfstudio
 from tests.data.small_scene import SmallScene
@@ -85,6 +86,11 @@ def test_photos_of_several_cameras_with_equal_names(tmp_path, before, folder, sh
     collection = load_collection(changed(scene, change))
     assert [photo.path for photo in collection.photos] == [scene / folder / name for name in names]
     assert notes_with(collection, f"left/0.png ({shown}/left/0.png), ")
+
+
+@pytest.mark.parametrize("missing, shown", [("/images/a.jpg", "b.jpg"), ("/x/a.jpg", "images/b.jpg"), ("/x/images/a.jpg", "/images/b.jpg")])
+def test_a_file_is_named_with_the_folders_that_tell_it_from_the_missing_one(missing, shown):
+    assert found_file._named_beside(Path("/images/b.jpg"), Path(missing)) == shown
 
 
 def test_a_transforms_json_of_another_computer(tmp_path):

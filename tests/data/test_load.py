@@ -2,7 +2,7 @@
 
 import os
 import re
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import cv2
 import numpy as np
@@ -250,6 +250,14 @@ def test_pictures_about_photos_have_places_of_their_own():
     assert [place.as_posix() for place in places.values()] == ["a/1.jpg.png", "a/1.webp.png", "2.png", "b/3.png", "c/3.png", "4.png"]
     odd = png_paths(["/x/4.jpg", "/y/4.jpg", "../c/1.jpg", "c/1.jpg", "a.jpg", "a.webp", "a.jpg.png"])
     assert len(set(odd.values())) == len(odd)
+
+
+def test_whole_paths_never_leave_the_folder_they_are_joined_to(monkeypatch):
+    wanted = {"/x/4.jpg": "4.jpg", "../c/1.jpg": "c/1.jpg", "a\\1.jpg": "a/1.jpg"}
+    assert {name: relative_path(name).as_posix() for name in wanted} == wanted
+    monkeypatch.setattr("core.data.photos.names.Path", PureWindowsPath)  # to which /x is not absolute, and which / leads to the root of a drive
+    wanted |= {"C:\\x\\4.jpg": "4.jpg", "C:4.jpg": "4.jpg"}
+    assert {name: relative_path(name).as_posix() for name in wanted} == wanted
 
 
 def test_a_leftover_of_a_model_hides_no_transforms(tmp_path):

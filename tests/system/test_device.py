@@ -46,7 +46,7 @@ def test_auto_is_the_gpu_where_one_can_be_used(machine):
 def test_a_gpu_that_fails_when_first_used_is_none(machine):
     machine(gpu=True, fault="no C compiler")
     assert device.chosen("auto", "auto") == device.of_run("cuda") == device.CPU
-    with pytest.raises(BadSetting, match="device=cuda: no C compiler. Or leave --device out"):
+    with pytest.raises(BadSetting, match="device=cuda: no C compiler. Mend that, or leave --device out"):
         device.chosen("cuda", "auto")
 
 

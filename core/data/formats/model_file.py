@@ -83,11 +83,14 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     suffix = points.suffix if points else next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED)), None)
     if suffix is None:
         raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking_files(folder))}.", fix)
-    for part, walk in WALKS.items() if suffix == ".bin" else ():
-        file = folder / f"{part}.bin"
-        if file.is_file() and not _whole(file.read_bytes(), walk):
-            raise BadInput(f"{file} is truncated or damaged.", fix)
-    names = _names_with_spaces(folder / "images.txt") if suffix == ".txt" else {}
+    names = {}
+    if suffix == ".txt":
+        names = _names_with_spaces(folder / "images.txt")
+    else:
+        for part, end_of_record in RECORDS.items():
+            file = folder / f"{part}.bin"
+            if file.is_file() and not _whole(file.read_bytes(), end_of_record):
+                raise BadInput(f"{file} is truncated or damaged.", fix)
     try:
         with quiet():
             try:
@@ -187,7 +190,7 @@ def _points_and_observers(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """The points (P,), each a POINT, in a whole binary file of them, and the image ids (N,) of their tracks, one track after the other."""
     points, tracks, start = [], [], 8
     while start < len(data):
-        track, end = start + POINT.itemsize, _point(data, start)
+        track, end = start + POINT.itemsize, _end_of_point(data, start)
         points.append(data[start:track])
         tracks.append(data[track:end])
         start = end
@@ -205,33 +208,33 @@ def quiet() -> Iterator[None]:
         pycolmap.logging.minloglevel = before
 
 
-def _whole(data: bytes, walk: Callable[[bytes, int], int]) -> bool:
+def _whole(data: bytes, end_of_record: Callable[[bytes, int], int]) -> bool:
     """Whether the records that the file's header counts fill it exactly."""
     try:
         count = _integer(data, 0, "Q")
         position = 8
         for _ in range(count):
-            position = walk(data, position)
+            position = end_of_record(data, position)
         return position == len(data)
     except (struct.error, ValueError, OverflowError):
         return False
 
 
-# Each walk gets the start of a record and returns its end (COLMAP's format.rst).
+# Where the record ends that begins at `start` (COLMAP's format.rst).
 
 
-def _camera(data: bytes, start: int) -> int:
+def _end_of_camera(data: bytes, start: int) -> int:
     model = pycolmap.CameraModelId(_integer(data, start + 4, "i"))
     return start + 24 + 8 * len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 2, 2).params)
 
 
-def _image(data: bytes, start: int) -> int:
+def _end_of_image(data: bytes, start: int) -> int:
     name = start + 4 + POSE_BYTES + 4
     end = data.index(b"\0", name) + 1
     return end + 8 + 24 * _integer(data, end, "Q")
 
 
-def _point(data: bytes, start: int) -> int:
+def _end_of_point(data: bytes, start: int) -> int:
     track = start + POINT.itemsize
     return track + 8 * _integer(data, track - 8, "Q")
 
@@ -240,4 +243,4 @@ def _integer(data: bytes, position: int, kind: str) -> int:
     return struct.unpack_from("<" + kind, data, position)[0]
 
 
-WALKS = {"cameras": _camera, "images": _image, "points3D": _point}
+RECORDS = {"cameras": _end_of_camera, "images": _end_of_image, "points3D": _end_of_point}  # of the files of a binary model

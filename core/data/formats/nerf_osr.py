@@ -41,10 +41,10 @@ def read_nerf_osr(root: Path) -> Posed:
     if not photos[TRAINING]:
         raise BadInput(f"{source / TRAINING / 'rgb'} holds no photos.", fix)
     held_out = next((split for split in HELD_OUT if photos[split]), None)
-    notes = [
-        Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True) for split in HELD_OUT if photos[split] and split != held_out
-    ]
-    used = [(split, place) for split in (TRAINING, held_out) if split for place in photos[split]]
+    unused = [split for split in HELD_OUT if photos[split] and split != held_out]
+    notes = [Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True) for split in unused]
+    roles = {TRAINING: "train", held_out: "test"} if held_out else {TRAINING: None}
+    used = [(split, place) for split in roles for place in photos[split]]
     several = len({place for _, place in used}) < len(used)
     posed, faults = [], Reasons()
     masks = {split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")} for split in photos}
@@ -53,14 +53,14 @@ def read_nerf_osr(root: Path) -> Posed:
         if not in_utf_8(name):
             faults.add("whose name is not in UTF-8, not used", name)
             continue
-        role = None if held_out is None else "train" if split == TRAINING else "test"
         try:
             lens = _lens(_matrix(source / split / "intrinsics", place))
             rotation, centre = from_camera_to_world(_matrix(source / split / "pose", place), "a pose")
         except Fault as fault:
             faults.add(f"{fault}, not used", name)
             continue
-        posed.append(PosedPhoto(name, source / split / "rgb" / place, lens, rotation, centre, role, masks[split].get(place.with_suffix(""))))
+        mask = masks[split].get(place.with_suffix(""))
+        posed.append(PosedPhoto(name, source / split / "rgb" / place, lens, rotation, centre, roles[split], mask))
     return Posed("nerf-osr", source, posed, None, f"missing in {source}", fix, notes + faults.notes())
 
 

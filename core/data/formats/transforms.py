@@ -129,18 +129,17 @@ class _Reading:
         if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()):
             raise BadInput(f"{source} has a ..._filenames that is not a list of file names.", "Correct or remove it.")
         paths = {photo.path for photo in photos}
-        meant = {row: Path(name) for name, row in rows_that_mean((path.as_posix() for path in paths), set().union(*lists.values()))[0].items()}
+        rows, _ = rows_that_mean((path.as_posix() for path in paths), set().union(*lists.values()))
+        meant = {row: Path(path) for path, row in rows.items()}
         listed = {split: {meant.get(name) or self.find(name) for name in names} for split, names in lists.items()}
         testing = "test" if listed.get("test") else "val"
         held_out = listed.get(testing, set())
         given = listed.get("train", paths - held_out)
         split = {path: "train" for path in given} | {path: "test" for path in held_out}
         self.notes += in_both("train_filenames", f"{testing}_filenames", [path.name for path in given & held_out])
-        for words, odd in (
-            (f"listed in {source.name} without a usable frame", split.keys() - paths),
-            ("listed neither for training nor for testing, not used", paths - split.keys()),
-        ):
-            self.notes += name_them(words, sorted(path.name for path in odd))
+        frameless, unlisted = split.keys() - paths, paths - split.keys()
+        self.notes += name_them(f"listed in {source.name} without a usable frame", sorted(path.name for path in frameless))
+        self.notes += name_them("listed neither for training nor for testing, not used", sorted(path.name for path in unlisted))
         return [replace(photo, split=split[photo.path]) for photo in photos if photo.path in split]
 
     def points(self, facts: dict, photos: list[PosedPhoto]) -> Points | None:

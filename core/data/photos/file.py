@@ -33,7 +33,7 @@ TRUNCATED = "ends before its picture does (truncated)"
 
 @dataclass(frozen=True)
 class Header:
-    """Size in pixels as stored. orientation: EXIF's 1..8, where 5..8 swap width and height when displayed.
+    """Size in pixels as stored. orientation: EXIF's, 1..8.
 
     exif: the EXIF block (a small TIFF file), or empty.
     """
@@ -47,7 +47,12 @@ class Header:
     @property
     def displayed(self) -> tuple[int, int]:
         """Width and height as displayed."""
-        return (self.height, self.width) if self.orientation >= 5 else (self.width, self.height)
+        return (self.height, self.width) if swaps_sides(self.orientation) else (self.width, self.height)
+
+
+def swaps_sides(orientation: int) -> bool:
+    """Whether a photo of this EXIF orientation, 1..8, is displayed with width and height swapped."""
+    return orientation >= 5
 
 
 def bad_photo(path: Path, why: str) -> BadInput:
@@ -224,7 +229,7 @@ def _read_tiff(data: bytes | mmap.mmap) -> Header:
         whole = starts and all(start + length <= len(data) for start, length in zip(starts, lengths, strict=True))
         usual = COMPRESSIONS.issuperset(_tiff_numbers(data, COMPRESSION)) and {WHOLE_NUMBERS}.issuperset(_tiff_numbers(data, SAMPLE_FORMAT))
         if whole and usual and width and height:
-            return Header("other", *((height, width) if orientation_of(data) >= 5 else (width, height)))
+            return Header("other", *((height, width) if swaps_sides(orientation_of(data)) else (width, height)))
     return Header("other", 0, 0)
 
 
@@ -266,12 +271,10 @@ def _tiff_entry(tiff: bytes | mmap.mmap, tag: int) -> tuple[int, str] | None:
     order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
     if order is None:
         return None
-    try:
+    with suppress(struct.error):  # cut short: as good as none
         first = struct.unpack_from(order + "I", tiff, 4)[0]
         for index in range(struct.unpack_from(order + "H", tiff, first)[0]):
             entry = first + 2 + 12 * index
             if struct.unpack_from(order + "H", tiff, entry)[0] == tag and entry + 10 <= len(tiff):
                 return entry, order
-    except struct.error:  # cut short: as good as none
-        return None
     return None

@@ -76,8 +76,10 @@ class Pictures:
         thumbnail = Thumbnail.of(pixels)
         blocks = thumbnail.block_colours()
         near = np.square(self._blocks - blocks).mean(axis=1) < ROUNDING * thumbnail.colours_slack()
-        before = next((other for other, met in (self._met[row] for row in np.flatnonzero(near)) if thumbnail.shows_same(met)), None)
-        if before is None:
-            self._met.append((name, thumbnail))
-            self._blocks = np.vstack([self._blocks, blocks])
-        return before
+        for row in np.flatnonzero(near):
+            before, met = self._met[row]
+            if thumbnail.shows_same(met):
+                return before
+        self._met.append((name, thumbnail))
+        self._blocks = np.vstack([self._blocks, blocks])
+        return None

@@ -80,9 +80,12 @@ def is_file(path: Path | str) -> bool:
 
 
 def relative_path(name: str) -> Path:
-    """A photo's name as a path that cannot leave the folder it is joined to: some models name photos by whole paths, or through `..`."""
+    """A photo's name as a path that cannot leave the folder it is joined to: some models name photos by whole paths, or through `..`.
+
+    Of a whole path the file's own name is left. On Windows that is any path with a drive or a root: joined, it would replace the folder.
+    """
     path = Path(name.replace("\\", "/"))  # some were written on Windows
-    return Path(path.name) if path.is_absolute() else Path(*(part for part in path.parts if part != ".."))
+    return Path(path.name) if path.anchor else Path(*(part for part in path.parts if part != ".."))
 
 
 def png_paths(names: Iterable[str]) -> dict[str, Path]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from core.data.collection import Photo
 from core.data.photos import distortion
-from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, peek, probe
+from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, peek, probe, swaps_sides
 from core.data.photos.fill import fill
 from core.errors import BadInput
 
@@ -80,7 +80,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     if transparent_is_empty and alpha is not None:
         pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
-        shown = pixels.shape[1::-1] if header.orientation >= 5 else pixels.shape[:2]
+        shown = pixels.shape[1::-1] if swaps_sides(header.orientation) else pixels.shape[:2]
         use = _as_stored(read_mask(photo.mask, shown, photo), header.orientation)
         valid = use if valid is None else valid & use
     if photo.lens is None:
@@ -102,7 +102,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     """Stored pixels (H, W, ...) as displayed; orientation: EXIF's 1..8."""
-    if orientation >= 5:
+    if swaps_sides(orientation):
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):
         pixels = pixels[:, ::-1]
@@ -117,7 +117,7 @@ def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
         pixels = pixels[::-1]
     if orientation in (2, 3, 6, 7):
         pixels = pixels[:, ::-1]
-    return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
+    return pixels.swapaxes(0, 1) if swaps_sides(orientation) else pixels
 
 
 def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
@@ -224,14 +224,14 @@ def _over_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
 def _undistort(pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
     channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]
-    most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if header.orientation >= 5 else wanted))
+    most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if swaps_sides(header.orientation) else wanted))
     if pixels.shape[1] > most[0] and pixels.shape[0] > most[1]:
         layers = [_resize(layer, *most) for layer in layers]  # one by one: OpenCV averages over four channels at most
     pixels = np.dstack(layers)
     if photo.lens.orientation == 1:  # the lens is that of the picture as displayed
         pixels = upright(pixels, header.orientation)
     height, width = pixels.shape[:2]
-    if photo.lens.orientation >= 5:
+    if swaps_sides(photo.lens.orientation):
         width, height = height, width
     found, seen = distortion.undistort(pixels, photo.lens, photo.camera.resized(width, height))
     if valid is not None:

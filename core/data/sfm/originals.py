@@ -30,8 +30,8 @@ def name_in(scene: Path, path: Path) -> str | None:
 
 def is_made_of(scene: Path, files: dict[str, list[int]]) -> bool:
     """Whether the scene was made of these very files (`files_of`): the same by name, size and modification time, wherever they lay then."""
-    made_of, found = ({Path(path).name: mark for path, mark in each.items()} for each in (read_mark(scene / MADE_OF), files))
-    return bool(found) and made_of == found
+    made_of, found = ([(Path(path).name, mark) for path, mark in each.items()] for each in (read_mark(scene / MADE_OF), files))
+    return bool(found) and made_of == found  # in their order: two links may lead to files of one name
 
 
 def lenses_of(scene: Path) -> dict[str, Lens]:

@@ -1,6 +1,7 @@
 """Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
 
 import os
+from collections.abc import Container
 from dataclasses import asdict
 from pathlib import Path
 
@@ -91,16 +92,14 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
     """
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
-    copies, originals, taken, turned, numbers = {}, {}, set(), 0, {path: number for number, path in enumerate(paths, 1)}
+    numbers = {path: number for number, path in enumerate(paths, 1)}
+    copies, originals, turned = {}, {}, 0
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, BadInput):
             report.warn(f"Left out: {photo.what}")
             continue
-        name = _name_in_scene(path, photo, f"{numbers[path]}-", taken)
-        originals[path] = name
-        taken.add(name)
-        copy = f"{numbers[path]:06d}.jpg"
-        copies[copy] = name
+        copy, name = f"{numbers[path]:06d}.jpg", _name_in_scene(path, photo, f"{numbers[path]}-", originals.values())
+        copies[copy] = originals[path] = name
         upright_jpeg = photo.header.kind == "jpeg" and photo.header.orientation == 1
         (work / PHOTOS / copy).write_bytes(path.read_bytes() if upright_jpeg else _encode(photo))
         turned += photo.header.orientation != 1
@@ -111,7 +110,7 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
     return dict(sorted(copies.items())), {path: originals[path] for path in paths if path in originals}
 
 
-def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: set[str]) -> str:
+def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: Container[str]) -> str:
     """The photo's own name in UTF-8, which is all that COLMAP takes, with a suffix of the format that it is to be written in.
 
     Where that is `taken`, or too long for a disk, its end behind the prefix, more than once if need be.

@@ -131,7 +131,7 @@ def test_an_early_stop_leaves_nothing(tmp_path):
     "problem",
     [KeyboardInterrupt(), MemoryError(), opencv_error(cv2.Error.StsNoMem), OSError(errno.ENOSPC, "full"), disk_full("matches-of.json")],
 )
-@pytest.mark.parametrize("name", ["sfm", "a b", "ö" * 125])
+@pytest.mark.parametrize("name", ["sfm", "a b", "ö" * 125, "😀" * 60], ids=["short", "space", "long", "longest letters"])
 def test_the_database_outlives_a_stop_whatever_the_scene_is_called(tmp_path, problem, name):
     def begin(work):
         keep_if_of({"a": 1}, work, QUIET)

@@ -3,7 +3,7 @@
 import os
 
 from core.data.made import stamp
-from core.data.sfm.originals import MADE_OF, NAMES, name_in
+from core.data.sfm.originals import MADE_OF, NAMES, files_of, is_made_of, name_in
 from core.system.atomic import write_json
 
 
@@ -23,3 +23,16 @@ def test_a_moved_photo_is_known_until_it_changes_or_another_of_its_name_is_gone_
     os.utime(moved, ns=(1, 1))
     second.unlink()
     assert name_in(scene, moved) is None  # which of the two is it?
+
+
+def test_links_to_files_of_one_name_are_told_apart(tmp_path):
+    photos, scene = tmp_path / "photos", tmp_path / "scene"
+    for folder in (photos, scene, tmp_path / "a", tmp_path / "b"):
+        folder.mkdir()
+    for name in "ab":
+        (tmp_path / name / "0.jpg").write_bytes(name.encode())
+        (photos / f"{name}.jpg").symlink_to(tmp_path / name / "0.jpg")
+    write_json(scene / MADE_OF, files_of(photos))
+    assert is_made_of(scene, files_of(photos))
+    (photos / "a.jpg").unlink()
+    assert not is_made_of(scene, files_of(photos))

@@ -12,6 +12,7 @@ from torch import Tensor
 from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
 from core.rasterizer import Colour, Rasterizer, Visible
+from core.rasterizer.view import WIDTH, view_of
 from core.scene.camera import Camera
 from core.system.device import sent, sent_together
 from core.system.threads import beside
@@ -24,7 +25,6 @@ from core.training.jitter import draw_gain, jittered
 from core.training.losses.backward import backward
 from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
-from core.training.losses.regularisers import camera_numbers
 from core.training.sized_photos import SizedPhotos
 from core.training.transparency import transparent_is_empty
 
@@ -45,22 +45,20 @@ class StepInputs:
     """The numbers that differ between two steps, where they are computed.
 
     encoder_input: the photo as the encoder takes it; target: as the picture's; gain: (3,), of the exposure that both are seen in, None for their
-    own. camera: see `regularisers.camera_numbers`. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of the Gaussians, see
+    own. view: the camera, see core.rasterizer.view. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of the Gaussians, see
     `learning_rates`; network_rates: of the networks, see `network_updates`. neutral: (e,), the mean embedding. gauge_rows: see `Objective.gauge`.
-    view: the camera as a GPU reads it, see core.rasterizer.cuda.view.
     """
 
     encoder_input: Tensor
     target: Target
     gain: Tensor | None
-    camera: Tensor
+    view: Tensor
     largest_loss: Tensor
     mask_mean: Tensor
     rates: dict[str, Tensor]
     network_rates: list[float] | list[Tensor]
     neutral: Tensor
     gauge_rows: Tensor | None
-    view: Tensor | None = None
 
     @property
     def tensors(self) -> list[Tensor]:
@@ -84,7 +82,7 @@ class StepInputs:
         return replace(
             self,
             gain=None if self.gain is None else others[-1],
-            camera=sent(self.camera, device),
+            view=sent(self.view, device),
             largest_loss=largest_loss,
             mask_mean=mask_mean,
             rates=dict(zip(self.rates, others)),
@@ -117,7 +115,7 @@ class Stepper:
             encoder_input=self.photos[index].encoder_input,
             target=target,
             gain=draw_gain(settings, generator),
-            camera=camera_numbers(camera),
+            view=view_of(camera),
             largest_loss=torch.tensor(guards.largest_loss(usual)),
             mask_mean=torch.tensor(mask_mean),
             rates=learning_rates(settings, progress),
@@ -166,7 +164,7 @@ class Stepper:
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
         picture_loss = objective.picture(image, target, reading.mask, progress, inputs.mask_mean)
-        front = splats, moment.camera, inputs.camera, visible.known
+        front = splats, moment.camera, inputs.view, visible.known
         rendered_loss = picture_loss + objective.transient(*front, reading.mask, progress, moment.done)
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
@@ -184,7 +182,7 @@ class Stepper:
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             if not guards.refused(taken):
-                half_size = inputs.camera[-1, 1:].float() / 2  # of the picture
+                half_size = inputs.view[WIDTH:].float() / 2  # of the picture
                 densify.gather(gaussians, visible.rows, probe.grad, half_size, taken)
                 gaussians.step(visible.rows, leaves, inputs.rates, taken)
             learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if the encoder's gradient overflows

@@ -67,25 +67,30 @@ class StepInputs:
         for part in vars(self).values():
             if isinstance(part, Target):
                 found += part.tensors
-            else:
-                found += part.values() if isinstance(part, dict) else part if isinstance(part, list) else [part]
-        return [tensor for tensor in found if tensor is not None]
+            elif isinstance(part, dict):
+                found += part.values()
+            elif isinstance(part, list):
+                found += part
+            elif part is not None:
+                found.append(part)
+        return found
 
     def sent(self) -> "StepInputs":
-        """The same, all that the host made of them where the rest is; from a CPU to a GPU without waiting."""
+        """The same on the photo's device: what the host made of them is copied there without waiting."""
         device = self.encoder_input.device
         if device.type == "cpu":
             return self
-        numbers = self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values()
-        numbers = sent_together([*numbers, *([] if self.gain is None else [self.gain])], device)
-        largest_loss, mask_mean, network_rates, *others = numbers
+        gains = [] if self.gain is None else [self.gain]
+        numbers = [self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values(), *gains]
+        largest_loss, mask_mean, network_rates, *rates = sent_together(numbers, device)
+        gain = rates.pop() if gains else None
         return replace(
             self,
-            gain=None if self.gain is None else others[-1],
+            gain=gain,
             view=sent(self.view, device),
             largest_loss=largest_loss,
             mask_mean=mask_mean,
-            rates=dict(zip(self.rates, others)),
+            rates=dict(zip(self.rates, rates, strict=True)),
             network_rates=list(network_rates.unbind()),
             gauge_rows=None if self.gauge_rows is None else sent(self.gauge_rows, device),
         )
@@ -124,20 +129,27 @@ class Stepper:
             gauge_rows=self.objective.drawn_for_gauge(gaussians, generator),
         )
         background = background_of_step(transparent_is_empty(settings), generator)
-        return self._taken(gaussians, inputs.sent(), Moment(index, done, progress, camera, background))
+        return self._compute(gaussians, inputs.sent(), Moment(index, done, progress, camera, background))
 
     def forget(self) -> None:
         """Keep nothing of the Gaussians: they are about to grow in number, to be removed or replaced."""
 
-    def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
-        find_visible = lambda: (self.rasterizer.visible(gaussians.splats, moment.camera), None)
+    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+        """The step from here on, by its inputs."""
+
+        def find_visible() -> tuple[Visible, None]:
+            return self.rasterizer.visible(gaussians.splats, moment.camera), None
+
         reading, facts = self._learn(gaussians, inputs, moment, find_visible)
         return reading, StepFacts(*facts.cpu().tolist())
 
     def _learn(
         self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, find_visible: Callable[[], tuple[Visible, Tensor | None]]
     ) -> tuple[Reading, Tensor]:
-        """The step itself. find_visible: what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`."""
+        """The step itself; its facts are one tensor, in the order of StepFacts.
+
+        find_visible: gives what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`.
+        """
         model, objective, progress = self.model, self.objective, moment.progress
         if self.optimizer is not None:
             self.optimizer.zero_grad()
@@ -164,8 +176,8 @@ class Stepper:
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
         picture_loss = objective.picture(image, target, reading.mask, progress, inputs.mask_mean)
-        front = splats, moment.camera, inputs.view, visible.known
-        rendered_loss = picture_loss + objective.transient(*front, reading.mask, progress, moment.done)
+        transient_loss = objective.transient(splats, moment.camera, inputs.view, visible.known, reading.mask, progress, moment.done)
+        rendered_loss = picture_loss + transient_loss
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()

@@ -13,7 +13,9 @@ Prints a Markdown table for each scene and protocol, and writes it as SCENE.md, 
 import csv
 import io
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -23,8 +25,9 @@ prepare()  # before torch is imported
 
 import click
 
-from core.config import PRESETS, preset
+from core.config import PRESETS, Settings, preset
 from core.evaluation import PROTOCOLS
+from core.report import Report
 from core.system.atomic import write_text
 from samples.measurements.finished import measured, with_split
 from samples.measurements.seeds import METRICS, cell, folder_name
@@ -63,8 +66,13 @@ def main(scenes, preset_name, steps, resolution, seeds, protocols, names, split,
             click.echo(text)
 
 
-def ablate(scene, base, variants, seeds, protocols, folder, report) -> dict[str, list[dict]]:
-    """The figures of each variant, one entry a seed; seeds go round together, so that a first answer comes early."""
+def ablate(
+    scene: Path, base: Settings, variants: dict[str, dict[str, Any]], seeds: int, protocols: Sequence[str], folder: Path, report: Report
+) -> dict[str, list[dict]]:
+    """The figures of each variant, one entry a seed; seeds go round together, so that a first answer comes early.
+
+    variants: changes of the settings `base`, by name. folder: of the runs.
+    """
     runs = {name: [] for name in variants}
     for seed in range(seeds):
         for number, (name, changes) in enumerate(variants.items(), 1):
@@ -78,32 +86,32 @@ def ablate(scene, base, variants, seeds, protocols, folder, report) -> dict[str,
 
 def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
     """Markdown: means over the seeds, with their standard deviation where there are several."""
-    first = runs[FULL][0]["results"][protocol]
+    of_full = _of(runs[FULL], protocol)
+    first = of_full[0]
     against = "clean" if "clean" in first["means"] else "photo"
     what = "the clean truth" if against == "clean" else "the test photos"
-    seeds = len(runs[FULL])
+    seeds = "one seed" if len(of_full) == 1 else f"{len(of_full)} seeds (mean ± standard deviation)"
+    how = f"{scene}: protocol {protocol}, against {what}; {first['steps']} steps, scale {first['scale']:.2f}, {seeds}, LPIPS {first['lpips']}. "
+    if "embedding by GLO" in runs:
+        how += GLO
     lines = [
-        f"{scene}: protocol {protocol}, against {what}; {first['steps']} steps, scale {first['scale']:.2f}, "
-        + ("one seed" if seeds == 1 else f"{seeds} seeds (mean ± standard deviation)")
-        + f", LPIPS {first['lpips']}. "
-        + GLO * ("embedding by GLO" in runs)
-        + "SSIM and LPIPS are those refined, or zero-shot where nothing can be.",
+        how + "SSIM and LPIPS are those refined, or zero-shot where nothing can be.",
         "",
         "| " + " | ".join(HEADER) + " |",
         "|---" * len(HEADER) + "|",
     ]
     for name, group in runs.items():
-        results = [one["results"][protocol] for one in group]
+        results = _of(group, protocol)
         cells = [name]
         for look in ("zero_shot", "refined"):
-            scores, own = ([_score(r, against, look, "psnr") for r in rs] for rs in (_of(runs[FULL], protocol), results))
-            differences = [b - a for a, b in zip(scores, own, strict=True) if a is not None and b is not None]
+            own, full = (_scores(each, against, look, "psnr") for each in (results, of_full))
+            differences = [a - b for a, b in zip(own, full, strict=True) if a is not None and b is not None]
             cells += [cell(own, "{:.2f}"), "" if name == FULL else cell(differences, "{:+.2f}")]
-        best = "refined" if _score(results[0], against, "refined", "psnr") is not None else "zero_shot"
-        cells.append(" / ".join(cell([_score(r, against, best, m) for r in results], "{:.3f}", False) for m in METRICS[1:]))
-        cells.append(cell([r["mask_iou"] for r in results], "{:.2f}"))
+        best = "zero_shot" if _scores(results, against, "refined", "psnr")[0] is None else "refined"
+        cells.append(" / ".join(cell(_scores(results, against, best, metric), "{:.3f}", False) for metric in METRICS[1:]))
+        cells.append(cell([result["mask_iou"] for result in results], "{:.2f}"))
         cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}"))
-        cells.append(cell([r["training_seconds"] for r in results], "{:.0f}"))
+        cells.append(cell([result["training_seconds"] for result in results], "{:.0f}"))
         paper = VARIANTS[name]
         cells.append("" if paper.psnr is None or name == FULL else f"{paper.psnr - VARIANTS[FULL].psnr:+.2f}")
         cells.append("" if paper.megabytes is None else f"{paper.megabytes}")
@@ -128,11 +136,13 @@ def csv_of(runs: dict[str, list[dict]]) -> str:
 
 
 def _of(group: list[dict], protocol: str) -> list[dict]:
+    """The results of a variant's runs by one protocol."""
     return [one["results"][protocol] for one in group]
 
 
-def _score(result: dict, against: str, look: str, metric: str) -> float | None:
-    return result["means"][against].get(look, {}).get(metric)
+def _scores(results: list[dict], against: str, look: str, metric: str) -> list[float | None]:
+    """A metric's mean over the photos in each of these results; None where it was not measured."""
+    return [result["means"][against].get(look, {}).get(metric) for result in results]
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ from samples.measurements.opened import opened
 from wegs_cli.main import OneLineErrors
 
 WIDTH_PX = 400  # of the picture in which a camera's error is measured
+FIGURES = "encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB"
 
 
 @click.command(cls=OneLineErrors)
@@ -50,17 +51,15 @@ def main(run_folder: Path | None) -> None:
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue
-        rows.append((off_px(found.camera, photo, collection), *scores(trained, photo, found.camera)))
-        off, *decibels = rows[-1]
-        gains = "encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(*decibels)
-        click.echo(f"{photo.name}: {found.agreeing} of {found.matched} features agree, {off:.2f} px of {WIDTH_PX} off; {gains}")
+        off, decibels = off_px(found.camera, photo, collection), scores(trained, photo, found.camera)
+        agree = f"{found.agreeing} of {found.matched} features agree"
+        click.echo(f"{photo.name}: {agree}, {off:.2f} px of {WIDTH_PX} off; {FIGURES.format(*decibels)}")
+        rows.append((off, *decibels))
     click.echo(f"{len(rows)} of {len(held_out)} found")
     if rows:
-        click.echo(
-            "median {:.2f} px off; mean of encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB".format(
-                np.median([row[0] for row in rows]), *np.mean([row[1:] for row in rows], axis=0)
-            )
-        )
+        offs, *decibels = np.array(rows).T
+        means = (values.mean() for values in decibels)
+        click.echo(f"median {np.median(offs):.2f} px off; mean of {FIGURES.format(*means)}")
 
 
 def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:

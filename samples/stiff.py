@@ -8,6 +8,7 @@ held-out photos by protocol `full`: the mean over the seeds, with their standard
 
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -30,9 +31,10 @@ from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 SCENE = Path(__file__).parent / "plaza"
+Change = Callable[[pycolmap.Reconstruction, list[Path]], None]  # of a model and the files of its training photos, in place
 
 
-def moved(scale: float, offset: float):
+def moved(scale: float, offset: float) -> Change:
     """The whole model in another unit, and elsewhere."""
 
     def change(model: pycolmap.Reconstruction, _) -> None:
@@ -56,7 +58,7 @@ def black_and_white(_, photos: list[Path]) -> None:
         cv2.imwrite(str(path), np.full_like(cv2.imread(str(path)), level))
 
 
-CASES = {
+CASES: dict[str, Change] = {
     "as it is": lambda *_: None,
     "coordinates at 5e5": moved(1.0, 5e5),
     "coordinates at 5e6": moved(1.0, 5e6),
@@ -89,7 +91,7 @@ def main(steps: int, resolution: int, seeds: int, output: Path) -> None:
     click.echo("\n".join(lines))
 
 
-def spoilt(folder: Path, change) -> Path:
+def spoilt(folder: Path, change: Change) -> Path:
     """A copy of plaza with its model and training photos changed, made once."""
     if not folder.is_dir():
         making = folder.with_name("making")

@@ -23,7 +23,7 @@ prepare()  # before torch is imported
 import click
 
 from core import pipeline
-from core.config import preset
+from core.config import Settings, preset
 from core.looks.trained import load_run
 from core.training.on_disk import checkpoint, run_folders
 from wegs_cli.main import OneLineErrors
@@ -67,7 +67,7 @@ def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, o
     click.echo("\n".join(lines))
 
 
-def measure(scene: Path, settings, folder: Path, terminal: Terminal) -> dict:
+def measure(scene: Path, settings: Settings, folder: Path, terminal: Terminal) -> dict:
     """One run: its settings as decided, CPU seconds, bytes, held-out PSNR."""
     start = time.process_time()
     pipeline.train(scene, settings, folder, terminal, force=True)
@@ -83,7 +83,7 @@ def measure(scene: Path, settings, folder: Path, terminal: Terminal) -> dict:
     }
 
 
-def decided(settings) -> str:
+def decided(settings: Settings) -> str:
     """The three choices in one cell."""
     return f"{settings.appearance} / {settings.transients} / degree {settings.sh_degree}"
 

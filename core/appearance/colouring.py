@@ -13,8 +13,11 @@ EVEN = torch.ones(2, 3)  # the tone that changes nothing
 
 
 class Colouring(NamedTuple):
-    """tone: gains of place and sky (core.appearance.tone). changes: what is added to weights of the SH transfer, by which a look refined against
-    a photo goes beyond all that embeddings express. Without either, a look is its embedding's."""
+    """What turns base coefficients into those of a look: its embedding, and what a photo's look may have beyond all that embeddings express.
+
+    tone: gains of place and sky (core.appearance.tone), for a photo in a light that no training photo has, and where a look is refined against
+    its photo. changes: what is added to weights of the SH transfer by such a refinement.
+    """
 
     embedding: Float[Tensor, " e"]
     tone: Float[Tensor, "2 3"] | None = None

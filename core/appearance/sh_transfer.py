@@ -1,5 +1,7 @@
 """G_phi: from the base SH of a Gaussian and the embedding of a photo to the SH of that photo's look."""
 
+from functools import partial
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
@@ -69,15 +71,16 @@ class SHTransfer(nn.Module):
         meanwhile. Differentiable in all but `means`, and in `sh` unless `detach_sh`. A row's result does not depend on the other rows (bit for
         bit for float32 on the CPU). Raises BadInput if the sizes are not those of the settings.
         """
-        sizes = self.settings.position_octaves, self.settings.residual_bound
+        octaves, bound = self.settings.position_octaves, self.settings.residual_bound
         self.check(sh, latents)
-        if not is_fast(sh):
+        if not goes_blockwise(sh):
             layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
             learned = self.encoded(sh) if latents is None else torch.cat([self.encoded(sh), latents], dim=1)
-            return chunked_mlp(learned, means, *layers, *sizes).view_as(sh)
+            return chunked_mlp(learned, means, *layers, octaves, bound).view_as(sh)
         with threads_for_blocks():
-            inputs, hidden_layers = (self.encoded(sh), latents, means), self.hidden_layers(embedding, changes)
-            return blockwise_mlp(*inputs, hidden_layers, lambda: self.output_layer(embedding, changes), *sizes).view_as(sh)
+            learned, hidden_layers = self.encoded(sh), self.hidden_layers(embedding, changes)
+            output_layer = partial(self.output_layer, embedding, changes)
+            return blockwise_mlp(learned, latents, means, hidden_layers, output_layer, octaves, bound).view_as(sh)
 
     @torch.no_grad()
     def added(
@@ -89,13 +92,13 @@ class SHTransfer(nn.Module):
         changes: Weights = UNCHANGED,
     ) -> Float[Tensor, "v c 3"]:
         """sh + forward(...), bit for bit; without a gradient, in one pass on a CPU."""
-        if not is_fast(sh):
+        if not goes_blockwise(sh):
             return sh + self(sh, means, embedding, latents, changes)
+        octaves, bound = self.settings.position_octaves, self.settings.residual_bound
         self.check(sh, latents)
-        sizes = self.settings.position_octaves, self.settings.residual_bound
         with threads_for_blocks():
             layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
-            return blockwise_sum(sh.flatten(1), self.encoded(sh), latents, means, *layers, *sizes).view_as(sh)
+            return blockwise_sum(sh.flatten(1), self.encoded(sh), latents, means, *layers, octaves, bound).view_as(sh)
 
     @torch.no_grad()
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
@@ -123,11 +126,8 @@ class SHTransfer(nn.Module):
     def hidden_layers(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> HiddenLayers:
         """The hidden layers of this photo."""
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
-        weights, biases = (
-            [changed(getattr(layer, kind), f"layers.{number}.{kind}", changes) for number, layer in enumerate(self.layers)]
-            for kind in ("weight", "bias")
-        )
-        first_weight, first_bias = weights.pop(0), biases.pop(0)
+        first_weight, *weights = [changed(layer.weight, f"layers.{number}.weight", changes) for number, layer in enumerate(self.layers)]
+        first_bias, *biases = [changed(layer.bias, f"layers.{number}.bias", changes) for number, layer in enumerate(self.layers)]
         learned_weight, place_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
         if not self.mixes:
             first_bias = embedding_weight @ embedding + first_bias
@@ -138,12 +138,12 @@ class SHTransfer(nn.Module):
 
     def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> OutputLayer:
         """The output layer of this photo."""
-        weight, bias = (changed(getattr(self.last, kind), f"last.{kind}", changes) for kind in ("weight", "bias"))
+        weight, bias = changed(self.last.weight, "last.weight", changes), changed(self.last.bias, "last.bias", changes)
         if not self.mixes:
             return OutputLayer(weight, weight.new_empty(self.coefficients, 0), bias)
         mixed = MIXING_GAIN * F.linear(embedding, weight, bias).view(self.coefficients, -1)
-        output_weight, skip_weight, bias = mixed.split((self.layers[0].out_features, self.learned_columns, 1), dim=1)
-        return OutputLayer(output_weight, skip_weight, bias.squeeze(1))
+        output_weight, skip_weight, output_bias = mixed.split((self.layers[0].out_features, self.learned_columns, 1), dim=1)
+        return OutputLayer(output_weight, skip_weight, output_bias.squeeze(1))
 
 
 def changed(weight: Tensor, name: str, changes: Weights) -> Tensor:
@@ -160,6 +160,6 @@ def require(what: str, given: int, expected: int) -> None:
         )
 
 
-def is_fast(sh: Tensor) -> bool:
-    """Whether the blockwise path takes it."""
+def goes_blockwise(sh: Tensor) -> bool:
+    """Whether core.appearance.transfer_mlp computes it in blocks."""
     return sh.dtype == torch.float32 and sh.device.type == "cpu"

@@ -58,8 +58,8 @@ def draw_png(figure: Figure) -> bytes:
     is_full = count == rows * columns
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from")  # a letter that the font lacks is drawn as a box, which says it as well
-        size = PANEL_INCHES[0] * columns + LEGEND_INCHES * is_full, PANEL_INCHES[1] * rows + MARGIN_INCHES
-        canvas = Canvas(figsize=size, dpi=DPI, layout="constrained")
+        width, height = PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows + MARGIN_INCHES
+        canvas = Canvas(figsize=(width + LEGEND_INCHES if is_full else width, height), dpi=DPI, layout="constrained")
         agg = FigureCanvasAgg(canvas)  # its own, so that no window system is asked for
         canvas.suptitle(figure.title, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
         axes = canvas.subplots(rows, columns, squeeze=False).flatten()

@@ -35,7 +35,8 @@ def show(figure: Figure, report: Report) -> None:
     for point in figure.points:
         cells = [point.values[q.name].words() if q.name in point.values else "-" for q in figure.quantities]
         fronts = ", ".join(str(number) for number in fronts_of(figure, point))
-        rows.append((point.curve, point.label + " (default)" * point.is_default, *cells, fronts))
+        label = f"{point.label} (default)" if point.is_default else point.label
+        rows.append((point.curve, label, *cells, fronts))
     report.table(figure.title, rows, header)
     for number, panel in enumerate(figure.panels, 1):
         report.say(f"{number}: {figure.quantity(panel.y).label} over {figure.quantity(panel.x).label}")

@@ -71,7 +71,8 @@ def bench(
         raise BadInput("A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is.")
     if scene is not None and set(names) == {"rendering"}:
         raise BadInput("Rendering is measured on the built-in scene.", "Leave SCENE out, or give a run with --run.")
-    files.check_free(output, names + (OF_RUN,) * ("rendering" in names and run_folder is not None), force)
+    renders_run = run_folder is not None and "rendering" in names
+    files.check_free(output, (*names, OF_RUN) if renders_run else names, force)
     size = FULL if full else SMALL
     trained = None if run_folder is None else open_run(run_folder, report)  # fails now, not after minutes
     collection = None
@@ -213,9 +214,11 @@ def _train_presets(
 
     collection: None for the built-in one.
     """
-    wanted = list(PRESETS) if "training" in names else ["default"] if {"baking", "refinement"} & set(names) else []
-    seeds = size.seeds if "training" in names else 1
-    if not wanted:
+    if "training" in names:
+        wanted, seeds = list(PRESETS), size.seeds
+    elif "baking" in names or "refinement" in names:
+        wanted, seeds = ["default"], 1
+    else:
         return [], "", ()
     is_built_in = collection is None
     if is_built_in:

@@ -11,7 +11,7 @@ from core.scene.camera import Camera
 
 @runtime_checkable
 class Subject(Protocol):
-    """A scene whose look follows a Colouring, if it `has_looks`, more than one."""
+    """A scene whose look follows a Colouring. has_looks: whether it has more than one."""
 
     has_looks: bool
 

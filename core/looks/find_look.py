@@ -119,13 +119,13 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
         return named(neutral_look(trained).colouring)
     names = trained.model.photo_names
     row = names.index(photo.name) if photo.name in names else None
-    learned = None
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
-    elif mask is None and trained.photo_embeddings is not None:
+    learned = None
+    if row is not None and mask is None and trained.photo_embeddings is not None:
         learned = named(Colouring(trained.photo_embeddings[row]))
-    if learned is not None and not refine:
-        return learned
+        if not refine:
+            return learned
     if mask is not None:
         photo = _masked_by_user(trained, photo, mask)
     try:

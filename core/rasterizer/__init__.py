@@ -1,6 +1,6 @@
 """Rasterizers: one contract, several backends. Adding one is a module and a line in BACKENDS.
 
-what all must do  contract; inputs, what kernels check; layout, what they keep
+what all must do  contract; inputs, what kernels check; layout, what they keep; view, a camera as numbers
 the backends      reference, the definition; cpu; cuda
 of many views     views
 of many looks     shares

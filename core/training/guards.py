@@ -67,7 +67,7 @@ def fault(facts: StepFacts, usual: float) -> str | None:
 
 
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:
-    """Whether no number in these tensors, all on the device `where`, is NaN or infinite; on a CPU, neither is the sum of a tensor."""
+    """Whether no number in these tensors, all on the device `where`, is NaN or infinite. On a CPU a tensor whose sum overflows counts as such."""
     given = [tensor for tensor in tensors if tensor is not None and tensor.numel()]
     if not given:
         return torch.ones((), dtype=torch.bool, device=where)

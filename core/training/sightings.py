@@ -111,8 +111,14 @@ def _degrees_to_nearest(rays: np.ndarray, distances: np.ndarray, matched: np.nda
     return np.degrees(np.arccos(np.clip(largest, -1, 1)))
 
 
-def _in_photo(number: int, sized: SizedPhoto, positions, rays, matched, degrees) -> tuple[np.ndarray, ...]:
-    """The columns of Sightings that one photo has."""
+def _in_photo(
+    number: int, sized: SizedPhoto, positions: np.ndarray, rays: np.ndarray, matched: np.ndarray, degrees: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """The columns of Sightings that one photo has.
+
+    number: the photo's. positions: (P, 3) points, scene frame. rays: (P, 3) unit vectors to them. matched: (P,) whether the photo matched them.
+    degrees: (P,), see `_degrees_to_nearest`.
+    """
     height, width = sized.pixels.shape[:2]
     diagonal = float(np.hypot(height, width))
     pixels, depths = sized.camera.project(positions)

@@ -158,27 +158,28 @@ class SizedPhotos(Sequence[SizedPhoto]):
 
     def target(self, index: int, factor: int) -> tuple[Camera, Target]:
         """The photo as a training target, shrunk by `factor`, and its camera at that size."""
-        sized = self.photos[index]
-        width, height = _shrunk(sized.camera, factor)
-        key = (index, factor)
+        key, camera = (index, factor), self.photos[index].camera
         if key not in self._targets:
-            pixels, valid, empty = sized.pixels, sized.valid, sized.empty
-            if factor > 1:
-                pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-                if valid is not None:
-                    cover = cv2.resize(valid.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-                    valid = cover > (0.5 if cover.max() > 0.5 else cover.max() / 2)  # where nothing is covered by half, what is covered most
-                if empty is not None:
-                    empty = cv2.resize(empty, (width, height), interpolation=cv2.INTER_AREA)
-            shown = as_tensors(pixels, valid, self.device)
-            if canvas := self.canvas(factor):
-                self._targets[key] = TargetOnCanvas(*shown, canvas, mask_size(sized.encoder_input))
-            else:
-                self._targets[key] = Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
+            self._targets[key] = self._made_target(*key)
             self._bytes += self._targets[key].nbytes
             while self._bytes > self._most_bytes and len(self._targets) > 1:
                 self._bytes -= self._targets.popitem(last=False)[1].nbytes
-        return sized.camera.resized(width, height), self._targets[key]
+        return camera.resized(*_shrunk(camera, factor)), self._targets[key]
+
+    def _made_target(self, index: int, factor: int) -> Target:
+        sized = self.photos[index]
+        pixels, valid, empty, size = sized.pixels, sized.valid, sized.empty, _shrunk(sized.camera, factor)
+        if factor > 1:
+            pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+            if valid is not None:
+                cover = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+                valid = cover > (0.5 if cover.max() > 0.5 else cover.max() / 2)  # where nothing is covered by half, what is covered most
+            if empty is not None:
+                empty = cv2.resize(empty, size, interpolation=cv2.INTER_AREA)
+        shown = as_tensors(pixels, valid, self.device)
+        if canvas := self.canvas(factor):
+            return TargetOnCanvas(*shown, canvas, mask_size(sized.encoder_input))
+        return Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
 
 
 def _shrunk(camera: Camera, factor: int) -> tuple[int, int]:

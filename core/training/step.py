@@ -12,6 +12,7 @@ from torch import Tensor
 from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
 from core.rasterizer import Colour, Rasterizer, Visible
+from core.rasterizer.view import WIDTH, view_of
 from core.scene.camera import Camera
 from core.system.device import sent, sent_together
 from core.system.threads import beside
@@ -24,7 +25,6 @@ from core.training.jitter import draw_gain, jittered
 from core.training.losses.backward import backward
 from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
-from core.training.losses.regularisers import camera_numbers
 from core.training.sized_photos import SizedPhotos
 from core.training.transparency import transparent_is_empty
 
@@ -45,22 +45,20 @@ class StepInputs:
     """The numbers that differ between two steps, where they are computed.
 
     encoder_input: the photo as the encoder takes it; target: as the picture's; gain: (3,), of the exposure that both are seen in, None for their
-    own. camera: see `regularisers.camera_numbers`. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of the Gaussians, see
+    own. view: the camera, see core.rasterizer.view. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of the Gaussians, see
     `learning_rates`; network_rates: of the networks, see `network_updates`. neutral: (e,), the mean embedding. gauge_rows: see `Objective.gauge`.
-    view: the camera as a GPU reads it, see core.rasterizer.cuda.view.
     """
 
     encoder_input: Tensor
     target: Target
     gain: Tensor | None
-    camera: Tensor
+    view: Tensor
     largest_loss: Tensor
     mask_mean: Tensor
     rates: dict[str, Tensor]
     network_rates: list[float] | list[Tensor]
     neutral: Tensor
     gauge_rows: Tensor | None
-    view: Tensor | None = None
 
     @property
     def tensors(self) -> list[Tensor]:
@@ -69,25 +67,30 @@ class StepInputs:
         for part in vars(self).values():
             if isinstance(part, Target):
                 found += part.tensors
-            else:
-                found += part.values() if isinstance(part, dict) else part if isinstance(part, list) else [part]
-        return [tensor for tensor in found if tensor is not None]
+            elif isinstance(part, dict):
+                found += part.values()
+            elif isinstance(part, list):
+                found += part
+            elif part is not None:
+                found.append(part)
+        return found
 
     def sent(self) -> "StepInputs":
-        """The same, all that the host made of them where the rest is; from a CPU to a GPU without waiting."""
+        """The same on the photo's device: what the host made of them is copied there without waiting."""
         device = self.encoder_input.device
         if device.type == "cpu":
             return self
-        numbers = self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values()
-        numbers = sent_together([*numbers, *([] if self.gain is None else [self.gain])], device)
-        largest_loss, mask_mean, network_rates, *others = numbers
+        gains = [] if self.gain is None else [self.gain]
+        numbers = [self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values(), *gains]
+        largest_loss, mask_mean, network_rates, *rates = sent_together(numbers, device)
+        gain = rates.pop() if gains else None
         return replace(
             self,
-            gain=None if self.gain is None else others[-1],
-            camera=sent(self.camera, device),
+            gain=gain,
+            view=sent(self.view, device),
             largest_loss=largest_loss,
             mask_mean=mask_mean,
-            rates=dict(zip(self.rates, others)),
+            rates=dict(zip(self.rates, rates, strict=True)),
             network_rates=list(network_rates.unbind()),
             gauge_rows=None if self.gauge_rows is None else sent(self.gauge_rows, device),
         )
@@ -117,7 +120,7 @@ class Stepper:
             encoder_input=self.photos[index].encoder_input,
             target=target,
             gain=draw_gain(settings, generator),
-            camera=camera_numbers(camera),
+            view=view_of(camera),
             largest_loss=torch.tensor(guards.largest_loss(usual)),
             mask_mean=torch.tensor(mask_mean),
             rates=learning_rates(settings, progress),
@@ -126,20 +129,27 @@ class Stepper:
             gauge_rows=self.objective.drawn_for_gauge(gaussians, generator),
         )
         background = background_of_step(transparent_is_empty(settings), generator)
-        return self._taken(gaussians, inputs.sent(), Moment(index, done, progress, camera, background))
+        return self._compute(gaussians, inputs.sent(), Moment(index, done, progress, camera, background))
 
     def forget(self) -> None:
         """Keep nothing of the Gaussians: they are about to grow in number, to be removed or replaced."""
 
-    def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
-        find_visible = lambda: (self.rasterizer.visible(gaussians.splats, moment.camera), None)
+    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+        """The step from here on, by its inputs."""
+
+        def find_visible() -> tuple[Visible, None]:
+            return self.rasterizer.visible(gaussians.splats, moment.camera), None
+
         reading, facts = self._learn(gaussians, inputs, moment, find_visible)
         return reading, StepFacts(*facts.cpu().tolist())
 
     def _learn(
         self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, find_visible: Callable[[], tuple[Visible, Tensor | None]]
     ) -> tuple[Reading, Tensor]:
-        """The step itself. find_visible: what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`."""
+        """The step itself; its facts are one tensor, in the order of StepFacts.
+
+        find_visible: gives what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`.
+        """
         model, objective, progress = self.model, self.objective, moment.progress
         if self.optimizer is not None:
             self.optimizer.zero_grad()
@@ -166,8 +176,8 @@ class Stepper:
         # What the step minimises.
         mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
         picture_loss = objective.picture(image, target, reading.mask, progress, inputs.mask_mean)
-        front = splats, moment.camera, inputs.camera, visible.known
-        rendered_loss = picture_loss + objective.transient(*front, reading.mask, progress, moment.done)
+        transient_loss = objective.transient(splats, moment.camera, inputs.view, visible.known, reading.mask, progress, moment.done)
+        rendered_loss = picture_loss + transient_loss
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()
@@ -184,7 +194,7 @@ class Stepper:
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             if not guards.refused(taken):
-                half_size = inputs.camera[-1, 1:].float() / 2  # of the picture
+                half_size = inputs.view[WIDTH:].float() / 2  # of the picture
                 densify.gather(gaussians, visible.rows, probe.grad, half_size, taken)
                 gaussians.step(visible.rows, leaves, inputs.rates, taken)
             learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if the encoder's gradient overflows

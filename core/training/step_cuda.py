@@ -14,7 +14,6 @@ from torch import Tensor
 
 from core.appearance.model import Reading
 from core.rasterizer.cuda.backend import BYTES_A_PAIR, Room, memory_budget
-from core.rasterizer.cuda.view import view_of
 from core.system.cuda_graph import Recorder, Recording, can_record
 from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
@@ -50,16 +49,15 @@ class StepperOnGpu(Stepper):
         if self.recorder is not None:
             self.recorder.forget()
 
-    def _taken(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         if not can_record(inputs.encoder_input.device):
-            return self._fitting(gaussians, inputs, moment)
+            return self._compute_with_room(gaussians, inputs, moment)
         self.recorder = self.recorder or Recorder()
         with self.recorder.at_work():
-            return self._fitting(gaussians, inputs, moment)
+            return self._compute_with_room(gaussians, inputs, moment)
 
-    def _fitting(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+    def _compute_with_room(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
         """The step, with as much room as it needs: with too little it is not taken, but tells how much that is."""
-        inputs = replace(inputs, view=view_of(moment.camera, inputs.encoder_input.device))
         situation = self._situation(inputs, moment)
         if situation != self.situation:
             self.situation = situation

@@ -17,6 +17,7 @@ from samples.measurements.stopwatch import Stopwatch, forget_peak, peak_memory
 RENDERS, GROWTH_RENDERS = 15, 5
 TILES = 18, 12  # of the garden's picture, for plain torch
 TILES_MEASURED = 12
+GROWTH_COLUMNS = ["Gaussians", "visible", "pixels", "CPU ms", "low", "high", "wall ms", "peak MB"]
 GROWING_GAUSSIANS = 10_000, 30_000, 100_000, 300_000, 1_000_000
 GROWING_PIXELS = 250_000, 500_000, 1_000_000, 2_000_000, 4_000_000
 
@@ -94,7 +95,7 @@ def tile_of(camera: Camera, columns: int, rows: int, tile: int) -> Camera:
 def measure_growth_in_gaussians(scale: float) -> dict:
     """The garden at its size, of ever more Gaussians."""
     camera = garden_camera(*(round(side * scale**0.5) for side in GARDEN_SIZE_PX))
-    return growth("gaussians", [(round(count * scale), camera) for count in GROWING_GAUSSIANS])
+    return growth("Gaussians", [(round(count * scale), camera) for count in GROWING_GAUSSIANS])
 
 
 def measure_growth_in_pixels(scale: float) -> dict:
@@ -107,7 +108,7 @@ def measure_growth_in_pixels(scale: float) -> dict:
 
 
 def growth(what: str, cases: list[tuple[int, Camera]]) -> dict:
-    """CPU time and peak memory of each case; the exponent of the time and the bytes that one more takes.
+    """CPU time and peak memory of each case; the exponent of the time and the bytes that one more takes. what: grows, one of GROWTH_COLUMNS.
 
     exponent: the slope of log time over log size by least squares, over all sizes and over the larger half, where
     constant costs count less. bytes: the slope of the peak over size.
@@ -122,16 +123,15 @@ def growth(what: str, cases: list[tuple[int, Camera]]) -> dict:
         visible, pixels = len(backend.visible(scene, camera).rows), camera.width * camera.height
         times = [1e3 * seconds[figure][0] for figure in ("median", "low", "high")]
         rows.append([count, visible, pixels, *times, 1e3 * seconds["median"][1], peak_memory() / 1e6])
-    table = np.array(rows, float)
-    sizes, times, peaks = table[:, 0 if what == "gaussians" else 2], table[:, 3], table[:, 7]
+    table = dict(zip(GROWTH_COLUMNS, np.array(rows, float).T, strict=True))
+    sizes, times, peaks = table[what], table["CPU ms"], table["peak MB"]
     half = len(rows) // 2
     facts = {
         "exponent": round(slope(np.log(sizes), np.log(times)), 2),
         "exponent_of_larger": round(slope(np.log(sizes[half:]), np.log(times[half:])), 2),
-        f"bytes_a_{what[:-1]}": round(slope(sizes, peaks * 1e6)),
+        f"bytes_a_{what.lower()[:-1]}": round(slope(sizes, peaks * 1e6)),
     }
-    columns = ["Gaussians", "visible", "pixels", "CPU ms", "low", "high", "wall ms", "peak MB"]
-    return {"parts": {}, "facts": facts, "series": {"columns": columns, "rows": rows}}
+    return {"parts": {}, "facts": facts, "series": {"columns": GROWTH_COLUMNS, "rows": rows}}
 
 
 def slope(x: np.ndarray, y: np.ndarray) -> float:

@@ -12,6 +12,7 @@ import core.rasterizer
 from core.errors import BadInput, BadSetting
 from core.rasterizer.contract import ALPHA_MIN
 from core.rasterizer.layout import TILE
+from core.rasterizer.view import view_of
 from core.scene.splats import Splats
 from tests.rasterizer.scenes import camera, cloud
 from tests.rasterizer.test_cpu_lists import alphas_of
@@ -20,7 +21,6 @@ pytest.importorskip("triton", reason="Triton is not installed")
 
 from core.kernels import chosen_rows_cuda
 from core.rasterizer.cuda import backend, bin
-from core.rasterizer.cuda.view import view_of
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 VIEW = camera(20, 17)
@@ -121,7 +121,7 @@ def test_more_room_than_a_view_needs_changes_nothing(splats):
     visible, background = rasterizer.visible(splats, VIEW), (0.2, 0.5, 0.1)
     count, pairs = len(visible.rows), visible.known.pairs
     size, room = (VIEW.height + 3, VIEW.width + 21), backend.Room(count + 5, pairs + 7)
-    within, needed = rasterizer.visible_within(splats, view_of(VIEW, torch.device(DEVICE)), size, room)
+    within, needed = rasterizer.visible_within(splats, view_of(VIEW).to(DEVICE), size, room)
     assert needed.tolist() == [count, pairs] and within.rows.tolist() == visible.rows.tolist() + [-1] * 5
     seen = Splats(**chosen_rows_cuda.chosen_rows(splats.tensors(), within.rows))
     image = rasterizer.render(seen, VIEW, background, None, within.known)
@@ -135,7 +135,7 @@ def test_where_there_is_too_little_room_it_is_told(splats):
     rasterizer = backend.CudaRasterizer()
     visible = rasterizer.visible(splats, VIEW)
     room = backend.Room(len(visible.rows) // 2, visible.known.pairs // 3)
-    within, needed = rasterizer.visible_within(splats, view_of(VIEW, torch.device(DEVICE)), (VIEW.height, VIEW.width), room)
+    within, needed = rasterizer.visible_within(splats, view_of(VIEW).to(DEVICE), (VIEW.height, VIEW.width), room)
     assert needed.tolist() == [len(visible.rows), visible.known.pairs] and len(within.rows) == room.gaussians
     image = rasterizer.render(splats[within.rows], VIEW, known=within.known)
     assert image.isfinite().all()

@@ -7,6 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.rasterizer.view import view_of
 from core.training import guards
 from core.training.gaussians import densify
 from core.training.gaussians.adam import Moved, adam_rows, plain_adam_rows
@@ -63,7 +64,7 @@ def test_the_losses_beside_the_pictures_are_finite(spoilt, level, mean, points):
     weights = mask_weights.pixel_weights(target.to_pixels(mask), torch.tensor(mean))
     assert torch.isfinite(weights).all() and (weights <= 1).all()
     means = torch.tensor(points).view(2, 3)
-    rows = regularisers.transient_rows(means, torch.tensor([0.5, 0.05]), mask, regularisers.camera_numbers(ring_camera(0.0)))
+    rows = regularisers.transient_rows(means, torch.tensor([0.5, 0.05]), mask, view_of(ring_camera(0.0)))
     assert rows.shape == (2,) and not rows[1]  # far too faint, wherever it lies
     residual = torch.tensor(points[:3]).view(1, 1, 3).clamp(-4, 4).requires_grad_()  # bounded by G_phi
     regularisers.residual_norm(residual).backward()

@@ -14,10 +14,11 @@ from core.rasterizer import inputs, layout
 from core.rasterizer.contract import BLACK, Colour, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
-from core.rasterizer.cuda.view import view_of
 from core.rasterizer.shares import Shares, shares_of_slots
+from core.rasterizer.view import view_of
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.system.device import sent
 
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
 # and in the backward pass the slot, and whether it was blended.
@@ -35,7 +36,7 @@ class Room(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of Gaussians in a view. view: see `view_of`. pairs: of a Gaussian and a tile that it touches, how many there are or more.
+    """What is known of Gaussians in a view. view: as kernels read it. pairs: of a Gaussian and a tile that it touches, how many there are or more.
     width, height: of the picture, px; it may be larger than what the view shows, which is then its upper left corner.
     """
 
@@ -60,7 +61,7 @@ class CudaRasterizer:
             raise BadSetting("The cuda rasterizer needs an NVIDIA GPU, and torch finds none here.", "Leave --backend out.")
 
     def visible(self, splats: Splats, camera: Camera) -> Visible:
-        view = view_of(camera, splats.means.device)
+        view = view_for_kernels(camera, splats.means.device)
         shown, counts = self._find_visible(splats, view)
         count, pairs = counts.cpu().tolist()  # the host waits for the device
         return Visible(torch.nonzero_static(shown, size=count).squeeze(1), Known(view, pairs, camera.width, camera.height))
@@ -71,6 +72,7 @@ class CudaRasterizer:
         view: see `view_of`, on the device. size: height and width of the picture (px), as large as the view's or larger. Of the rows, those that
         are not needed are -1. Returns also for how many Gaussians and pairs there should be room; where there is not, what is drawn is incomplete.
         """
+        view = view.float()
         shown, counts = self._find_visible(splats, view)
         rows = torch.nonzero_static(shown, size=room.gaussians, fill_value=-1).squeeze(1)
         height, width = size
@@ -192,7 +194,7 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, know
     known: as `contract.Visible` has it; without it the host waits for the number of pairs.
     """
     count, device = len(parameters[0]), parameters[0].device
-    view = view_of(camera, device) if known is None else known.view
+    view = view_for_kernels(camera, device) if known is None else known.view
     width, height = (camera.width, camera.height) if known is None else (known.width, known.height)
     footprints = torch.empty(count, layout.FOOTPRINT_COLUMNS, device=device)
     depths = torch.empty(count, device=device)
@@ -238,6 +240,11 @@ def gradients_of_slots(prepared: Prepared, tile_ends: Tensor, image: Tensor, ima
         num_warps=blend_backward.WARPS, **FUSED,
     )  # fmt: skip
     return slot_gradients, blended_slots
+
+
+def view_for_kernels(camera: Camera, device: torch.device) -> Tensor:
+    """The camera as kernels read it, float32, on `device`."""
+    return sent(view_of(camera).float(), device)
 
 
 def memory_budget(device: torch.device) -> float:

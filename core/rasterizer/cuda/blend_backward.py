@@ -126,7 +126,7 @@ def crossed(values, lane, BIT: tl.constexpr):
 
 @triton.jit
 def crossing(values, lane, BIT: tl.constexpr):
-    """What the lane holds that differs in BIT."""
+    """What the lane holds whose number differs from this one's in BIT alone."""
     return tl.gather(values, lane ^ BIT, axis=0)
 
 

@@ -70,7 +70,9 @@ def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
     """
     if not len(rows):
         return  # a view of nothing
-    flat = [[tensor.reshape(len(tensor), -1).numpy() for tensor in one[:-1]] + [one.rates.numpy()] for one in tensors]
+    flat = []
+    for *arrays, rates in tensors:
+        flat.append([*(array.reshape(len(array), -1).numpy() for array in arrays), rates.numpy()])
     table = corrections(1 << (int(counts.max()) + 1).bit_length())  # a power of two, so that few tables are made
     row_counts, places = counts.numpy(), rows.numpy()
 

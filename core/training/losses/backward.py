@@ -5,9 +5,9 @@ from torch import Tensor
 
 
 def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
-    """torch's backward pass from several tensors at once, each with its gradient, or None for a scalar: a loss.
+    """torch's backward pass from several roots at once: tensors, each paired with its gradient; a loss, which is a scalar, with None.
 
-    What does not exist, or has no gradient to pass on, is left out.
+    Roots that are None, that need no gradient, or that are no scalar and come without one are left out.
     """
     found = [root for root in roots if root[0] is not None and root[0].requires_grad]
     found = [root for root in found if root[1] is not None or not root[0].dim()]

@@ -1,5 +1,6 @@
 """Photos of all sizes on one canvas, so that on a GPU the kernels of a step are the same for each of them."""
 
+from collections.abc import Callable
 from functools import cache
 
 import torch
@@ -13,8 +14,9 @@ from core.training.losses.photometric import Target
 class TargetOnCanvas(Target):
     """A photo in the upper left corner of a larger canvas, beyond which nothing is valid; see Target, whose sizes are the canvas's.
 
-    size: height and width of the canvas, px. cells: of the masks that it will meet, height and width. Nothing of it is known to the host alone:
-    another photo's tensors may be copied into its own.
+    size: height and width of the canvas, px. cells: of the masks that it will meet, height and width. averaging, enlarging: the matrices that lead
+    from the canvas's pixels to cells and back, one down the columns and one along the rows, (cells, pixels). Nothing of it is known to the host
+    alone: another photo's tensors may be copied into its own.
     """
 
     def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None, size: tuple[int, int], cells: tuple[int, int]):
@@ -24,10 +26,12 @@ class TargetOnCanvas(Target):
         shown = F.pad(shown, beyond)
         super().__init__(F.pad(picture, (0, 0, *beyond)), shown)
         self.valid, self.valid_pixels = shown, shown.sum(dtype=torch.float32)
-        axes = list(zip(cells, (height, width), size))
-        self.averaging, self.enlarging = (
-            tuple(F.pad(weights(cell, side), (0, whole - side)).to(picture) for cell, side, whole in axes) for weights in (_averaging, _enlarging)
-        )
+
+        def on_both_axes(weights: Callable[[int, int], Tensor]) -> tuple[Tensor, ...]:
+            axes = zip(cells, (height, width), size, strict=True)
+            return tuple(F.pad(weights(count, side), (0, whole - side)).to(picture) for count, side, whole in axes)
+
+        self.averaging, self.enlarging = on_both_axes(_averaging), on_both_axes(_enlarging)
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:

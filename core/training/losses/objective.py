@@ -71,15 +71,15 @@ class Objective:
         return settings.transients == "on" and progress >= settings.mask_apply and step % TRANSIENT_EVERY == 0
 
     def transient(
-        self, splats: Splats, camera: Camera, numbers: Tensor, known: Any, mask: Tensor | None, progress: float, step: int
+        self, splats: Splats, camera: Camera, view: Tensor, known: Any, mask: Tensor | None, progress: float, step: int
     ) -> Float[Tensor, ""]:
         """L_regTS, at every TRANSIENT_EVERYth step.
 
-        splats: the visible Gaussians in the look. numbers: of the camera, see `regularisers.camera_numbers`. known: see `rasterizer.Visible`.
+        splats: the visible Gaussians in the look. view: the camera as an array, see core.rasterizer.view. known: see `rasterizer.Visible`.
         """
         if mask is None or not self.looks_at_front(progress, step):
             return self.zero
         front = self.rasterizer.contributions(splats.detached(), camera, known)
-        rows = regularisers.transient_rows(splats.means, front, mask, numbers)
+        rows = regularisers.transient_rows(splats.means, front, mask, view)
         opacity = torch.where(rows, torch.sigmoid(splats.logit_opacities), 0).sum()
         return self.settings.transient_regularisation * TRANSIENT_EVERY * opacity

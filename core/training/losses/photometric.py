@@ -110,12 +110,12 @@ class Target:
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
-        """Those of its size."""
+        """All that holds a number for each pixel."""
         return self.padded, self.mean, self.mean_square, *(self.empty_share or ())
 
     @property
     def nbytes(self) -> int:
-        """What they take of memory."""
+        """Bytes of memory that its `tensors` take."""
         return sum(tensor.nbytes for tensor in self.tensors)
 
     def to_cells(self, planes: Float[Tensor, "3 H W"], height: int, width: int) -> Float[Tensor, "3 h w"]:

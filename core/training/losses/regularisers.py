@@ -1,11 +1,10 @@
 """What holds masks open, residuals small and passers-by transparent (paper section IV-C, with the gaps of the text closed)."""
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from core.scene.camera import Camera
+from core.rasterizer.view import CENTRE, CENTRE_REST, FOCAL_X, LEFT, WIDTH
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
 HIDDEN = 0.5  # a mask below this hides a place (paper)
@@ -48,18 +47,13 @@ def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tupl
     return loss.detach(), leaf.grad, size.mean() if len(leaf) else size.sum()
 
 
-def camera_numbers(camera: Camera) -> Float[Tensor, "6 3"]:
-    """A camera as a step reads it, float64: its axes, its centre, then focal lengths, the principal point, and the picture's width and height."""
-    others = [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height]
-    return torch.from_numpy(np.vstack([camera.world_to_camera, camera.centre, np.reshape(others, (2, 3))]))
-
-
 def transient_rows(
-    means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], camera: Float[Tensor, "6 3"]
+    means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], view: Float[Tensor, "25"]
 ) -> Bool[Tensor, " v"]:
-    """Which Gaussians stand for passers-by in this view (L_regTS): those AT_FRONT with a HIDDEN centre. camera: see `camera_numbers`."""
-    *axes, centre = camera[:4]
-    fx, fy, cx, cy, width, height = camera[4:].flatten()
+    """Which Gaussians stand for passers-by in this view (L_regTS): those AT_FRONT with a HIDDEN centre. view: see core.rasterizer.view."""
+    axes, centre = view[:CENTRE].view(3, 3), view[CENTRE:CENTRE_REST]
+    fx, fy, cx, cy = view[FOCAL_X:LEFT]
+    width, height = view[WIDTH:]
     x, y, depth = ((means.detach().double() - centre) @ axis for axis in axes)
     safe = torch.where(depth.abs() > 1e-12, depth, 1e-12)
     x, y = fx * x / safe + cx, fy * y / safe + cy  # as `Camera.project`

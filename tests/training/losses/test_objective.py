@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from core.rasterizer.view import view_of
 from core.training.losses import regularisers
 from core.training.losses.photometric import Target, photometric_of_mask
 
@@ -73,15 +74,15 @@ def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(t
     visible = trainer.rasterizer.visible(splats, camera)
     splats = splats[visible.rows]
     front = trainer.rasterizer.contributions(splats, camera)
-    numbers = regularisers.camera_numbers(camera)
-    rows = regularisers.transient_rows(splats.means, front, mask, numbers)
+    view = view_of(camera)
+    rows = regularisers.transient_rows(splats.means, front, mask, view)
     opacity = torch.sigmoid(splats.logit_opacities[rows]).sum()
     assert opacity > 1
 
     def mean_of_twenty_steps(progress):
         found = []
         for step in range(1, 21):
-            found.append(float(trainer.objective.transient(splats, camera, numbers, visible.known, mask, progress, step).detach()))
+            found.append(float(trainer.objective.transient(splats, camera, view, visible.known, mask, progress, step).detach()))
         return sum(found) / 20
 
     assert [mean_of_twenty_steps(progress) for progress in (0.0, 0.3, 0.59)] == [0, 0, 0]

@@ -2,6 +2,7 @@
 
 import torch
 
+from core.rasterizer.view import view_of
 from core.training.losses import regularisers
 from tests.small import ring_camera
 
@@ -13,14 +14,14 @@ def test_the_residuals_norm_passes_gradcheck():
 
 def test_transient_rows_are_those_in_front_inside_the_mask():
     camera = ring_camera(0.0)
-    numbers = regularisers.camera_numbers(camera)
+    view = view_of(camera)
     means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.0, 0.0, -9.0], [50.0, 0.0, 0.0]])
     mask = torch.ones(1, 9, 12)
     mask[:, :, :6] = 0  # the left half of the picture
-    rows = regularisers.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, numbers)
+    rows = regularisers.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, view)
     assert rows.tolist() == [True, False, False, False, False]
     beside = torch.zeros(200, 3)
     beside[:, 0] = torch.linspace(-4.0, 0.0, 200)
     shown = torch.from_numpy(camera.project(beside.double().numpy())[0][:, 0] >= 0)
     assert 0 < int(shown.sum()) < 200 - 10  # some lie less than a cell of the mask beyond the edge
-    assert torch.equal(regularisers.transient_rows(beside, torch.ones(200), torch.zeros(1, 9, 12), numbers), shown)
+    assert torch.equal(regularisers.transient_rows(beside, torch.ones(200), torch.zeros(1, 9, 12), view), shown)

@@ -15,9 +15,9 @@ def test_transient_rows_are_those_in_front_inside_the_mask():
     camera = ring_camera(0.0)
     numbers = regularisers.camera_numbers(camera)
     means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.0, 0.0, -9.0], [50.0, 0.0, 0.0]])
-    mask = torch.ones(1, 9, 12)
-    mask[:, :, :6] = 0  # the left half of the picture
-    rows = regularisers.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, numbers)
+    mask = torch.full((1, 9, 12), 0.51)
+    mask[:, :, :6] = 0.49  # the left half of the picture is hidden
+    rows = regularisers.transient_rows(means, torch.tensor([0.11, 0.9, 0.09, 0.9, 0.9]), mask, numbers)
     assert rows.tolist() == [True, False, False, False, False]
     beside = torch.zeros(200, 3)
     beside[:, 0] = torch.linspace(-4.0, 0.0, 200)

@@ -11,7 +11,7 @@ import torch
 
 import core
 from core.errors import BadInput, BadSetting
-from core.evaluation.protocols import HeldOutView, compare, fit_of, measure
+from core.evaluation.protocols import HeldOutView, Scores, ViewResult, compare, fit_of, measure
 from core.evaluation.results import Results
 from core.evaluation.truth import Truth, load_truth
 from tests.flat_view import FlatView
@@ -228,3 +228,10 @@ def test_results_without_refinement_with_lpips_and_of_an_exact_render(tmp_path):
     assert written["means"]["photo"]["zero_shot"]["psnr"] == 100.0
     assert written["means"]["photo"]["zero_shot"]["lpips"] == 0.25
     assert written["lpips"] == "alex" and written["refinement"] is None and written["mask_iou"] is None
+
+
+def test_what_some_photos_lack_is_averaged_over_the_others():
+    figures = ((10.0, 0.5, None, None), (30.0, None, None, 0.25))  # PSNR, SSIM, LPIPS; overlap of masks
+    views = [ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(*scores)}}, overlap) for *scores, overlap in figures]
+    assert results(*views).means() == {"photo": {"zero_shot": {"psnr": 20.0, "ssim": 0.5, "lpips": None}}}
+    assert results(*views).mask_iou() == 0.25

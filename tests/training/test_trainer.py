@@ -84,6 +84,15 @@ def test_a_checkpoint_sets_what_a_run_remembers_and_nothing_else(collection, tmp
         trainer.resume(saved)
 
 
+def test_what_a_run_has_counted_and_said_is_remembered(collection, tmp_path):
+    trainer, resumed = (Trainer(collection, small_settings(), tmp_path) for _ in range(2))
+    trainer.step()
+    trainer.seconds, trainer.mask_mean, trainer.skipped, trainer.skipped_in_a_row, trainer.collapse_told = 12.5, 0.75, 7, 3, True
+    resumed.resume(checkpoint.load(trainer.save()))
+    for name in ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told"):
+        assert getattr(resumed, name) == getattr(trainer, name), name
+
+
 def test_a_gpu_that_ran_out_of_memory_is_no_fault_of_the_checkpoint(tmp_path):
     with pytest.raises(torch.OutOfMemoryError), checkpoint.fitting(tmp_path / "checkpoint_000002.safetensors"):
         raise torch.OutOfMemoryError("CUDA out of memory.")

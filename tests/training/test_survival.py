@@ -271,6 +271,7 @@ def test_a_step_of_no_use_is_skipped_counted_and_leaves_no_trace(collection, tmp
     for name, tensor in before.items():
         assert torch.equal(tensor, after[name]), name
     assert trainer.step().messages == () and (trainer.skipped, trainer.skipped_in_a_row) == (1, 0)
+    assert int(trainer.model.remembered) == 13  # of the photos read in 14 steps
 
 
 def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learning(collection, tmp_path):

@@ -51,6 +51,17 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     assert torch.equal(valid, expected)
 
 
+def test_where_a_mask_leaves_less_than_half_of_every_shrunk_pixel_those_count_of_which_it_leaves_most(tmp_path):
+    """Of 4 x 4 px two columns less one pixel are left, then one; or nothing."""
+    photo = small_collection(tmp_path, photos=1).photos[0]
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[:, :2] = mask[:, 4] = 255
+    mask[::4, 0] = 0
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    valid = SizedPhotos((replace(photo, mask=tmp_path / "mask.png"),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
+    assert valid[:, :2].all() and not valid[:, 2:].any()
+
+
 def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
     """A black disc on nothing, which is white as displayed."""
     photo = small_collection(tmp_path, photos=1).photos[0]

@@ -42,6 +42,15 @@ def test_the_picture_loss_falls(collection, tmp_path):
     assert reports[-1].held_out_psnr > 12
 
 
+def test_photos_are_learned_from_coarse_to_fine(trainer_of):
+    trainer, factors = trainer_of(steps=10, coarse_until=0.8), []
+    target = trainer.photos.target
+    trainer.photos.target = lambda index, factor: factors.append(factor) or target(index, factor)
+    for _ in range(10):
+        trainer.step()
+    assert factors == [4] * 4 + [2] * 4 + [1] * 2
+
+
 def test_latents_wait_for_the_masks(collection, tmp_path):
     trainer = Trainer(collection, small_settings(steps=10, latent_size=3, latents_from=0.5), tmp_path)
     for report in trainer.train():

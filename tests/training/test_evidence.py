@@ -47,11 +47,13 @@ def test_noise_of_each_place_does_not_count(random):
     assert shared_spread(sightings(random), noise) < 2.0
 
 
-def test_what_neighbours_share_counts_in_full(random):
+@pytest.mark.parametrize("photos", [PHOTOS, 4])
+def test_what_neighbours_share_counts_in_full(random, photos):
     made = sightings(random)
-    shift = 12 / 255 * random.normal(size=(PHOTOS, 3))
+    made = made[made.photo < photos]
+    shift = 12 / 255 * random.normal(size=(photos, 3))
     noise = 6 / 255 * random.normal(size=(len(made), 3))
-    expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(PHOTOS / (PHOTOS - 1))  # the mean over the photos is taken off
+    expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(photos / (photos - 1))  # the mean over the photos is taken off
     assert shared_spread(made, shift[made.photo] + noise) == pytest.approx(expected, rel=0.05)
 
 

@@ -19,6 +19,10 @@ def test_transient_rows_are_those_in_front_inside_the_mask():
     mask[:, :, :6] = 0.49  # the left half of the picture is hidden
     rows = regularisers.transient_rows(means, torch.tensor([0.11, 0.9, 0.09, 0.9, 0.9]), mask, numbers)
     assert rows.tolist() == [True, False, False, False, False]
+    lower = torch.full((1, 9, 12), 0.49)
+    lower[:, 4:] = 0.51  # in the picture's lower half nothing is hidden
+    heights = torch.tensor([[0.0, -0.2, 0.0], [0.0, 0.1, 0.0]])
+    assert regularisers.transient_rows(heights, torch.ones(2), lower, numbers).tolist() == [True, False]
     beside = torch.zeros(200, 3)
     beside[:, 0] = torch.linspace(-4.0, 0.0, 200)
     shown = torch.from_numpy(camera.project(beside.double().numpy())[0][:, 0] >= 0)

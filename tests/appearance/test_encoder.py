@@ -118,6 +118,7 @@ def test_mask_table_tells_photos_and_places_apart():
     assert first.shape == (1, 6, 9)
     assert not torch.equal(first, second)
     assert first.unique().numel() == 54
+    torch.testing.assert_close(table(0, 3, 5)[0, 1, 2], table(0, 1, 1)[0, 0, 0])  # the middle, at whatever size
     first.sum().backward()
     assert table.photos.grad[0].any() and not table.photos.grad[1:].any()
 

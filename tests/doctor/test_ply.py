@@ -95,6 +95,9 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
         ((0.6, 0.6, 0.6), "giants", 5),
         ((0.01, 0.01, 0.01 / 390), "stiff", 0),
         ((0.01, 0.01, 0.01 / 410), "stiff", 5),
+        ((0.01, 0.095, 0.009), "needles", 0),
+        ((0.1, 0.1, 0.009), "needles", 0),  # discs
+        ((0.01, 0.105, 0.009), "needles", 5),
     ],
 )
 def test_what_counts_as_too_large_or_too_thin(tmp_path, axes, name, count):
@@ -102,6 +105,25 @@ def test_what_counts_as_too_large_or_too_thin(tmp_path, axes, name, count):
     for axis, length in enumerate(axes):
         rows[f"scale_{axis}"][:5] = np.log(length)
     assert examined(write(tmp_path / "a.ply", rows))[0][name].figure.split()[0] == str(count)
+
+
+@pytest.mark.parametrize(
+    "name, share, change",
+    [
+        ("invisible", 0.02, {"opacity": -9.0}),
+        ("stiff", 0.02, {"scale_0": np.log(0.01 / 500)}),
+        ("needles", 0.3, {"scale_0": np.log(0.01 * 20)}),
+        ("giants", 0.02, {f"scale_{axis}": np.log(0.6) for axis in range(3)}),
+        ("colours", 0.02, {"f_dc_1": 9.0}),
+    ],
+)
+def test_how_many_of_a_kind_ask_for_something(tmp_path, name, share, change):
+    for count in (round(share * ROWS), round(share * ROWS) + 1):
+        rows = sound_rows()
+        for column, value in change.items():
+            rows[column][:count] = value
+        finding = examined(write(tmp_path / "a.ply", rows))[0][name]
+        assert f"{count} (" in finding.figure and bool(finding.advice) == (count > share * ROWS)
 
 
 def test_opacities_that_are_no_logits_are_told(tmp_path):

@@ -84,11 +84,15 @@ def test_no_ssim_where_no_window_fits(size):
     assert ssim(picture(*size), picture(*size, seed=1)) is None
 
 
+def test_one_window_is_enough_for_an_ssim():
+    assert ssim(picture(11, 11), picture(11, 11)) == pytest.approx(1.0, abs=1e-12)
+
+
 def test_mask_iou_by_hand():
     static = torch.ones(4, 4, dtype=torch.bool)
     static[:2] = False  # the upper 8 pixels are hidden
-    mask = torch.ones(4, 4)
-    mask[1:3] = 0.2  # 8 pixels, 4 of them right
+    mask = torch.full((4, 4), 0.51)
+    mask[1:3] = 0.49  # 8 pixels, 4 of them right
     assert mask_iou(mask, static) == pytest.approx(4 / 12)
     assert mask_iou(static.float(), static) == 1.0
     assert mask_iou(torch.ones(4, 4), static) == 0.0

@@ -11,7 +11,7 @@ import torch
 
 import core
 from core.errors import BadInput, BadSetting
-from core.evaluation.protocols import HeldOutView, compare, fit_of, measure
+from core.evaluation.protocols import HeldOutView, Scores, ViewResult, compare, fit_of, measure
 from core.evaluation.results import Results
 from core.evaluation.truth import Truth, load_truth
 from tests.flat_view import FlatView
@@ -95,6 +95,18 @@ def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
     assert photo["refined"].psnr > -20 * math.log10(0.02)
 
 
+def test_pixels_that_show_nothing_are_not_scored():
+    valid = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
+    valid[:, 18:] = False
+    picture = halves(0.4, 0.4)
+    picture[:, 18:] = 1.0
+    for protocol in ("half", "full"):
+        subject = Flat()
+        subject.embed = lambda shown: torch.full((3,), 0.4)
+        scores, _ = measure(subject, view(picture=picture, valid=valid), protocol, refine=False)
+        assert scores.scores["photo"]["zero_shot"].psnr == 100.0
+
+
 def test_a_look_that_follows_nothing_is_not_refined():
     result, pictures = measure(Flat(has_looks=False), view(), "half")
     assert pictures.look == "zero_shot"
@@ -120,12 +132,14 @@ def test_renders_are_clamped_and_quantised_before_they_are_compared():
 def test_clean_truth_is_kept_apart_and_masks_enter_no_metric():
     static = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
     static[:, :10] = False
-    truth = Truth(halves(0.4, 0.4), static)
+    truth = Truth(halves(0.4, 0.8), static)
     result, _ = measure(Flat(), view(truth=truth), "half", refine=False)
     without, _ = measure(Flat(), view(), "half", refine=False)
     assert result.scores["photo"] == without.scores["photo"]
     assert set(result.scores) == {"photo", "clean", "clean_right"} and set(without.scores) == {"photo"}
-    assert result.scores["clean"]["zero_shot"].psnr == 100.0 == result.scores["clean_right"]["zero_shot"].psnr
+    right, all_of_it = (result.scores[name]["zero_shot"].psnr for name in ("clean_right", "clean"))
+    assert right == pytest.approx(-20 * math.log10(102 / 255), abs=1e-4)  # of 0.4 and 0.8
+    assert all_of_it == pytest.approx(right + 10 * math.log10(25 / 12), abs=1e-4)
     assert result.mask_iou == 1.0 and without.mask_iou is None
     assert set(measure(Flat(), view(truth=truth), "full", refine=False)[0].scores) == {"photo", "clean"}
 
@@ -173,6 +187,8 @@ def test_truth_is_read_at_the_size_wanted(tmp_path):
     truth = load_truth(tmp_path, "sub/a.jpg", 20, 16)
     assert truth.clean.shape == (16, 20, 3) and truth.clean[3, 3].tolist() == [1, 0, 0]
     assert not truth.static[:, :10].any() and truth.static[:, 10:].all()
+    cv2.imwrite(str(tmp_path / "truth/masks/sub/a.png"), np.array([[0, 127, 128, 255]], np.uint8))
+    assert load_truth(tmp_path, "sub/a.jpg", 4, 1).static.tolist() == [[False, False, True, True]]
     assert load_truth(tmp_path, "b.jpg", 20, 16) == Truth(None, None)
     above = tmp_path / "truth" / "a.png"  # a photo, in reach of names that lead out of a folder
     cv2.imwrite(str(above), red)
@@ -212,3 +228,10 @@ def test_results_without_refinement_with_lpips_and_of_an_exact_render(tmp_path):
     assert written["means"]["photo"]["zero_shot"]["psnr"] == 100.0
     assert written["means"]["photo"]["zero_shot"]["lpips"] == 0.25
     assert written["lpips"] == "alex" and written["refinement"] is None and written["mask_iou"] is None
+
+
+def test_what_some_photos_lack_is_averaged_over_the_others():
+    figures = ((10.0, 0.5, None, None), (30.0, None, None, 0.25))  # PSNR, SSIM, LPIPS; overlap of masks
+    views = [ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(*scores)}}, overlap) for *scores, overlap in figures]
+    assert results(*views).means() == {"photo": {"zero_shot": {"psnr": 20.0, "ssim": 0.5, "lpips": None}}}
+    assert results(*views).mask_iou() == 0.25

@@ -201,11 +201,12 @@ def test_more_rows_than_fit_into_memory_are_the_files_fault(tmp_path, monkeypatc
         read_ply(tmp_path / "a.ply")
 
 
-def test_a_missing_file_and_an_unknown_suffix_are_refused(tmp_path):
+def test_a_missing_file_and_an_unknown_suffix_are_refused_capitals_are_not(tmp_path):
     with pytest.raises(BadInput, match="no file"):
         read_ply(tmp_path / "a.ply")
     with pytest.raises(BadInput, match=r"a\.spz .* does not end in \.ply\. End it in \.ply; SuperSplat converts"):
         check_format(tmp_path / "a.spz")
+    assert write(tmp_path / "A.PLY", some_splats(2), "") == 0
 
 
 def test_a_full_disk_leaves_the_old_file_and_no_scraps(tmp_path, monkeypatch):

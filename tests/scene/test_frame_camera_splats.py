@@ -115,6 +115,12 @@ def test_resized_moves_every_point_with_the_picture():
     assert (smaller.width, smaller.height) == (320, 160)
 
 
+def test_shrunk_never_enlarges_and_leaves_a_pixel():
+    assert CAMERA.shrunk(1.5).numbers() == CAMERA.numbers()
+    assert CAMERA.shrunk(0.5).numbers() == CAMERA.resized(CAMERA.width // 2, CAMERA.height // 2).numbers()
+    assert (CAMERA.shrunk(1e-4).width, CAMERA.shrunk(1e-4).height) == (1, 1)
+
+
 def test_cropped_shifts_every_point():
     before, _ = CAMERA.project(points())
     window = CAMERA.cropped(100, 30, 200, 50)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import BadInput
-from core.system.outputs import check_file, check_folder
+from core.system.outputs import check_apart, check_file, check_folder
 
 
 def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeypatch):
@@ -25,3 +25,11 @@ def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeyp
     for check, path in ((check_file, tmp_path / "a.ply"), (check_folder, tmp_path / "none" / "none")):
         with pytest.raises(BadInput, match=f"{tmp_path} may not be written in"):
             check(path)
+
+
+def test_what_is_given_may_not_lie_in_a_folder_that_is_replaced_but_be_called_as_if_it_did(tmp_path):
+    (tmp_path / "a.jpg").touch()
+    check_apart(tmp_path / "fade", [tmp_path / "a.jpg"])
+    check_apart(tmp_path, [tmp_path / "neutral"])  # the name of a look, as one types it there
+    with pytest.raises(BadInput, match="a.jpg lies in .*, whose files are replaced"):
+        check_apart(tmp_path, [tmp_path / "neutral", tmp_path / "a.jpg"])

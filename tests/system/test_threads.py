@@ -3,6 +3,7 @@ put back."""
 
 import os
 import threading
+import time
 
 import pytest
 import torch
@@ -62,6 +63,24 @@ def test_an_exception_of_another_thread_comes_out(threads):
 
     with pytest.raises(ArithmeticError, match="elsewhere"):
         in_parallel(work, 2, 1)
+
+
+@pytest.mark.parametrize("threads", [2], indirect=True)
+def test_an_exception_comes_out_when_the_other_threads_have_stopped(threads):
+    """They write into arrays of the caller's, which may be gone by then."""
+    begun, written = threading.Event(), []
+
+    def work(begin: int, end: int) -> None:
+        if threading.current_thread() is threading.main_thread():
+            assert begun.wait(60)
+            raise ArithmeticError("here")
+        begun.set()
+        time.sleep(0.1)
+        written.append(begin)
+
+    with pytest.raises(ArithmeticError, match="here"):
+        in_parallel(work, 2, 1)
+    assert len(written) == 1
 
 
 @pytest.mark.parametrize("with_gradients", [True, False])

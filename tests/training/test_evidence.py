@@ -15,7 +15,7 @@ from core.training.evidence import (
     strange_share,
     view_dependence,
 )
-from core.training.sightings import NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
+from core.training.sightings import NEAR_DEGREES, Sightings, _degrees_to_nearest, find_sightings, neighbours, rows_of_each
 from core.training.sized_photos import SizedPhotos, Sizes
 from tests.training.known_scene import HEIGHT, WIDTH, crowded, known_collection, plain
 
@@ -47,11 +47,13 @@ def test_noise_of_each_place_does_not_count(random):
     assert shared_spread(sightings(random), noise) < 2.0
 
 
-def test_what_neighbours_share_counts_in_full(random):
+@pytest.mark.parametrize("photos", [PHOTOS, 4])
+def test_what_neighbours_share_counts_in_full(random, photos):
     made = sightings(random)
-    shift = 12 / 255 * random.normal(size=(PHOTOS, 3))
+    made = made[made.photo < photos]
+    shift = 12 / 255 * random.normal(size=(photos, 3))
     noise = 6 / 255 * random.normal(size=(len(made), 3))
-    expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(PHOTOS / (PHOTOS - 1))  # the mean over the photos is taken off
+    expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(photos / (photos - 1))  # the mean over the photos is taken off
     assert shared_spread(made, shift[made.photo] + noise) == pytest.approx(expected, rel=0.05)
 
 
@@ -159,6 +161,14 @@ def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see
     colours = photos[3].pixels[pixel[:, 1].astype(int), pixel[:, 0].astype(int)] / 255
     assert np.abs(colours - here.colour).mean() < 0.02  # noise of 2 / 255, and the blur
     np.testing.assert_allclose(np.linalg.norm(here.towards, axis=1), 1, atol=1e-12)
+
+
+def test_a_photo_is_near_another_that_looks_at_a_point_from_as_far_away():
+    """Two of three are 4 degrees apart, as seen from the point; the third is in line with one of them, twice as far off."""
+    rays = np.array([[[0.0, 0.0, 1.0], [np.sin(np.radians(4)), 0.0, np.cos(np.radians(4))], [0.0, 0.0, 1.0]]])
+    distances = np.array([[3.0, 4.0, 6.5]])
+    for matched, expected in (([True, True, True], [4, 4, 180]), ([True, False, True], [180, 4, 180]), ([False, True, False], [4, 180, 180])):
+        np.testing.assert_allclose(_degrees_to_nearest(rays, distances, np.array([matched])), [expected], atol=1e-6)
 
 
 def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):

@@ -22,3 +22,7 @@ def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
     half = [replace(sized, pixels=sized.pixels * seen[:, None].astype(np.uint8), valid=np.tile(seen, (len(sized.pixels), 1))) for sized in white]
     trainer.held_out.photos[:] = half
     assert trainer.held_out_quality() == pytest.approx((psnr, ssim), abs=1e-3)
+    # Grey on white: half of the range off, and an SSIM of 0.8, or of 0.64 where the window reaches beyond the picture.
+    trainer.held_out.photos[:] = white
+    trainer.gaussians.parameters["sh"][:, 0] = float(dc_of_colour(torch.tensor(0.5)))
+    assert trainer.held_out_quality() == pytest.approx((6.02, 0.74), abs=0.01)

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 import torch
 
 from core.training.sized_photos import SizedPhotos, Sizes
-from tests.small import HEIGHT, WIDTH, small_collection
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
 SIDE_PX = 32
 
@@ -16,6 +17,15 @@ def test_a_width_never_enlarges(tmp_path):
     photo = small_collection(tmp_path, photos=1).photos[0]
     cameras = [Sizes(width, 1.0, SIDE_PX).camera(photo) for width in (24, WIDTH, 640)]
     assert [(camera.width, camera.height) for camera in cameras] == [(24, 18), (WIDTH, HEIGHT), (WIDTH, HEIGHT)]
+
+
+def test_by_default_the_mean_photo_gets_as_many_pixels_as_the_device_affords(tmp_path):
+    photo = small_collection(tmp_path, photos=1).photos[0]
+    photos = [replace(photo, camera=photo.camera.resized(*size)) for size in ((1600, 1200), (800, 600))]
+    for device, mean in (("cpu", 200_000), ("cuda", 1_200_000)):  # a GPU affords more than they have, and enlarges none
+        cameras = list(map(Sizes.of(small_settings(device=device), photos).camera, photos))
+        assert np.mean([camera.width * camera.height for camera in cameras]) == pytest.approx(mean, rel=0.01)
+        assert cameras[0].width == pytest.approx(2 * cameras[1].width, abs=1)
 
 
 def test_a_target_that_is_made_again_is_the_same(tmp_path):
@@ -39,6 +49,17 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     expected = torch.ones(HEIGHT // 4, WIDTH // 4, dtype=torch.bool)
     expected[:, 2:6] = False
     assert torch.equal(valid, expected)
+
+
+def test_where_a_mask_leaves_less_than_half_of_every_shrunk_pixel_those_count_of_which_it_leaves_most(tmp_path):
+    """Of 4 x 4 px two columns less one pixel are left, then one; or nothing."""
+    photo = small_collection(tmp_path, photos=1).photos[0]
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[:, :2] = mask[:, 4] = 255
+    mask[::4, 0] = 0
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    valid = SizedPhotos((replace(photo, mask=tmp_path / "mask.png"),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
+    assert valid[:, :2].all() and not valid[:, 2:].any()
 
 
 def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):

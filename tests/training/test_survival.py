@@ -271,6 +271,7 @@ def test_a_step_of_no_use_is_skipped_counted_and_leaves_no_trace(collection, tmp
     for name, tensor in before.items():
         assert torch.equal(tensor, after[name]), name
     assert trainer.step().messages == () and (trainer.skipped, trainer.skipped_in_a_row) == (1, 0)
+    assert int(trainer.model.remembered) == 13  # of the photos read in 14 steps
 
 
 def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learning(collection, tmp_path):
@@ -297,11 +298,11 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
     for _ in range(12):
         trainer.step()
     spoil(trainer, SKIPS_ALLOWED, WRONG[words])
-    few = trainer.gaussians.solid
+    trainer.grow_at, few = [22], trainer.gaussians.solid
     with pytest.raises(TrainingStopped, match=f"{SKIPS_ALLOWED} steps in a row.*{words}.*Saved .*checkpoint_000022"):
         for _ in trainer.train():
             pass
-    assert trainer.gaussians.solid > few  # a round of growth was due
+    assert trainer.gaussians.solid > few  # a round of growth was due just then
     resumed = Trainer(collection, small_settings(), folder)
     resumed.resume(checkpoint.load(checkpoint.newest(folder)))
     assert (resumed.skipped, resumed.skipped_in_a_row, resumed.last_losses) == (10, 0, trainer.last_losses)

@@ -42,10 +42,20 @@ def test_the_picture_loss_falls(collection, tmp_path):
     assert reports[-1].held_out_psnr > 12
 
 
+def test_photos_are_learned_from_coarse_to_fine(trainer_of):
+    trainer, factors = trainer_of(steps=10, coarse_until=0.8), []
+    target = trainer.photos.target
+    trainer.photos.target = lambda index, factor: factors.append(factor) or target(index, factor)
+    for _ in range(10):
+        trainer.step()
+    assert factors == [4] * 4 + [2] * 4 + [1] * 2
+
+
 def test_latents_wait_for_the_masks(collection, tmp_path):
     trainer = Trainer(collection, small_settings(steps=10, latent_size=3, latents_from=0.5), tmp_path)
     for report in trainer.train():
-        assert trainer.gaussians.latents.any() == (report.step > 5)
+        for latents in (trainer.gaussians.latents[: trainer.gaussians.solid], trainer.gaussians.latents[trainer.gaussians.solid :]):  # of the sky
+            assert latents.any() == (report.step > 5)
 
 
 @pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4, "latents_from": 0.3}])
@@ -81,6 +91,15 @@ def test_a_checkpoint_sets_what_a_run_remembers_and_nothing_else(collection, tmp
     path = checkpoint.save(tmp_path / "run", saved)
     with pytest.raises(BadInput, match="does not fit its run: KeyError: 'order'"), checkpoint.fitting(path):
         trainer.resume(saved)
+
+
+def test_what_a_run_has_counted_and_said_is_remembered(collection, tmp_path):
+    trainer, resumed = (Trainer(collection, small_settings(), tmp_path) for _ in range(2))
+    trainer.step()
+    trainer.seconds, trainer.mask_mean, trainer.skipped, trainer.skipped_in_a_row, trainer.collapse_told = 12.5, 0.75, 7, 3, True
+    resumed.resume(checkpoint.load(trainer.save()))
+    for name in ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told"):
+        assert getattr(resumed, name) == getattr(trainer, name), name
 
 
 def test_a_gpu_that_ran_out_of_memory_is_no_fault_of_the_checkpoint(tmp_path):
@@ -153,7 +172,8 @@ def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
     learned = trainer.gaussians
     for name in ("means", "quaternions", "log_scales", "logit_opacities"):
         assert torch.equal(learned.parameters[name][-learned.sky :], fresh.parameters[name][-fresh.sky :]), name
-    assert not torch.equal(learned.parameters["sh"][-learned.sky :], fresh.parameters["sh"][-fresh.sky :])
+    harmonics = learned.parameters["sh"][-learned.sky :]
+    assert not torch.equal(harmonics, fresh.parameters["sh"][-fresh.sky :]) and not harmonics[:, 1:].any()  # the same from every side
 
 
 def test_gaussians_stay_whole_where_memory_runs_out_in_growth(tmp_path, monkeypatch):

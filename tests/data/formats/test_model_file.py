@@ -23,10 +23,11 @@ def test_truncated_binary_models_are_refused(tmp_path, part, share):
 
 
 @pytest.mark.parametrize(
-    ("part", "place", "number"), [("cameras", 12, 99), ("cameras", 12, 2**32 - 1), ("images", 0, 2**62), ("points3D", 51, 2**62)]
+    ("part", "place", "number"),
+    [("cameras", 12, 99), ("cameras", 12, 2**32 - 1), ("images", 0, 2**62), ("images", 0, 1), ("points3D", 51, 2**62)],
 )
 def test_numbers_that_no_binary_model_holds_are_refused(tmp_path, part, place, number):
-    """A camera model that does not exist, and counts of images and of a point's photos that no file can hold."""
+    """A camera model that does not exist, and counts of images and of a point's photos that no file can hold, or that leave a rest."""
     root = SmallScene().write(tmp_path / "scene")
     path = root / "sparse" / "0" / f"{part}.bin"
     data, size = path.read_bytes(), 4 if part == "cameras" else 8

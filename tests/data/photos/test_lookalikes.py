@@ -32,6 +32,7 @@ def test_a_picture_is_known_again_and_others_are_not(contrast):
     assert same(a, a) and same(a, stored_again(a)) and same(b, stored_again(b)) and not same(a, b)
     assert not same(a, np.roll(a, 4, axis=1))  # 1% of the width, as from a step aside
     assert not same(a, a[:250])
+    assert same(a, cv2.resize(a, (404, 300))) and not same(a, cv2.resize(a, (430, 300)))  # squeezed by a hundredth, and by more
     assert not same(a, np.clip(a * 1.2, 0, 255).astype(np.uint8))  # in other light
 
 

@@ -52,6 +52,7 @@ def test_features_count_that_find_each_other():
     near = some + 0.1 * others[:40]  # at an angle: next to 0, products that processors round differently would tell the two apart
     near /= np.linalg.norm(near, axis=1, keepdims=True)
     assert count_alike(near, some) == 40 and count_alike(near, np.concatenate([some, some])) == 0  # which of the two is meant?
+    assert count_alike(np.concatenate([some, near[:5]]), some) == 40  # each is taken once, by the nearest
     assert [count_alike(some, few) for few in (some[:0], some[:1])] == [0, 0]
 
 

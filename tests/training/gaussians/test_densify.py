@@ -55,13 +55,13 @@ def test_growth_clones_the_small_and_splits_the_large(gaussians):
     solid = gaussians.solid
     gaussians.seen.fill_(1)
     gaussians.gradient_sum[:2] = 1.0
-    gaussians.parameters["log_scales"][0] = np.log(0.5)
-    gaussians.parameters["log_scales"][1] = np.log(0.001)
+    gaussians.parameters["log_scales"][0] = np.log(0.011)  # 3DGS: above a hundredth
+    gaussians.parameters["log_scales"][1] = np.log(0.009)
     small = gaussians.parameters["means"][1].clone()
     densify.grow(gaussians, 100, torch.Generator().manual_seed(0))
     parameters = gaussians.parameters
     assert gaussians.solid == solid + 2
-    expected = torch.full((3,), 0.5 / 1.6)
+    expected = torch.full((3,), 0.011 / 1.6)
     torch.testing.assert_close(parameters["log_scales"][0].exp(), expected)
     torch.testing.assert_close(parameters["log_scales"][solid].exp(), expected)
     assert torch.equal(parameters["means"][solid + 1], small) and torch.equal(parameters["means"][1], small)
@@ -69,12 +69,20 @@ def test_growth_clones_the_small_and_splits_the_large(gaussians):
 
 def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
     gaussians.seen.fill_(1)
-    gaussians.gradient_sum[: gaussians.solid] = torch.arange(gaussians.solid) + 1.0
+    gaussians.gradient_sum[:] = torch.arange(len(gaussians)) + 1.0  # the sky's is the largest, and does not grow
     solid = gaussians.solid
     strongest = gaussians.parameters["sh"][solid - 3 : solid].clone()
     densify.grow(gaussians, 3, torch.Generator().manual_seed(0))
     assert gaussians.solid == solid + 3
     assert torch.equal(gaussians.parameters["sh"][solid : solid + 3], strongest)
+
+
+def test_what_hardly_pulls_does_not_grow(gaussians):
+    solid = gaussians.solid
+    gaussians.seen.fill_(1)
+    gaussians.gradient_sum[:3] = torch.tensor([1.9e-4, 2.1e-4, 2.1e-4])  # 3DGS: 2e-4
+    densify.grow(gaussians, 100, torch.Generator().manual_seed(0))
+    assert gaussians.solid == solid + 2
 
 
 def test_growth_asks_for_the_mean_pull_of_a_view_and_counts_afresh(gaussians):
@@ -126,3 +134,10 @@ def test_gaussians_are_allowed_in_the_ball_of_any_point_nearby():
     means = torch.zeros(4, 3)
     means[:, 0] = torch.tensor([-0.5, 0.02, 0.3, 2.5])
     assert densify.Surroundings(points, reach=1.0).outside(means).tolist() == [True, False, False, True]
+
+
+def test_points_closer_together_than_most_allow_as_much_around_them_as_others():
+    points = np.zeros((15, 3))
+    points[:, 0] = [*np.linspace(0, 1e-3, 5), *range(10, 20)]  # most have their fourth neighbour at 2
+    means = torch.tensor([[0.0, 3.9, 0.0], [0.0, 4.1, 0.0]])
+    assert densify.Surroundings(points, reach=2.0).outside(means).tolist() == [False, True]

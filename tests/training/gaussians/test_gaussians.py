@@ -9,6 +9,17 @@ from tests.small import small_settings
 from tests.training.conftest import RATES
 
 
+def test_what_is_born_begins_afresh_and_leaves_the_others_as_they_are(gaussians):
+    for name, tensor in gaussians.tensors().items():
+        if not name.startswith("parameters"):
+            tensor.fill_(1)
+    solid, born = gaussians.solid, {name: tensor[:3].clone() for name, tensor in gaussians.parameters.items()}
+    gaussians.insert(born)
+    for name, tensor in gaussians.tensors().items():
+        if not name.startswith("parameters"):
+            assert tensor[:solid].all() and not tensor[solid : solid + 3].any() and tensor[solid + 3 :].all(), name
+
+
 def test_until_its_time_the_geometry_stays_and_only_harmonics_learn(trainer_of):
     trainer = trainer_of(steps=10, geometry_from=0.5)
     before = {name: tensor.clone() for name, tensor in trainer.gaussians.parameters.items()}

@@ -6,7 +6,11 @@ from core.training.losses.gauge import draw_rows, gauge
 
 
 def test_the_gauge_is_the_mean_over_gaussians_of_the_squared_residual(trainer_of, monkeypatch):
-    trainer = trainer_of()
-    monkeypatch.setattr(trainer.model.sh_transfer, "forward", lambda sh, *_: torch.full_like(sh, 2.0))
-    rows = draw_rows(trainer.gaussians, trainer.generator)
-    assert float(gauge(trainer.model.sh_transfer, trainer.gaussians, rows, trainer.model.mean_embedding)) == 4 * 3 * 2.0**2
+    trainer, asked = trainer_of(latent_size=3), []
+    gaussians, neutral = trainer.gaussians, torch.rand(trainer.settings.embedding_size)
+    gaussians.latents.normal_()
+    monkeypatch.setattr(trainer.model.sh_transfer, "forward", lambda *call: asked.append(call) or torch.full_like(call[0], 2.0))
+    rows = draw_rows(gaussians, trainer.generator)
+    assert float(gauge(trainer.model.sh_transfer, gaussians, rows, neutral)) == 4 * 3 * 2.0**2
+    wanted = gaussians.splats.sh[rows], gaussians.splats.means[rows], neutral, gaussians.latents[rows]
+    assert all(map(torch.equal, asked[0], wanted))

@@ -95,6 +95,9 @@ def test_a_mask_learns_by_finite_differences_of_the_papers_loss_and_the_image_do
     torch.testing.assert_close(loss, photometric_paper(image, target, mask, 0.2))
     loss.backward()
     assert image.grad is None and mask.grad[valid].abs().min() > 0
+    learned = mask.grad.clone()
+    photometric_paper(image, target, mask, 0.2).backward()  # the other way round
+    assert image.grad[valid].abs().min() > 0 and torch.equal(mask.grad, learned)
 
 
 def test_ssim_is_that_of_an_explicit_window():

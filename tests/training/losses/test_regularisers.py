@@ -15,11 +15,15 @@ def test_the_residuals_norm_passes_gradcheck():
 def test_transient_rows_are_those_in_front_inside_the_mask():
     camera = ring_camera(0.0)
     view = view_of(camera)
-    means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.0, 0.0, -9.0], [50.0, 0.0, 0.0]])
-    mask = torch.ones(1, 9, 12)
-    mask[:, :, :6] = 0  # the left half of the picture
-    rows = regularisers.transient_rows(means, torch.tensor([0.9, 0.9, 0.01, 0.9, 0.9]), mask, view)
+    means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.8, 0.0, -9.0], [50.0, 0.0, 0.0]])  # the fourth is behind it
+    mask = torch.full((1, 9, 12), 0.51)
+    mask[:, :, :6] = 0.49  # the left half of the picture is hidden
+    rows = regularisers.transient_rows(means, torch.tensor([0.11, 0.9, 0.09, 0.9, 0.9]), mask, view)
     assert rows.tolist() == [True, False, False, False, False]
+    lower = torch.full((1, 9, 12), 0.49)
+    lower[:, 4:] = 0.51  # in the picture's lower half nothing is hidden
+    heights = torch.tensor([[0.0, -0.2, 0.0], [0.0, 0.1, 0.0]])
+    assert regularisers.transient_rows(heights, torch.ones(2), lower, view).tolist() == [True, False]
     beside = torch.zeros(200, 3)
     beside[:, 0] = torch.linspace(-4.0, 0.0, 200)
     shown = torch.from_numpy(camera.project(beside.double().numpy())[0][:, 0] >= 0)

@@ -48,7 +48,7 @@ def test_what_a_kill_left_of_a_checkpoint_goes_with_the_next_one_or_with_the_run
     assert not [*tmp_path.glob(".*"), *tmp_path.glob("checkpoint*")]
 
 
-def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
+def test_a_checkpoint_comes_back_and_a_broken_or_older_one_is_refused(tmp_path):
     saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
     path = checkpoint.save(tmp_path, saved)
     assert checkpoint.newest(tmp_path) == path
@@ -59,6 +59,10 @@ def test_a_checkpoint_comes_back_and_a_broken_one_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(BadInput, match="not a readable checkpoint"):
         checkpoint.load(path)
+    path = checkpoint.save(tmp_path, checkpoint.Checkpoint(saved.tensors, saved.facts | {"version": 1}))
+    for read in (checkpoint.load, checkpoint.read_facts):
+        with pytest.raises(BadInput, match=f"has version 1, this is version {checkpoint.VERSION}. Train again"):
+            read(path)
 
 
 def test_a_checkpoint_that_the_next_one_replaces_while_it_is_read_is_no_damage(tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -74,6 +75,10 @@ def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, c
         return [(folder / "pool" / photo.name, folder / "masks" / photo.name) for photo in photos]
 
     assert files(project / "run") == expected(project)
+    shutil.copytree(project, tmp_path / "copied", symlinks=True)
+    (project / "scene").rename(tmp_path / "away")
+    assert files(tmp_path / "copied" / "run") == expected(tmp_path / "copied")  # though the first ones are still there
+    (tmp_path / "away").rename(project / "scene")
     (project / "run").rename(tmp_path / "run")
     assert files(tmp_path / "run") == expected(project)
     (tmp_path / "run").rename(project / "run")

@@ -15,7 +15,7 @@ def test_cameras_json_leads_back_to_the_world(tmp_path, collection):
     entries = json.loads((tmp_path / "run" / "cameras.json").read_text())
     assert [entry["id"] for entry in entries] == list(range(len(collection.photos)))
     assert [entry["img_name"] for entry in entries][-2:] == ["photo_2.png", "photo_5.png"]  # test photos last
-    photo = collection.photos[0]
+    photo = collection.photos[1]  # turned by 60 degrees
     entry = next(entry for entry in entries if entry["img_name"] == photo.name)
     point = collection.points[0]
     from_file = np.array(entry["rotation"]).T @ (collection.frame.to_world(point) - np.array(entry["position"]))

@@ -197,8 +197,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
         meaning, fix = "photos without cameras", f"Add photos of the same place: {needed}."
     else:
-        pairs, minutes = most_pairs(len(sizes)), math.ceil(longest_s(len(sizes)) / 60)
-        work = f"{counted(pairs, 'pair')} to match, up to {counted(minutes, 'minute')}"
+        work = f"{counted(most_pairs(len(sizes)), 'pair')} to match, up to {_in_words(longest_s(len(sizes)))}"
         finds = f"`{command('wegs', 'train', root)}` finds them ({work}) and trains"
         meaning, fix = f"photos without cameras; next, {finds}", ""
     others = [path.name for path in list_unreadable(folder)]
@@ -209,6 +208,12 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         _named("pictures stored twice", sorted(again), len(paths), "left out; the fullest file of each picture is used", ""),
         _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
     ]
+
+
+def _in_words(seconds: float) -> str:
+    """So much time, rounded up to whole minutes, or hours if it is more than two."""
+    what, length = ("hour", 3600) if seconds > 2 * 3600 else ("minute", 60)
+    return counted(math.ceil(seconds / length), what)
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:

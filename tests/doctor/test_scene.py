@@ -171,6 +171,13 @@ def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, wor
     assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 5 checks, nothing to do."
 
 
+@pytest.mark.parametrize("seconds, words", [(61, "2 minutes"), (7200, "120 minutes"), (7201, "3 hours"), (23_624, "7 hours")])
+def test_the_time_for_many_photos_is_told_in_hours(tmp_path, monkeypatch, seconds, words):
+    save_photos(tmp_path, 2)
+    monkeypatch.setattr(module, "longest_s", lambda photos: seconds)
+    assert f"(1 pair to match, up to {words})" in examined(tmp_path)[0]["scene"].meaning
+
+
 @pytest.mark.parametrize("red, spread, is_flat", [(100, 0, True), (100, 4, True), (100, 8, True), (100, 16, False), (140, 0, False)])
 def test_a_photo_is_flat_if_its_numbers_hardly_differ(red, spread, is_flat):
     pixels = np.random.default_rng(0).integers(100, 101 + spread, (90, 60, 3)).astype(np.uint8)

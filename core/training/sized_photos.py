@@ -2,8 +2,9 @@
 
 import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from core.report import QUIET, Report
 from core.scene.camera import Camera
 from core.system import memory
 from core.system.device import CPU
+from core.system.threads import in_parallel, threads
 from core.training.losses.canvas import TargetOnCanvas
 from core.training.losses.photometric import Target
 from core.words import Reasons
@@ -28,6 +30,7 @@ from core.words import Reasons
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
 SMALLEST_WIDTH_PX = 64  # below, a width is taken for a mistyped divisor
+AT_ONCE_A_THREAD = 8  # photos that are decoded at a time; one in all where memory is limited: a photo of 100 MP takes 1 GB meanwhile
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 LEAST_FILLED = 0.4  # of a canvas, by the mean photo: upright and wide ones together fill three quarters, panoramas less
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
@@ -126,12 +129,16 @@ class SizedPhotos(Sequence[SizedPhoto]):
         self.device, self.transparent_is_empty, self.share_canvas = device, transparent_is_empty, share_canvas
         self.photos: list[SizedPhoto] = []
         damaged = Reasons()
-        for number, photo in enumerate(photos, 1):
-            report.progress("Photos", number, len(photos), photo.name)
-            try:
-                self.photos.append(load_sized_photo(photo, sizes, device, transparent_is_empty))
-            except BadInput as problem:
-                damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, problem))
+        load = partial(load_sized_photo, sizes=sizes, device=device, transparent_is_empty=transparent_is_empty)
+        at_once = 1 if memory.limit() else AT_ONCE_A_THREAD * threads()
+        for start in range(0, len(photos), at_once):
+            some = photos[start : start + at_once]
+            for photo, found in zip(some, _decoded(some, load), strict=True):
+                if isinstance(found, SizedPhoto):
+                    self.photos.append(found)
+                else:
+                    damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, found))
+            report.progress("Photos", start + len(some), len(photos), some[-1].name)
         self.notes = [note.text for note in damaged.notes()] + _doubtful_masks(self.photos)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
         self._canvases: dict[int, tuple[int, int] | None] = {}
@@ -180,6 +187,21 @@ class SizedPhotos(Sequence[SizedPhoto]):
         if canvas := self.canvas(factor):
             return TargetOnCanvas(*shown, canvas, mask_size(sized.encoder_input))
         return Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
+
+
+def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto]) -> list[SizedPhoto | BadInput]:
+    """What `load` returns for each photo, or raises, in their order; on several threads."""
+    found: dict[int, SizedPhoto | BadInput] = {}
+
+    def decode(begin: int, end: int) -> None:
+        for index in range(begin, end):
+            try:
+                found[index] = load(photos[index])
+            except BadInput as problem:
+                found[index] = problem
+
+    in_parallel(decode, len(photos), 1)
+    return [found[index] for index in range(len(photos))]
 
 
 def _shrunk(camera: Camera, factor: int) -> tuple[int, int]:

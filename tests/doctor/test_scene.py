@@ -11,6 +11,7 @@ from core import pipeline
 from core.data.prepare import prepared
 from core.data.sfm import originals
 from core.doctor import Finding, examine
+from core.doctor import scene as module
 from core.doctor.finding import verdict
 from core.system.atomic import write_json
 from tests.data.converted import changed, write_blender, write_nerfstudio
@@ -168,6 +169,20 @@ def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, wor
     assert findings["scene"].figure == f"{count} photos of 0.019 MP"
     assert findings["scene"].meaning == f"photos without cameras; next, `wegs train {tmp_path}` finds them ({words}) and trains"
     assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 5 checks, nothing to do."
+
+
+@pytest.mark.parametrize("seconds, words", [(61, "2 minutes"), (7200, "120 minutes"), (7201, "3 hours"), (23_624, "7 hours")])
+def test_the_time_for_many_photos_is_told_in_hours(tmp_path, monkeypatch, seconds, words):
+    save_photos(tmp_path, 2)
+    monkeypatch.setattr(module, "longest_s", lambda photos: seconds)
+    assert f"(1 pair to match, up to {words})" in examined(tmp_path)[0]["scene"].meaning
+
+
+@pytest.mark.parametrize("red, spread, is_flat", [(100, 0, True), (100, 4, True), (100, 8, True), (100, 16, False), (140, 0, False)])
+def test_a_photo_is_flat_if_its_numbers_hardly_differ(red, spread, is_flat):
+    pixels = np.random.default_rng(0).integers(100, 101 + spread, (90, 60, 3)).astype(np.uint8)
+    pixels[..., 0] += np.uint8(red - 100)
+    assert module._is_flat(pixels) == is_flat == (pixels.std() < module.FLAT)
 
 
 def test_pictures_stored_twice_are_told_and_not_matched_with_themselves(tmp_path):

@@ -136,12 +136,9 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
     kept = good[table.observed]
     observers, observed = table.observers[kept], row_of[table.observed[kept]]
     if not len(observers):  # some programs write no tracks, others none that fit
-        rows = {number: row for row, number in enumerate(table.ids[good].tolist())}
-        features = ((number, point.point3D_id) for number, image in reconstruction.images.items() for point in image.points2D)
-        sees = [(number, rows[point]) for number, point in features if point in rows]
-        if not sees:
+        observers, observed = _as_photos_say(reconstruction, table.ids[good])
+        if not len(observers):
             return Points(positions, colours, None), notes
-        observers, observed = np.array(sees).T
         notes.append(Note(f"The points of {model} do not say which of its photos see them: its photos do."))
     order = np.argsort(observers, kind="stable")
     observers, observed = observers[order], observed[order]
@@ -150,6 +147,17 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
     # An image may see a point twice.
     seen = {name: np.unique(observed[start:end]) for name, start, end in zip(names.values(), starts, ends, strict=True)}
     return Points(positions, colours, seen), notes
+
+
+def _as_photos_say(reconstruction: pycolmap.Reconstruction, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As PointTable has them: who observes which of the points with these ids (P,), ascending, by what the photos say of their features."""
+    observers, observed = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for number, image in reconstruction.images.items():
+        said = np.fromiter((feature.point3D_id for feature in image.get_observation_points2D()), ids.dtype)
+        rows = np.searchsorted(ids, said).clip(max=len(ids) - 1)
+        observed.append(rows[ids[rows] == said])
+        observers.append(np.full(len(observed[-1]), number))
+    return np.concatenate(observers), np.concatenate(observed)
 
 
 def _other_models(model: Path) -> list[Note]:

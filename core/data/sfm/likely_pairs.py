@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
+import torch
 
 from core.data.sfm.features import DATABASE
 from core.report import Report
+from core.system.threads import in_parallel
 
 # Statue of Liberty, 87 photos, of the ten that each shares most points with: 512 features find 74, 87, 91 % among 10, 20, 30 partners,
 # 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
@@ -18,6 +20,7 @@ LARGEST_FEATURES = 512  # of a photo, the largest
 PARTNERS = 30  # of a photo
 MATCH_S = 0.5  # to match two photos of 1600 px or more that show the same, on two cores; a tenth of it if they do not
 COUNT_S = 1e-3  # to count how many of the largest features of two photos look alike
+BLOCK = 16  # photos that a thread compares with another one at a time
 RATIO = 0.85  # test of Lowe (2004, section 7.1): the angle to the nearest feature over that to the second nearest
 
 
@@ -34,8 +37,7 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     largest = _largest_features(work, names)
     found = np.zeros((len(names), len(names)), np.int32)
     for index, features in enumerate(largest):
-        for other in range(index):
-            found[index, other] = found[other, index] = count_alike(features, largest[other])
+        found[index, :index] = found[:index, index] = _counts_alike(features, largest[:index])
         report.progress("Likely pairs", (index + 1) * index // 2, total)
     np.fill_diagonal(found, -1)
     chosen = np.argsort(-found, axis=1, kind="stable")[:, :PARTNERS]
@@ -60,18 +62,31 @@ def longest_s(photos: int) -> float:
     return matched * MATCH_S + (total * COUNT_S if matched < total else 0.0)
 
 
+def _counts_alike(features: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
+    """How many of these features are alike in each of the other photos (n,)."""
+    counts = np.zeros(len(others), np.int32)
+
+    def count(begin: int, end: int) -> None:
+        counts[begin:end] = [count_alike(features, other) for other in others[begin:end]]
+
+    in_parallel(count, len(others), BLOCK)
+    return counts
+
+
 def count_alike(first: np.ndarray, second: np.ndarray) -> int:
     """How many of these features, (n, 128) of length 1, are each other's nearest and pass the RATIO test."""
     if min(len(first), len(second)) < 2:
         return 0
-    similarity = first @ second.T
+    # By torch, which keeps to one thread where it is asked to: the threads of NumPy's library spin while they wait for each other.
+    similarity = (torch.from_numpy(first) @ torch.from_numpy(second).T).numpy()
     rows = np.arange(len(first))
     nearest = similarity.argmax(axis=1)
-    mutual = similarity.argmax(axis=0)[nearest] == rows
     best = similarity[rows, nearest]
     similarity[rows, nearest] = -1
     angles, others = (np.arccos(np.clip(values, -1, 1)) for values in (best, similarity.max(axis=1)))
-    return int((mutual & (angles < RATIO * others)).sum())
+    similarity[rows, nearest] = best
+    clear = np.flatnonzero(angles < RATIO * others)  # few: only their columns are searched
+    return int((similarity[:, nearest[clear]].argmax(axis=0) == clear).sum())
 
 
 def _largest_features(work: Path, names: list[str]) -> list[np.ndarray]:

@@ -42,6 +42,19 @@ def test_points_without_tracks_are_seen_as_the_photos_say(tmp_path):
     assert notes_with(collection, "do not say which of its photos see them: its photos do")
 
 
+@pytest.mark.parametrize("left_out", [1, 7, 20])
+def test_what_photos_say_of_points_that_are_left_out_is_passed_over(tmp_path, left_out):
+    model = SmallScene().reconstruction()
+    model.points3D[left_out].xyz = np.full(3, np.nan)
+    for point in model.points3D.values():
+        point.track = pycolmap.Track()
+    points, notes = read_points(model, Path("model"))
+    assert len(points.positions) == 19 and len(notes) == 2
+    seen = [SmallScene().reconstruction().points3D[number].xyz for number in range(1, 21) if number != left_out]
+    assert np.array_equal(points.positions, seen)
+    assert [rows.tolist() for rows in points.seen.values()] == [list(range(19))] * 4
+
+
 @pytest.mark.parametrize("tracks", [True, False])
 def test_where_nothing_says_who_sees_a_point_that_is_said_and_the_points_are_used(tmp_path, tracks):
     root = SmallScene().write(tmp_path / "scene")

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from core.data.sfm import likely_pairs as module
 from core.data.sfm.features import extract
@@ -44,9 +45,24 @@ def test_the_time_that_matching_takes_counts_the_search_for_likely_pairs(photos,
     assert most_pairs(photos) == pairs and longest_s(photos) == pytest.approx(seconds)
 
 
+def test_the_search_finds_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
+    strip = features(400, 3)
+    shown = [strip[10 * number : 10 * number + 60] for number in range(30)]
+    monkeypatch.setattr(module, "_largest_features", lambda work, names: shown)
+    monkeypatch.setattr(module, "PARTNERS", 4)
+    names, before, found = [f"{number}.jpg" for number in range(30)], torch.get_num_threads(), []
+    try:
+        for threads in (1, 2, 3):
+            torch.set_num_threads(threads)
+            found.append(likely_pairs(tmp_path, names, Report()))
+    finally:
+        torch.set_num_threads(before)
+    assert len(found[0]) < 435 and found[0] == found[1] == found[2]
+
+
 def test_features_count_that_find_each_other():
     some, others = features(40, 1), features(60, 2)
-    assert count_alike(some, some[::-1]) == 40 and count_alike(some, others) < 4
+    assert count_alike(some, some[::-1].copy()) == 40 and count_alike(some, others) < 4
     both = np.concatenate([others, some[:25]])
     assert 25 <= count_alike(some, both) < 29
     near = some + 0.1 * others[:40]  # at an angle: next to 0, products that processors round differently would tell the two apart

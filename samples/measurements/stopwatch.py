@@ -1,6 +1,7 @@
 """CPU and wall time by part, and the most memory held."""
 
 import resource
+import sys
 import time
 from pathlib import Path
 
@@ -54,4 +55,4 @@ def peak_memory() -> int:
     for line in lines:
         if line.startswith("VmHWM:"):
             return int(line.split()[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

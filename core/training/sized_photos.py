@@ -30,7 +30,8 @@ from core.words import Reasons
 DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
 SMALLEST_WIDTH_PX = 64  # below, a width is taken for a mistyped divisor
-AT_ONCE_A_THREAD = 8  # photos that are decoded at a time; one in all where memory is limited: a photo of 100 MP takes 1 GB meanwhile
+DECODERS = 8  # threads at most, and one where memory is limited: a photo of 100 MP takes 1 GB while it is decoded
+PHOTOS_A_DECODER = 8  # between two reports of progress
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 LEAST_FILLED = 0.4  # of a canvas, by the mean photo: upright and wide ones together fill three quarters, panoramas less
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
@@ -130,10 +131,11 @@ class SizedPhotos(Sequence[SizedPhoto]):
         self.photos: list[SizedPhoto] = []
         damaged = Reasons()
         load = partial(load_sized_photo, sizes=sizes, device=device, transparent_is_empty=transparent_is_empty)
-        at_once = 1 if memory.limit() else AT_ONCE_A_THREAD * threads()
+        decoders = 1 if memory.limit() else min(threads(), DECODERS)
+        at_once = decoders * PHOTOS_A_DECODER
         for start in range(0, len(photos), at_once):
             some = photos[start : start + at_once]
-            for photo, found in zip(some, _decoded(some, load), strict=True):
+            for photo, found in zip(some, _decoded(some, load, decoders), strict=True):
                 if isinstance(found, SizedPhoto):
                     self.photos.append(found)
                 else:
@@ -189,18 +191,19 @@ class SizedPhotos(Sequence[SizedPhoto]):
         return Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
 
 
-def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto]) -> list[SizedPhoto | BadInput]:
-    """What `load` returns for each photo, or raises, in their order; on several threads."""
+def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decoders: int) -> list[SizedPhoto | BadInput]:
+    """What `load` returns for each photo, or raises, in their order; on so many threads."""
     found: dict[int, SizedPhoto | BadInput] = {}
+    waiting = iter(range(len(photos)))  # next() on it is atomic under the interpreter lock
 
-    def decode(begin: int, end: int) -> None:
-        for index in range(begin, end):
+    def decode(*_: int) -> None:
+        for index in waiting:
             try:
                 found[index] = load(photos[index])
             except BadInput as problem:
                 found[index] = problem
 
-    in_parallel(decode, len(photos), 1)
+    in_parallel(decode, decoders, 1)
     return [found[index] for index in range(len(photos))]
 
 

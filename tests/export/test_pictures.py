@@ -80,7 +80,7 @@ def test_a_video_has_every_frame_in_its_colours_even_at_an_odd_size(tmp_path):
     while (frame := video.read())[0]:
         assert frame[1].shape == (48, 64, 3)
         means.append(frame[1].mean(axis=(0, 1))[::-1])  # as RGB
-    np.testing.assert_allclose(means, colours, atol=4)  # video is lossy
+    np.testing.assert_allclose(means, colours, atol=8)  # video is lossy
 
 
 @pytest.mark.parametrize("frames, fps", [(6, 2), (90, 30), (120, 30)])

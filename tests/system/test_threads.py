@@ -68,12 +68,14 @@ def test_an_exception_of_another_thread_comes_out(threads):
 @pytest.mark.parametrize("threads", [2], indirect=True)
 def test_an_exception_comes_out_when_the_other_threads_have_stopped(threads):
     """They write into arrays of the caller's, which may be gone by then."""
-    begun, written = threading.Event(), []
+    here, begun, written = threading.Event(), threading.Event(), []
 
     def work(begin: int, end: int) -> None:
         if threading.current_thread() is threading.main_thread():
+            here.set()
             assert begun.wait(60)
             raise ArithmeticError("here")
+        assert here.wait(60)  # or this thread might take both
         begun.set()
         time.sleep(0.1)
         written.append(begin)

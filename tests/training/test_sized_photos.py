@@ -1,5 +1,6 @@
 """Photos at training size: never enlarged, the same from the cache and made again, and nothing of what is hidden in them."""
 
+import threading
 from dataclasses import replace
 
 import cv2
@@ -8,6 +9,7 @@ import pytest
 import torch
 
 from core.system import memory
+from core.training import sized_photos as module
 from core.training.sized_photos import SizedPhotos, Sizes
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
@@ -95,7 +97,17 @@ def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_ar
         torch.set_num_threads(before)
     assert [(sized.photo.name, sized.pixels[0, 0, 0]) for sized in found] == [(f"{n:02d}.png", 5 * n) for n in range(40) if n not in (7, 31)]
     assert found.notes[0].startswith("2 photos of the train split that cannot be used: 07.png (") and ", 31.png (" in found.notes[0]
-    assert heard.steps[-1] == (40, 40) and len(heard.steps) == (40 if limit else -(-40 // (8 * threads)))
+    assert heard.steps[-1] == (40, 40) and len(heard.steps) == (5 if limit else -(-40 // (8 * threads)))
+
+
+@pytest.mark.parametrize("limit, decoders", [(1 << 34, 8), (None, 1)])
+def test_photos_are_decoded_one_by_one_where_memory_is_limited_or_no_more_threads_may_decode(tmp_path, monkeypatch, limit, decoders):
+    photos, decoding = small_collection(tmp_path).photos, set()
+    load = module.load_sized_photo
+    monkeypatch.setattr(module, "load_sized_photo", lambda *photo, **given: decoding.add(threading.get_ident()) or load(*photo, **given))
+    monkeypatch.setattr(module, "DECODERS", decoders)
+    monkeypatch.setattr(memory, "limit", lambda: limit)
+    assert len(SizedPhotos(photos, Sizes(1, 1.0, SIDE_PX))) == 6 and decoding == {threading.get_ident()}
 
 
 def sized(tmp_path, sizes_px: list[tuple[int, int]], **given) -> SizedPhotos:

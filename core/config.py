@@ -23,8 +23,7 @@ STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
 # 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 2.6 times as many Gaussians per pixel gained nothing on 65 photos
 # of Liberty at full size.
 STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
-# Where there are looks, they are learned first: otherwise dark or bright Gaussians before single cameras explain the light, and have to
-# go later. Where there are none, there is nothing to wait for, as in plain 3DGS.
+# Where there are looks, they are learned first: otherwise dark or bright Gaussians before single cameras explain the light.
 WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
 
@@ -184,8 +183,7 @@ class Settings:
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(
         4.0,
-        "Gaussians farther from SfM points than this many times their spacing there, or their median spacing if that is larger, are removed; "
-        "0 keeps all.",
+        "Gaussians farther from SfM points than this many times their spacing there, or the median one if larger, are removed; 0 keeps all.",
         low=0,
     )
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
@@ -197,6 +195,7 @@ class Settings:
         high=1,
         auto=True,
     )
+    remove_veils: bool = setting(True, "After growth, remove what hardly covers any photo and much of what a camera beside it would see.")
 
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, at first a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(
@@ -337,6 +336,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "reach": 0.0,
         "largest_scale": 1.0,
         "prune_contribution": 0.0,
+        "remove_veils": False,
         "gauge": 0.0,
     },
     "vanilla": {"appearance": "off", "transients": "off"},

@@ -1,6 +1,6 @@
 """What many views together say of each Gaussian."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 
 import torch
 from jaxtyping import Float
@@ -25,4 +25,14 @@ def largest_contributions(
     for number, camera in enumerate(cameras, start=1):
         torch.maximum(largest, rasterizer.contributions(splats, camera), out=largest)
         progress(number, len(cameras))
+    return largest
+
+
+def largest_shares(splats: Splats, cameras: Iterable[Camera], rasterizer: Rasterizer) -> Float[Tensor, " n"]:
+    """The largest share of a whole picture that each Gaussian makes up in any view, in [0, 1]; it does not depend on the look."""
+    largest = torch.zeros(len(splats), device=splats.means.device)
+    for camera in cameras:
+        evenly = largest.new_ones(camera.height, camera.width)
+        shares = rasterizer.shares(splats, camera, evenly).of_gaussians() / evenly.numel()
+        torch.maximum(largest, shares, out=largest)
     return largest

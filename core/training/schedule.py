@@ -4,7 +4,7 @@ from core.config import Settings
 
 MEAN_RATE_DECAY = 0.01
 NETWORK_RATE_DECAY = 0.1
-CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth
+CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth; with the second, veils go
 SHRINK_FACTORS = (4, 2, 1)  # of photos, coarse to fine
 STEP_TIMES = (1 / 3, 1 / 2, 1.0)  # of a step on them, in full steps; medians of runs of plaza, Liberty and Sacré-Cœur
 
@@ -48,10 +48,17 @@ def densification_steps(settings: Settings) -> list[int]:
 
 def contribution_steps(settings: Settings) -> set[int]:
     """The steps after which Gaussians that no photo needs are removed: when growth has ended, and once more when settled."""
-    if not settings.prune_contribution:
-        return set()
+    return {_after_growth(settings, fraction) for fraction in CONTRIBUTION_FRACTIONS} if settings.prune_contribution else set()
+
+
+def unveiling_step(settings: Settings) -> int | None:
+    """The step after which veils are removed, when Gaussians have settled; None where they are kept."""
+    return _after_growth(settings, CONTRIBUTION_FRACTIONS[-1]) if settings.remove_veils else None
+
+
+def _after_growth(settings: Settings, fraction: float) -> int:
     grown = settings.densify_until
-    return {max(1, round(settings.steps * (grown + (1 - grown) * fraction))) for fraction in CONTRIBUTION_FRACTIONS}
+    return max(1, round(settings.steps * (grown + (1 - grown) * fraction)))
 
 
 def evenly(count: int, steps: int) -> set[int]:

@@ -22,6 +22,7 @@ from core.training.background import background_of_figures
 from core.training.gaussians import densify
 from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
+from core.training.gaussians.veils import veils
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
@@ -95,6 +96,7 @@ class Trainer:
         self.stepper = self._stepper()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
+        self.unveil_at = schedule.unveiling_step(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
         self.seconds = 0.0
@@ -215,6 +217,8 @@ class Trainer:
             self.control_density()
         if self.done in self.prune_at:
             self.prune_by_contribution()
+        if self.done == self.unveil_at:
+            self.remove_veils()
         return [densify.ALL_GONE] if before and not self.gaussians.solid else []
 
     def control_density(self) -> None:
@@ -231,6 +235,12 @@ class Trainer:
         cameras = [sized.camera for sized in self.photos]
         largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
+
+    def remove_veils(self) -> None:
+        """Remove the Gaussians that are in the way of whoever steps aside, see `gaussians.veils`."""
+        self.stepper.forget()
+        cameras = [sized.camera for sized in self.photos]
+        self.gaussians.keep(~veils(self.gaussians.splats, cameras, self.collection.points, self.rasterizer))
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""

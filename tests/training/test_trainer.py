@@ -51,6 +51,20 @@ def test_photos_are_learned_from_coarse_to_fine(trainer_of):
     assert factors == [4] * 4 + [2] * 4 + [1] * 2
 
 
+def test_veils_are_removed_once_when_gaussians_have_settled(collection, tmp_path, monkeypatch):
+    asked = []
+
+    def first_two(splats, photos, points, rasterizer):
+        asked.append((trainer.done, len(photos), len(points)))
+        return torch.arange(len(splats)) < 2
+
+    monkeypatch.setattr("core.training.trainer.veils", first_two)
+    trainer = Trainer(collection, small_settings(steps=20, prune_contribution=0.0, densify_until=0.2), tmp_path)
+    gaussians = {report.step: report.gaussians for report in trainer.train()}
+    assert asked == [(14, len(trainer.photos), len(collection.points))]
+    assert gaussians[14] == gaussians[13] - 2
+
+
 def test_latents_wait_for_the_masks(collection, tmp_path):
     trainer = Trainer(collection, small_settings(steps=10, latent_size=3, latents_from=0.5), tmp_path)
     for report in trainer.train():

@@ -1,0 +1,60 @@
+"""Veils: Gaussians that hardly cover any photo, and much of what a camera beside it would see.
+
+Photos say little of the space just before other cameras. What floats there costs them nothing, but stands in the way of whoever steps aside.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from core.rasterizer import Rasterizer
+from core.rasterizer.views import largest_shares
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+
+VIEWS_A_PHOTO, MOST_VIEWS = 4, 400  # new views: for each photo, and in all
+NEIGHBOURS, SAME_WAY = 3, 0.5  # how many cameras say how far one may step aside; the least cosine of their directions
+LARGEST_STEP = 0.5  # of the distance to the nearest that a camera shows
+NEAREST = 5  # percentile of the distances of points, for a few are wrong
+TIMES = 1 / (1 - LARGEST_STEP) ** 2  # as much of a new view as of any photo; stepping nearer explains no more
+LEAST_SHARE = 0.01  # of a new view, that a veil covers
+SHRUNK = 1 / 4  # views are drawn this small
+
+
+def veils(splats: Splats, photos: Sequence[Camera], points: Float[np.ndarray, "p 3"], rasterizer: Rasterizer) -> Bool[Tensor, " n"]:
+    """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame."""
+    in_photos = largest_shares(splats, [camera.shrunk(SHRUNK) for camera in photos], rasterizer)
+    in_new_views = largest_shares(splats, [camera.shrunk(SHRUNK) for camera in cameras_beside(photos, points)], rasterizer)
+    return (in_new_views > LEAST_SHARE) & (in_new_views > TIMES * in_photos)
+
+
+def cameras_beside(photos: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -> list[Camera]:
+    """New cameras, each up to a step away from one that took a photo and turned as it is; the same ones at each call."""
+    centres = np.stack([camera.centre for camera in photos])
+    directions = np.stack([camera.world_to_camera[2] for camera in photos])
+    generator = np.random.default_rng(0)
+    rounds = [generator.permutation(len(photos)) for _ in range(VIEWS_A_PHOTO)]
+    beside = []
+    for number in np.concatenate(rounds)[:MOST_VIEWS]:
+        camera = photos[number]
+        alike = np.delete(centres, number, axis=0)[np.delete(directions @ directions[number], number) > SAME_WAY]
+        step = _largest_step(camera, alike, points)
+        direction = generator.normal(size=3)
+        aside = step * generator.random() ** (1 / 3) * direction / np.linalg.norm(direction)  # evenly in a ball
+        if step:
+            beside.append(replace(camera, centre=camera.centre + aside))
+    return beside
+
+
+def _largest_step(camera: Camera, alike: Float[np.ndarray, "k 3"], points: Float[np.ndarray, "p 3"]) -> float:
+    """How far a new camera may be from this one: as far as others that look the same way (`alike`, their centres); 0 if none does, or it shows
+    no points.
+    """
+    shown, depths = camera.shows(points)
+    if not len(alike) or not shown.any():
+        return 0.0
+    apart = np.sort(np.linalg.norm(alike - camera.centre, axis=1))
+    return min(apart[:NEIGHBOURS].mean(), LARGEST_STEP * np.percentile(depths[shown], NEAREST))

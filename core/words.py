@@ -1,13 +1,20 @@
 """Numbers, names and reasons in sentences."""
 
+import re
 from dataclasses import dataclass
 
 NAMES_SHOWN = 12
+CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 def counted(count: int, what: str) -> str:
     """`count` and its noun: 1 photo, 2 photos."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def on_one_line(text: str) -> str:
+    """The text with line breaks and other control characters, which names of files may hold, as their codes."""
+    return CONTROLS.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 @dataclass(frozen=True)

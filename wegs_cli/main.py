@@ -36,11 +36,13 @@ class OneLineErrors(click.Command):
             help_wanted.show()
             sys.exit(help_wanted.exit_code)
         except BaseException as problem:
+            from core.words import on_one_line  # late, as in `explain`
+
             answer = explain(problem)
             if answer is None:
                 raise
             line, code = answer
-            line = f"wegs: {line}"
+            line = f"wegs: {on_one_line(line)}"
             click.echo(line if os.environ.get("NO_COLOR") else click.style(line, fg="red"), err=True)
         sys.exit(code if isinstance(code, int) else 0)
 

@@ -18,6 +18,7 @@ from rich.table import Table
 
 from core.kernels.compiled import compiling_told
 from core.report import Report
+from core.words import on_one_line
 
 WIDE = 80  # columns; a narrower terminal shows what is done and the time left, no bar and no note
 NAMING = 2  # columns of a table with a header, which say what the row is of
@@ -67,15 +68,16 @@ class Terminal(Report):
     @_whoever_listens()
     def say(self, line: str) -> None:
         self._end_bar(if_full=True)
-        self.console.print(line, soft_wrap=True)
+        self.console.print(on_one_line(line), soft_wrap=True)
 
     @_whoever_listens()
     def warn(self, line: str) -> None:
         self._end_bar(if_full=True)
-        self.console.print(line, style="yellow", soft_wrap=True)
+        self.console.print(on_one_line(line), style="yellow", soft_wrap=True)
 
     @_whoever_listens()
     def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
+        note = on_one_line(note)
         self._advance_bar(what, done, total, note, done / max(total, 1) if share is None else share)
         if not self.console.is_terminal and (done == total or time.monotonic() - self.told >= PLAIN_SECONDS):
             self.told = time.monotonic()
@@ -86,6 +88,7 @@ class Terminal(Report):
     @_whoever_listens()
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self._end_bar()
+        rows = [tuple(map(on_one_line, row)) for row in rows]
         if not self.console.is_terminal:
             lines = [title, *_aligned([header, *rows])] if header else [": ".join(row) for row in rows]
             for line in lines:

@@ -139,7 +139,8 @@ def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, rep
 def _keep(figure: Figure, folder: Path, report: Report) -> None:
     files.show(figure, report)
     paths = files.save(figure, folder)
-    report.say(f"{folder}: {', '.join(path.name for path in paths)}\n")
+    report.say(f"{folder}: {', '.join(path.name for path in paths)}")
+    report.say("")
 
 
 def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: Collection | None, report: Report) -> tuple[str, ...]:

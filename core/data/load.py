@@ -9,7 +9,7 @@ from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, lacks_photos, 
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import names_wegs
-from core.data.photos.folder import VIDEO_SUFFIXES, fuller_below, list_photos, no_photos, take_pictures_out
+from core.data.photos.folder import SUFFIXES, VIDEO_SUFFIXES, fuller_below, list_photos, no_photos, take_pictures_out
 from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
@@ -68,7 +68,7 @@ def find_kind(path: Path) -> str:
 
 
 def check_is_folder(path: Path) -> None:
-    """Raise BadInput unless there is such a folder; for a film or a scene's file it says what to do."""
+    """Raise BadInput unless there is such a folder; for a photo, a film or a scene's file it says what to do."""
     fix = "Give the folder that holds your photos."
     if path.is_dir():
         return
@@ -76,7 +76,7 @@ def check_is_folder(path: Path) -> None:
         raise BadInput(f"There is no folder {path}.", fix)
     if path.suffix.lower() in VIDEO_SUFFIXES:
         fix = take_pictures_out(path)
-    elif path.name in (NERFSTUDIO_FILE, *BLENDER_FILES.values()):
+    elif path.name in (NERFSTUDIO_FILE, *BLENDER_FILES.values()) or path.suffix.lower() in SUFFIXES:
         fix = f"Give the folder it is in: {path.parent}"
     raise BadInput(f"{path} is a file, not a folder.", fix)
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from core.data.photos.folder import VIDEO_SUFFIXES
+from core.data.photos.folder import SUFFIXES, VIDEO_SUFFIXES
 from core.doctor.finding import Finding, verdict
 from core.doctor.ply import examine_ply
 from core.doctor.run import examine_run
@@ -27,7 +27,7 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         findings = examine_run(path, report)
     elif newest := max(path.glob(run_folders.CLOUDS), key=_step_and_date, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
-    elif path.is_dir() or path.suffix.lower() in (".json", *VIDEO_SUFFIXES):
+    elif path.is_dir() or path.suffix.lower() in (".json", *SUFFIXES, *VIDEO_SUFFIXES):
         findings = examine_scene(path, report)  # which says what to do with a file
     else:
         findings = examine_ply(path, report)

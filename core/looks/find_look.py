@@ -36,8 +36,10 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     that structure from motion made it of; the name of a look saved in the run; the name of a photo of the collection, also without its
     suffix if that is unambiguous. A training photo has the embedding that was learned for it; a held-out one, or one with `mask`, is encoded with
     its predicted mask, any other photo with M := 1.
-    Raises BadInput, with the nearest name, if nothing fits; and for a mask with a look that is not read from a photo.
+    Raises BadInput, with the nearest name, if nothing fits; for a mask with a look that is not read from a photo, and for one that is no file.
     """
+    if mask is not None and not mask.is_file():  # a pipe would be waited for without end
+        raise BadInput(f"{mask} is not a file." if mask.exists() else f"There is no mask {mask}.", "Give a picture, white = use.")
     saved = _saved_as(trained, word)
     reads_photos = trained.has_looks and trained.settings.embedding == "encoder"
     if mask is not None and (word == NEUTRAL or saved or not reads_photos):

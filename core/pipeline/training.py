@@ -123,7 +123,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     folder = trainer.folder
     trained = load_run(folder)
     neutral = run_folders.point_cloud_path(folder, trained.step)
-    masks = mask_files.write_masks(folder, trainer.model, trainer.photos)
+    masks = mask_files.write_masks(folder, trainer.model, trainer.photos, report)
     preview = write_preview(trained, trainer.photos)
     write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [

@@ -41,6 +41,7 @@ def outcome_of(problem: BaseException):
     "problem, words, code",
     [
         (BadInput("photo.jpg is broken.", "Remove it."), "photo.jpg is broken. Remove it.", 1),
+        (BadInput("There is no folder a\nb."), r"There is no folder a\nb.", 1),
         (BadSetting("steps=0 is too small."), "steps=0 is too small.", 1),
         (TrainingStopped("It diverged.", "Resume."), "It diverged. Resume.", 1),
         (KeyboardInterrupt("Step 7 is kept."), "Stopped. Step 7 is kept.", 130),

@@ -98,6 +98,15 @@ def test_a_table_with_a_header_has_its_columns_below_each_other(capsys):
     assert all(word in screen.getvalue() for word in ("Figures", "choice", "long choice"))
 
 
+def test_a_line_break_in_a_name_makes_no_second_line(capsys):
+    with Terminal() as watched:
+        watched.say("runs/a\nb: \x1b[2J")
+        watched.warn("photo\r.jpg\u2028")
+        watched.progress("Photos", 1, 1, "a\nb.jpg")
+        watched.table("Done", [("run", "a\nb")])
+    assert capsys.readouterr().out.splitlines() == [r"runs/a\nb: \x1b[2J", r"photo\r.jpg\u2028", r"Photos 1/1  a\nb.jpg", r"run: a\nb"]
+
+
 @pytest.mark.parametrize("path", ["runs/Rome [old]", "runs/[/c]", "runs/trip:sun:2020"])
 def test_paths_are_shown_as_they_are(path, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")

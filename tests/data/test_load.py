@@ -99,7 +99,7 @@ def test_pictures_of_runs_and_fades_are_no_photos(tmp_path):
         save_photo(path)
     assert find_photos(tmp_path) == run
     (run / "config.json").write_text('{"wegs": "1.0"}')
-    with pytest.raises(BadInput, match="no photos and no COLMAP model. Give the folder"):
+    with pytest.raises(BadInput, match=f"no photos and no COLMAP model, but runs such as {run}. Give the folder"):
         find_kind(tmp_path)
     with pytest.raises(BadInput, match="photos is a run, whose pictures are not photos"):
         find_kind(run)

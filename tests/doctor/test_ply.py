@@ -320,3 +320,9 @@ def test_points_and_other_files_are_refused_in_one_line(tmp_path):
     ):
         with pytest.raises(BadInput, match=f"^{words} Give a .ply, a run, a scene"):
             examine(path, Heard())
+
+
+def test_of_a_photo_the_folder_is_asked_for(tmp_path):
+    (tmp_path / "a.JPG").write_bytes(b"\xff\xd8")
+    with pytest.raises(BadInput, match=f"a.JPG is a file, not a folder. Give the folder it is in: {tmp_path}$"):
+        examine(tmp_path / "a.JPG", Heard())

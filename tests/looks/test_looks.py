@@ -110,6 +110,13 @@ def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_pa
         find_look(table, photo.name, tmp_path / "mask.png")
 
 
+def test_a_mask_that_is_no_file_is_neither_read_nor_waited_for(trained, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for mask, words in ((tmp_path / "pipe", "pipe is not a file"), (tmp_path, "is not a file"), (tmp_path / "no.png", "There is no mask .*no.png")):
+        with pytest.raises(BadInput, match=f"{words}. Give a picture, white = use."):
+            find_look(trained, trained.collection.photos[0].name, mask)
+
+
 def darkened(photo, folder, gain: float):
     """The photo times a gain, as a file from outside the collection."""
     path = folder / f"{gain}.png"

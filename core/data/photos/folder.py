@@ -68,6 +68,8 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     if below := fuller_below(folder, folder):
         inner = below.relative_to(folder)
         return BadInput(f"{name} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
+    if runs := sorted(path for path in folder.iterdir() if names_wegs(path)):
+        return BadInput(f"{name} holds {what}, but runs such as {runs[0]}.", "Give the folder that holds your photos.")
     if gone := list_gone(folder):
         return BadInput(f"{name} holds only links to photos that are gone, such as {gone[0].name}.", "Connect their disk, or copy the photos.")
     if videos := _list_files(folder, VIDEO_SUFFIXES):

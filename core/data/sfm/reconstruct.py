@@ -49,7 +49,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
     if output.resolve() == Path.cwd():
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
     if output.exists() and (not output.is_dir() or files_in(output)):
-        raise BadInput(f"{output} exists.", "Choose another -o, or remove it.")
+        raise BadInput(f"{output} exists and is not an empty folder.", "Choose another -o.")
     check_folder(output)
     paths = list_photos(photos)
     if not paths:

@@ -9,19 +9,19 @@ import torch
 from core.appearance.model import AppearanceModel
 from core.data.photos.names import png_paths
 from core.export.pictures import write_png
+from core.report import QUIET, Report
 from core.training.sized_photos import SizedPhotos
 
 FOLDER = "masks"
 
 
-def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> int:
+def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos, report: Report = QUIET) -> int:
     """`masks/NAME.png` in the run folder for every photo that has a mask, at its training size: white is used, black is hidden, by the network or
     by the mask that the user gave. Returns how many."""
     paths = png_paths(sized.photo.name for sized in photos)
-    learns_masks, written = model.settings.transients == "on", 0
-    for index, sized in enumerate(photos):
-        if not (learns_masks or sized.photo.mask):
-            continue
+    learns_masks = model.settings.transients == "on"
+    masked = [(index, sized) for index, sized in enumerate(photos) if learns_masks or sized.photo.mask]
+    for number, (index, sized) in enumerate(masked, 1):
         width, height = sized.camera.width, sized.camera.height
         shown = np.ones((height, width), np.float32)
         if learns_masks:
@@ -33,5 +33,5 @@ def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos) -> in
         target = folder / FOLDER / paths[sized.photo.name]
         target.parent.mkdir(parents=True, exist_ok=True)
         write_png(target, (shown * 255).round().astype(np.uint8))
-        written += 1
-    return written
+        report.progress("Masks", number, len(masked))
+    return len(masked)

@@ -43,10 +43,16 @@ def newest_run() -> Path:
     """The current folder if it is a run, else the run begun last under runs/; BadInput if there is none."""
     if is_run(here := Path(".")):
         return here
-    runs = [path.parent for path in RUNS.glob(f"*/{CONFIG}") if is_run(path.parent)]
-    if not runs:
+    newest = newest_in(RUNS)
+    if newest is None:
         raise BadInput(f"There is no run in {RUNS} of the current folder.", "Give the folder of one, or type: wegs train SCENE")
-    return max(runs, key=lambda path: ((path / CONFIG).stat().st_mtime_ns, path.name))
+    return newest
+
+
+def newest_in(folder: Path) -> Path | None:
+    """The run begun last of those directly in `folder`; None if there is none."""
+    runs = [path.parent for path in folder.glob(f"*/{CONFIG}") if is_run(path.parent)]
+    return max(runs, key=lambda path: ((path / CONFIG).stat().st_mtime_ns, path.name), default=None)
 
 
 def find_run(path: Path | None) -> Path:
@@ -59,7 +65,8 @@ def find_run(path: Path | None) -> Path:
     if not path.is_dir():
         raise BadInput(f"There is no folder {path}.", "Give one that `wegs train` made.")
     if not is_run(path):
-        raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", "Give a folder that `wegs train` made.")
+        fix = "Give a folder that `wegs train` made." if (inner := newest_in(path)) is None else f"Give a run in it, such as {inner}."
+        raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", fix)
     return path
 
 

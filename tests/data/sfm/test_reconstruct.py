@@ -121,7 +121,7 @@ def test_an_output_that_exists_is_left_alone(tmp_path):
     noise_photo(tmp_path / "0.jpg", 0)
     (tmp_path / "scene").mkdir()
     (tmp_path / "scene" / "mine.txt").write_text("precious")
-    with pytest.raises(BadInput, match="scene exists"):
+    with pytest.raises(BadInput, match="scene exists and is not an empty folder. Choose another -o.$"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
     assert (tmp_path / "scene" / "mine.txt").read_text() == "precious"
     (tmp_path / "file").write_text("")

@@ -53,6 +53,8 @@ def test_no_run_and_no_such_run_are_refused(here):
     begin(Path("runs/a"))
     with pytest.raises(BadInput, match="config.json is a file, not a folder. Give the folder of the run: runs/a"):
         run_folders.find_run(Path("runs/a/config.json"))
+    with pytest.raises(BadInput, match="^runs is not a run: .* Give a run in it, such as runs/a.$"):
+        run_folders.find_run(Path("runs"))
 
 
 def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):

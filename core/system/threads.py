@@ -65,14 +65,14 @@ def threads() -> int:
     return torch.get_num_threads() if _calling_thread.threads is None else _calling_thread.threads
 
 
-def in_parallel(work: Callable[[int, int], None], total: int, block: int) -> None:
+def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: int | None = None) -> None:
     """Call work(begin, end) for each block of range(total), the last maybe shorter, in any order; wait for all.
 
-    On `threads()` threads, each with one torch thread and without gradients. Kernels release the interpreter lock. An
-    exception in `work` is raised here, after all threads have stopped.
+    On `threads()` threads, or `most` if these are fewer, each with one torch thread and without gradients. Kernels release the
+    interpreter lock. An exception in `work` is raised here, after all threads have stopped.
     """
     starts = iter(range(0, total, block))  # next() on it is atomic under the interpreter lock
-    extra = min(threads(), -(-total // block)) - 1
+    extra = min(threads(), most or threads(), -(-total // block)) - 1
 
     def take_turns() -> None:
         torch.set_num_threads(1)  # belongs to the thread that sets it, and so does no_grad

@@ -153,6 +153,11 @@ class SizedPhotos(Sequence[SizedPhoto]):
     def __getitem__(self, index: int) -> SizedPhoto:
         return self.photos[index]
 
+    @property
+    def cameras(self) -> list[Camera]:
+        """Those of the photos, at training size."""
+        return [sized.camera for sized in self.photos]
+
     def canvas(self, factor: int) -> tuple[int, int] | None:
         """Height and width (px) of what all photos fit on when shrunk by `factor`. None where they share no canvas: if they are not asked to,
         where transparent pixels mean empty space, and where photos would leave most of it empty.
@@ -192,19 +197,17 @@ class SizedPhotos(Sequence[SizedPhoto]):
 
 
 def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decoders: int) -> list[SizedPhoto | BadInput]:
-    """What `load` returns for each photo, or raises, in their order; on so many threads."""
-    found: dict[int, SizedPhoto | BadInput] = {}
-    waiting = iter(range(len(photos)))  # next() on it is atomic under the interpreter lock
+    """What `load` returns for each photo, or raises, in their order; on so many threads at most."""
+    found: list[SizedPhoto | BadInput | None] = [None] * len(photos)
 
-    def decode(*_: int) -> None:
-        for index in waiting:
-            try:
-                found[index] = load(photos[index])
-            except BadInput as problem:
-                found[index] = problem
+    def decode(index: int, _: int) -> None:
+        try:
+            found[index] = load(photos[index])
+        except BadInput as problem:
+            found[index] = problem
 
-    in_parallel(decode, decoders, 1)
-    return [found[index] for index in range(len(photos))]
+    in_parallel(decode, len(photos), 1, most=decoders)
+    return found
 
 
 def _shrunk(camera: Camera, factor: int) -> tuple[int, int]:

@@ -232,15 +232,13 @@ class Trainer:
     def prune_by_contribution(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
         self.stepper.forget()
-        cameras = [sized.camera for sized in self.photos]
-        largest = largest_contributions(self.gaussians.splats, cameras, self.rasterizer)
+        largest = largest_contributions(self.gaussians.splats, self.photos.cameras, self.rasterizer)
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
 
     def remove_veils(self) -> None:
         """Remove the Gaussians that are in the way of whoever steps aside, see `gaussians.veils`."""
         self.stepper.forget()
-        cameras = [sized.camera for sized in self.photos]
-        self.gaussians.keep(~veils(self.gaussians.splats, cameras, self.collection.points, self.rasterizer))
+        self.gaussians.keep(~veils(self.gaussians.splats, self.photos.cameras, self.collection.points, self.rasterizer))
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""

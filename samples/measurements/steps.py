@@ -32,7 +32,7 @@ def measure_step(scale: float, settings: Settings) -> dict:
     torch.set_num_threads(1)
     parts = stopwatch.repeat(trainer.step, 1, math.ceil(STEPS * scale))
     torch.set_num_threads(threads)
-    cameras = [sized.camera for sized in trainer.photos]
+    cameras = trainer.photos.cameras
     visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera).rows) for camera in cameras]
     facts = {"gaussians": trainer.gaussians.solid, "sky": trainer.gaussians.sky, "sh_degree": trainer.settings.sh_degree}
     facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}

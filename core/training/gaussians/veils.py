@@ -26,35 +26,33 @@ SHRUNK = 1 / 4  # views are drawn this small
 
 def veils(splats: Splats, photos: Sequence[Camera], points: Float[np.ndarray, "p 3"], rasterizer: Rasterizer) -> Bool[Tensor, " n"]:
     """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame."""
-    in_photos = largest_shares(splats, [camera.shrunk(SHRUNK) for camera in photos], rasterizer)
-    in_new_views = largest_shares(splats, [camera.shrunk(SHRUNK) for camera in cameras_beside(photos, points)], rasterizer)
+    photos = [camera.shrunk(SHRUNK) for camera in photos]
+    in_photos = largest_shares(splats, photos, rasterizer)
+    in_new_views = largest_shares(splats, cameras_beside(photos, points), rasterizer)
     return (in_new_views > LEAST_SHARE) & (in_new_views > TIMES * in_photos)
 
 
 def cameras_beside(photos: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -> list[Camera]:
     """New cameras, each up to a step away from one that took a photo and turned as it is; the same ones at each call."""
-    centres = np.stack([camera.centre for camera in photos])
-    directions = np.stack([camera.world_to_camera[2] for camera in photos])
     generator = np.random.default_rng(0)
     rounds = [generator.permutation(len(photos)) for _ in range(VIEWS_A_PHOTO)]
+    chosen = np.concatenate(rounds)[:MOST_VIEWS].tolist()
+    steps = {number: _largest_step(photos, number, points) for number in set(chosen)}
     beside = []
-    for number in np.concatenate(rounds)[:MOST_VIEWS]:
-        camera = photos[number]
-        alike = np.delete(centres, number, axis=0)[np.delete(directions @ directions[number], number) > SAME_WAY]
-        step = _largest_step(camera, alike, points)
+    for number in chosen:
         direction = generator.normal(size=3)
-        aside = step * generator.random() ** (1 / 3) * direction / np.linalg.norm(direction)  # evenly in a ball
-        if step:
-            beside.append(replace(camera, centre=camera.centre + aside))
+        aside = steps[number] * generator.random() ** (1 / 3) * direction / np.linalg.norm(direction)  # evenly in a ball
+        if steps[number]:
+            beside.append(replace(photos[number], centre=photos[number].centre + aside))
     return beside
 
 
-def _largest_step(camera: Camera, alike: Float[np.ndarray, "k 3"], points: Float[np.ndarray, "p 3"]) -> float:
-    """How far a new camera may be from this one: as far as others that look the same way (`alike`, their centres); 0 if none does, or it shows
-    no points.
-    """
-    shown, depths = camera.shows(points)
-    if not len(alike) or not shown.any():
+def _largest_step(photos: Sequence[Camera], number: int, points: Float[np.ndarray, "p 3"]) -> float:
+    """How far a new camera may be from this one: as far as others that look the same way; 0 if none does, or it shows no points."""
+    here, others = photos[number], [*photos[:number], *photos[number + 1 :]]
+    alike = [camera.centre for camera in others if camera.world_to_camera[2] @ here.world_to_camera[2] > SAME_WAY]
+    shown, depths = here.shows(points)
+    if not alike or not shown.any():
         return 0.0
-    apart = np.sort(np.linalg.norm(alike - camera.centre, axis=1))
+    apart = np.sort(np.linalg.norm(np.array(alike) - here.centre, axis=1))
     return min(apart[:NEIGHBOURS].mean(), LARGEST_STEP * np.percentile(depths[shown], NEAREST))

@@ -19,6 +19,7 @@ from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import LENSES, MADE_OF, NAMES, files_of
+from core.data.sfm.upright import turn_upright
 from core.data.sfm.usable import UsablePhoto, usable_photos
 from core.errors import BadInput
 from core.report import Report
@@ -39,7 +40,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
 
     The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of core.data.sfm.originals. Every photo
     gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the one with the most photos is kept.
-    Unreadable photos and those without a camera are left out and named.
+    It stands upright, as far as photos tell (core.data.sfm.upright). Unreadable photos and those without a camera are left out and named.
     What a stopped run found is used again (core.data.sfm.kept_matches).
     Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
@@ -73,6 +74,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         extract(work, names, report, most=FEATURES_TO_MAP)
         match(work, likely_pairs(work, names, report), report)
         model = map_photos(work, names, report)
+        turn_upright(model)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
         _write_scene(work, model, copies, new / "scene")
         write_json(new / "scene" / MADE_OF, made_of)

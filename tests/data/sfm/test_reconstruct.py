@@ -77,6 +77,8 @@ def test_cameras_are_found_again(tmp_path):
     found = aligned(np.array([photo.camera.centre for photo in collection.photos]), np.array(centres))
     # 0.01 was seen; focal lengths and distortion are estimated as well, and threads make it vary. The arc is 1.8 long.
     assert np.abs(found - centres).max() < 0.05
+    # The photos were held level, and the scene stands upright: what is right in a photo is at right angles to down, which is +y.
+    assert max(abs(photo.camera.world_to_camera[0, 1]) for photo in collection.photos) < 0.01
     given = [cv2.resize(cv2.imread(str(photos / name)), (32, 24), interpolation=cv2.INTER_AREA) for name in names[:5]]
     for index, photo in enumerate(collection.photos[:5]):  # each still its own picture
         apart = [np.abs(load_photo(photo, 32, 24).pixels[..., ::-1] - one.astype(float)).mean() for one in given]

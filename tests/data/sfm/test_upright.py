@@ -1,0 +1,66 @@
+"""Down is found from how photos are held, and models are turned by it."""
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from core.data.sfm.upright import find_down, turn_upright
+from tests.data.small_scene import SmallScene
+
+DOWN = np.array([0.36, -0.48, 0.8])
+
+
+def held(yaw, tilt, roll):
+    """World-to-camera rotations, whose angles are given in degrees each; yaw about DOWN, tilt upwards."""
+    ahead, _ = np.linalg.qr(np.stack([DOWN, [1.0, 0, 0], [0, 1.0, 0]], axis=1))
+    level = np.array([np.cross(DOWN, ahead[:, 1]), DOWN, ahead[:, 1]])
+    for turn in zip(np.radians(roll), -np.radians(tilt), np.radians(yaw), strict=True):
+        yield np.linalg.multi_dot([cv2.Rodrigues(angle * np.eye(3)[axis])[0] for angle, axis in zip(turn, (2, 0, 1), strict=True)] + [level])
+
+
+def degrees_off(axes):
+    return np.degrees(np.arccos(np.clip(find_down(np.array(list(axes))) @ DOWN, -1, 1)))
+
+
+def test_tourists_looking_up():
+    random = np.random.default_rng(0)
+    yaw, tilt, roll = random.uniform(-40, 40, 30), random.normal(20, 8, 30), random.normal(0, 2, 30)
+    assert degrees_off(held(yaw, tilt, roll)) < 2  # the mean photo's own down is 20 degrees off
+    roll[:8] += 90  # taken on edge
+    assert degrees_off(held(yaw, tilt, roll)) < 3
+
+
+@pytest.mark.parametrize("tilt", (-90, 45))
+def test_from_above_and_from_below(tilt):
+    yaw = np.arange(0, 360, 30.0)
+    assert degrees_off(held(yaw, np.full(12, tilt), np.zeros(12))) < 0.1
+
+
+def test_all_from_one_direction():
+    """All that is known is what is below in the photos."""
+    assert degrees_off(held(np.zeros(5), np.full(5, 10), np.zeros(5))) == pytest.approx(10, abs=0.1)
+
+
+@pytest.mark.parametrize("tilt", (15, -90))
+def test_a_model_is_turned(tilt):
+    """Its photos see the same points in the same places; down is +y and, seen from their middle, ahead is +z."""
+    axes = list(held([-25, -5, 15, 15], [tilt] * 4, [0] * 4))
+    scene, model = SmallScene(), pycolmap.Reconstruction()
+    for number, rotation in enumerate(axes, 1):
+        camera = scene.lens()
+        camera.camera_id = number
+        model.add_camera_with_trivial_rig(camera)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), np.array([0.1 * number, 0, 0.2]))
+        model.add_image_with_trivial_frame(pycolmap.Image(name=f"{number}.jpg", camera_id=number, image_id=number), pose)
+    for point in scene.points:
+        model.add_point3D(point, pycolmap.Track(), np.zeros(3, np.uint8))
+    before = {number: image.cam_from_world() * np.array(scene.points) for number, image in model.images.items()}
+    turn_upright(model)
+    points = np.array([model.points3D[number].xyz for number in sorted(model.points3D)])
+    for number, image in model.images.items():
+        np.testing.assert_allclose(image.cam_from_world() * points, before[number], atol=1e-9)
+    poses = [image.cam_from_world().rotation.matrix() for image in model.images.values()]
+    np.testing.assert_allclose(find_down(np.array(poses)), [0, 1, 0], atol=1e-9)
+    ahead = np.mean(poses, axis=0)[2]
+    assert abs(ahead[0]) < 1e-9 and (ahead[2] > 0.5 or tilt == -90)

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from core.rasterizer.cpu import backend, harmonics, project, project_backward
+from core.rasterizer.cpu.view import View
 from core.rasterizer.layout import SLOT_COLUMNS, SUM_G, SUM_GE, SUM_GEE, SUM_GEY, SUM_GY, SUM_GYY
 from core.scene.harmonics import basis as torch_basis
 from tests.afresh import afresh
@@ -32,7 +33,7 @@ def differences(function, at):
 def test_ellipse(beside):
     """L = sum_p g_p log(alpha_p) over random pixels p: its gradients by offset, quaternion, log scales and centre."""
     random = np.random.default_rng(3)
-    view = backend.view_of(camera(fx=35.0, fy=50.0))
+    view = View.of(camera(fx=35.0, fy=50.0))
     seen = view.rotation, view.lens, view.limits
     offset = view.rotation.T @ np.array([beside + 0.2, -0.1 - beside, 2.0])
     quaternion, log_scales = random.normal(size=(1, 4)), random.normal(-1.5, 0.5, (1, 3))

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -12,12 +11,13 @@ from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput
 from core.rasterizer import inputs, layout
-from core.rasterizer.contract import BLACK, Colour, Visible, jacobian_limits
+from core.rasterizer.contract import BLACK, Colour, Visible
 from core.rasterizer.cpu.bin import SLOT, fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
 from core.rasterizer.cpu.project import colour_footprints, find_visible, project
 from core.rasterizer.cpu.project_backward import project_backward
+from core.rasterizer.cpu.view import View
 from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
@@ -39,7 +39,7 @@ class CpuRasterizer:
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         arrays = arrays_of(splats)
         flags = np.empty(len(splats), dtype=np.bool_)
-        view = view_of(camera)
+        view = View.of(camera)
         in_parallel(lambda *block: find_visible(*block, *arrays, *view, flags), len(flags), ROWS_A_BLOCK)
         rows = np.flatnonzero(flags)
         return Visible(torch.from_numpy(rows), tile_lists(arrays, rows, NOTHING, camera))
@@ -98,7 +98,7 @@ class _Render(torch.autograd.Function):
         outputs = [gradient.numpy() for gradient in gradients]
         outputs.append(NOTHING if probe_gradient is None else probe_gradient.numpy())
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
-        view = view_of(ctx.camera)
+        view = View.of(ctx.camera)
         seen = view.rotation, view.centre, view.lens, view.limits
         in_parallel(lambda *rows: project_backward(*rows, *arrays, *seen, *slots, *outputs), len(arrays[0]), ROWS_A_BLOCK)
         return None, None, probe_gradient, None, *gradients
@@ -140,14 +140,14 @@ def coloured_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera, 
     if len(lists.footprints) != len(means):
         raise BadInput(f"{len(means)} Gaussians were given with what is known of {len(lists.footprints)}.", "Give those that are visible.")
     footprints = np.empty_like(lists.footprints)
-    given = means, sh, view_of(camera).centre, lists.slot_starts, lists.footprints, footprints
+    given = means, sh, View.of(camera).centre, lists.slot_starts, lists.footprints, footprints
     in_parallel(lambda *block: colour_footprints(*block, *given), len(means), ROWS_A_BLOCK)
     return replace(lists, footprints=footprints, drawn_chunks=np.zeros(len(lists.entries), dtype=np.uint32))
 
 
 def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, camera: Camera) -> TileLists:
     """Project these rows of the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
-    view, count = view_of(camera), len(rows)
+    view, count = View.of(camera), len(rows)
     tiles = -(-camera.width // layout.TILE) * -(-camera.height // layout.TILE)
     footprints = np.empty((count, layout.FOOTPRINT_COLUMNS), dtype=np.float32)
     depths = np.empty(count, dtype=np.float32)
@@ -206,29 +206,6 @@ def on_all_tiles(lists: TileLists, work: Callable[[np.ndarray, int, int], None])
         work(taken, border - backwards, -1 if backwards else 1)
 
     in_parallel(walk, walkers, 1)
-
-
-class View(NamedTuple):
-    """What the kernels take of a camera, in their order.
-
-    rotation: (3, 3) float64, world to camera. lens: fx, fy, cx, cy. limits: see `jacobian_limits`. size: width, height.
-    """
-
-    rotation: np.ndarray
-    centre: tuple[float, float, float]
-    lens: tuple[float, float, float, float]
-    limits: tuple[float, float, float, float]
-    size: tuple[int, int]
-
-
-def view_of(camera: Camera) -> View:
-    return View(
-        rotation=np.ascontiguousarray(camera.world_to_camera, dtype=np.float64),
-        centre=tuple(float(x) for x in camera.centre),
-        lens=(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
-        limits=jacobian_limits(camera),
-        size=(int(camera.width), int(camera.height)),
-    )
 
 
 def arrays_of(splats: Splats) -> list[np.ndarray]:

@@ -237,7 +237,7 @@ def times_power_of_two(typing_context, numbers, shifted):
 
 # Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa: that rounds to the nearest integer.
 ROUNDING = np.float32(1.5 * 2**23)
-# 2^f on [-1/2, 1/2] with the least relative error (9e-8) of all quintics that are exact at 0.
+# 2^f on [-1/2, 1/2] with the least relative error (9e-8) of all quintics that are exact at 0; 1.1e-7 with coefficients in float32.
 EXP2 = tuple(np.float32(c) for c in (1.0, 0.693147, 0.24022242, 0.055507336, 0.009671513, 0.0013264728))
 
 

@@ -61,6 +61,9 @@ class Rasterizer(Protocol):
     finite in any parameter or in its colour, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity < ALPHA_MIN, footprint
     outside the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN around the
     projected centre.
+
+    Backends of kernels raise BadInput for tensors of another dtype, device or shape than they take, and inputs.ListsTooLarge for a picture
+    whose tile lists do not fit into memory.
     """
 
     name: str

@@ -86,16 +86,7 @@ class ReferenceRasterizer:
         pictures = []
         for pixels in pixel_chunks(camera, len(rows), centres):
             # A checkpoint keeps only the inputs and blends again in the backward pass: memory for one chunk at a time.
-            picture = checkpoint(
-                blend,
-                pixels,
-                centres,
-                projection.conics,
-                projection.opacities,
-                colours,
-                behind,
-                use_reentrant=False,
-            )
+            picture = checkpoint(blend, pixels, centres, projection.conics, projection.opacities, colours, behind, use_reentrant=False)
             pictures.append(picture)
         return torch.cat(pictures).reshape(camera.height, camera.width, 3)
 

@@ -31,8 +31,7 @@ from core.rasterizer.cpu.blend import (
 )
 from core.rasterizer.layout import TILE
 
-# What a chunk keeps, side by side: its eight transmittances, then red, green and blue. A transmittance is negative once
-# its pixel is finished (or lies outside the picture), so that it then fails the test against STOP for good.
+# What a chunk keeps, side by side: its eight transmittances, negative when finished (see `blended`), then red, green and blue.
 RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES
 STATE = 4 * LANES
 

@@ -2,7 +2,6 @@
 
 import sys
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,12 +9,11 @@ import torch
 
 import core.rasterizer
 from core.errors import BadInput, BadSetting
-from core.rasterizer.contract import ALPHA_MIN
 from core.rasterizer.layout import TILE
 from core.rasterizer.view import view_of
 from core.scene.splats import Splats
 from tests.rasterizer.scenes import camera, cloud
-from tests.rasterizer.test_cpu_lists import alphas_of
+from tests.rasterizer.test_cpu_lists import check_tiles, scene
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
@@ -45,30 +43,16 @@ def lists_of(splats, view):
 
 @pytest.fixture(scope="module")
 def listed():
-    """Splats of all shapes and sizes, some far beside the picture, in a picture whose last tiles are cut; and their lists."""
-    view = camera(75, 52, focal=60.0)
-    shapes = {"sizes_px": (0.3, 30.0), "ratio": 1000.0, "opacities": (0.004, 0.99), "spread": 2.0}
-    splats = cloud(view, 300, seed=40, **shapes)
-    splats.log_scales[7] = 5.0  # one as large as the scene
+    """The scene of the CPU's lists, with one splat as large as itself; and the lists."""
+    splats, view = scene()
+    splats.log_scales[7] = 5.0
     return splats, view, lists_of(splats, view)
 
 
 def test_tiles_hold_all_pixels_that_a_splat_reaches_and_few_others(listed):
-    splats, view, prepared = listed
-    lists, tile_starts = prepared.lists, prepared.lists.tile_starts.tolist()
-    drawn = torch.nonzero(prepared.tile_counts).flatten().cpu().numpy()
-    y, x = (grid.ravel() for grid in np.mgrid[: view.height, : view.width])
-    alphas = alphas_of(prepared.footprints.cpu().numpy()[drawn], x + 0.5, y + 0.5)
-    found = np.zeros((len(splats), len(tile_starts) - 1), dtype=bool)
-    for tile, (begin, end) in enumerate(pairwise(tile_starts)):
-        found[lists.entry_splats[begin:end].cpu(), tile] = True
-    reached = np.zeros_like(found)
-    for rank, i in enumerate(drawn):
-        # Within a millionth of the threshold either is right.
-        reached[i, np.unique((y // TILE * prepared.columns + x // TILE)[alphas[rank] >= ALPHA_MIN * (1 + 1e-6)])] = True
-    assert (found | ~reached).all()
-    # An ellipse can pass between pixel centres, which adds 1 % here; lists by bounding box would be a third longer.
-    assert found.sum() <= 1.05 * reached.sum()
+    _, view, prepared = listed
+    lists, drawn = prepared.lists, torch.nonzero(prepared.tile_counts).flatten()
+    check_tiles(view, *(tensor.numpy(force=True) for tensor in (prepared.footprints, drawn, lists.tile_starts, lists.entry_splats)))
 
 
 def test_lists_are_front_to_back_and_slots_belong_to_their_gaussians(listed):

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from core.rasterizer.contract import ALPHA_MIN
-from core.rasterizer.reference import project
+from core.rasterizer.reference import boxes, project
 from tests.rasterizer.backends import FAST_BACKENDS, backend_or_skip, is_interpreted
 from tests.rasterizer.scenes import SCENES
 from tests.rasterizer.tolerances import (
@@ -82,9 +82,9 @@ def test_visible_are_the_drawn_and_few_others(backend, name):
     drawn = torch.nonzero(expected.contributions > 0).squeeze(1)
     assert set(drawn.tolist()) <= set(rows.tolist())
     seen = project(scene.splats[rows].map(torch.Tensor.double), scene.camera)
-    extents = (2 * torch.log(seen.opacities / ALPHA_MIN).clamp_min(0)[:, None] * seen.variances).sqrt() + FOOTPRINT_PX
+    low, high = boxes(seen, ALPHA_MIN)
     size = torch.tensor([scene.camera.width, scene.camera.height])
-    assert ((seen.centres + extents >= 0) & (seen.centres - extents <= size)).all()
+    assert ((high >= -FOOTPRINT_PX) & (low <= size + FOOTPRINT_PX)).all()
 
 
 @in_every_scene

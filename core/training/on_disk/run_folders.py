@@ -24,10 +24,11 @@ from core.training.transparency import transparent_is_empty
 PREVIEW = "preview.png"
 RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
-# All that a run may have written but its checkpoints, and so all else that --force may delete.
+# All that a run may have written but its checkpoints, and so all else that --force may delete. What makes it a run goes last: where deleting is
+# stopped on the way, --force is taken again.
 OURS = (
-    "cfg_args", "cameras.json", "input.ply", "point_cloud", CONFIG, checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
-    history.FILE, landmarks.FILE, mask_files.FOLDER, PREVIEW, *(name for names in EVALUATED.values() for name in names),
+    "cfg_args", "cameras.json", "input.ply", "point_cloud", checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
+    history.FILE, landmarks.FILE, mask_files.FOLDER, PREVIEW, *(name for names in EVALUATED.values() for name in names), CONFIG,
 )  # fmt: skip
 
 

@@ -135,6 +135,27 @@ def test_a_copy_of_a_checkpoint_is_not_the_newest(tmp_path):
     assert checkpoint.newest(tmp_path).name == names[1] and {path.name for path in checkpoint.written(tmp_path)} == set(names)
 
 
+def test_a_run_of_which_a_kill_left_a_part_when_it_was_replaced_is_replaced_still(tmp_path, collection, monkeypatch):
+    folder, honest, left = tmp_path / "run", run_folders.remove, []
+    written = ("masks", "pictures", "history.csv", "preview.png", "results.json", "checkpoint_000100.safetensors")
+
+    def remove(path):
+        if not left:
+            raise KeyboardInterrupt
+        left.pop()
+        honest(path)
+
+    for removed in range(len(written) + 4):
+        run_folders.create(folder, collection, small_settings())
+        for name in written:
+            (folder / name).touch()
+        left[:] = [True] * removed
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(run_folders, "remove", remove)
+            run_folders.create(folder, collection, small_settings())
+        assert run_folders.choose_folder(folder, "plaza", force=True) == folder
+
+
 def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):
     folder = tmp_path / "run"
     (folder / "masks").mkdir(parents=True)

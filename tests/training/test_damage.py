@@ -49,6 +49,7 @@ DAMAGE = {
     "a centre of two numbers": (change_config("photos", 0, "camera", "centre", value=[1, 2]), "config.json cannot be used"),
     "a camera of no width": (change_config("photos", 0, "camera", "width", value=0), r"a picture of [0, 36] px"),
     "a focal length in words": (change_config("photos", 0, "camera", "fx", value="wide"), "config.json cannot be used: ValueError"),
+    "a focal length beyond all floats": (change_config("photos", 0, "camera", "fx", value=10**400), "config.json cannot be used: OverflowError"),
     "a photo without a path": (change_config("photos", 0, "path", value=None), "config.json cannot be used"),
     "a split that there is not": (change_config("photos", 0, "split", value="val"), "of the split 'val'"),
     "no photos": (change_config("photos", value=[]), "no photos"),

@@ -73,7 +73,7 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
     except BadSetting as problem:
         fix = "It is of another version of wegs, or was changed: train the run again."
         raise BadInput(f"{path} cannot be used: {problem.what}", fix) from None
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
 
 

@@ -50,10 +50,17 @@ def test_where_memory_runs_out_a_checkpoint_is_kept(tmp_path, monkeypatch, where
     def too_large(*_, **__):
         raise problem
 
-    monkeypatch.setattr(trainer.rasterizer, "render", too_large, raising=False)
-    with pytest.raises(TrainingStopped, match=said), saved_if_room_runs_out(trainer):
+    with monkeypatch.context() as patch, pytest.raises(TrainingStopped, match=said), saved_if_room_runs_out(trainer):
+        patch.setattr(trainer.rasterizer, "render", too_large, raising=False)
         list(steps)
-    assert checkpoint.read_facts(checkpoint.newest(tmp_path))["step"] == 1
+    saved = checkpoint.load(checkpoint.newest(tmp_path))
+    assert saved.facts["step"] == 1
+    (tmp_path / "whole").mkdir()
+    whole, resumed = (Trainer(trainer.collection, trainer.settings, folder) for folder in (tmp_path / "whole", tmp_path))
+    resumed.resume(saved)
+    for each in (whole, resumed):  # the step that found no room is taken when there is some
+        list(each.train())
+    assert all(torch.equal(tensor, resumed.gaussians.tensors()[name]) for name, tensor in whole.gaussians.tensors().items())
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")

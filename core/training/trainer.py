@@ -151,9 +151,14 @@ class Trainer:
 
     def _step(self) -> StepReport:
         progress = self.done / self.settings.steps
-        index = self._next_photo()
-        usual = guards.usual_loss(self.last_losses)
-        reading, facts = self.stepper.take(self.gaussians, index, self.done, usual, self.mask_mean)
+        index, usual = self._next_photo(), guards.usual_loss(self.last_losses)
+        before = self.generator.get_state()
+        try:
+            reading, facts = self.stepper.take(self.gaussians, index, self.done, usual, self.mask_mean)
+        except Exception:  # no room for it: what is saved now goes on with this step, as if it had not been tried
+            self.order.append(index)
+            self.generator.set_state(before)
+            raise
         self.done += 1
         fault = guards.fault(facts, usual)
         if fault is None:

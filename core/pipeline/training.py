@@ -5,6 +5,7 @@ from pathlib import Path
 import core.rasterizer
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
+from core.data.collection import Collection
 from core.data.given_masks import check_masks, with_masks_in, with_same_masks
 from core.data.made import scene_beside
 from core.data.photos.folder import list_photos
@@ -81,11 +82,10 @@ def _go_on(folder: Path, report: Report) -> Path:
     if not before.root.is_dir():
         raise run_config.scene_gone(folder, before, f"{folder} cannot go on")
     collection = with_same_masks(load_collection(before.read_from, settings.all_photos), before)
+    _check_same_photos(folder, before, collection.changed_since(before))
     trainer = Trainer(collection, settings, folder, report)
-    names = {sized.photo.name for sized in trainer.photos}
-    if changed := collection.changed_since(before) or (saved and sorted(names ^ set(saved.facts["photos"]))):
-        what = f"The photos in {before.root} are not those that {folder} began with; changed, split otherwise or gone: {list_names(changed)}"
-        raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
+    if saved:  # photos may be damaged since, which shows when they are decoded
+        _check_same_photos(folder, before, sorted({sized.photo.name for sized in trainer.photos} ^ set(saved.facts["photos"])))
     why = "" if saved else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
     history.rewind(folder, done)
@@ -93,6 +93,13 @@ def _go_on(folder: Path, report: Report) -> Path:
         with checkpoint.fitting(path):
             trainer.resume(saved)
     return _train(trainer, report)
+
+
+def _check_same_photos(folder: Path, before: Collection, changed: list[str]) -> None:
+    """Raise BadInput if any photos have changed since the run in `folder` began. before: its collection, as it was then."""
+    if changed:
+        what = f"The photos in {before.root} are not those that {folder} began with; changed, split otherwise or gone: {list_names(changed)}"
+        raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
 
 
 def _train(trainer: Trainer, report: Report) -> Path:

@@ -70,6 +70,15 @@ def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypat
         pipeline.resume(folder)
 
 
+def test_a_run_is_not_resumed_without_a_photo_that_was_damaged_since(small_scene, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train(small_scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5))
+    photo = training.load_collection(small_scene).called("photo_1.png")
+    photo.path.write_bytes(photo.path.read_bytes()[:100])
+    with pytest.raises(BadInput, match="changed, split otherwise or gone: photo_1.png. Put them back"):
+        pipeline.resume(tmp_path / "run")
+
+
 def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     output = tmp_path / "run"

@@ -1,18 +1,16 @@
 """How good a run is while it goes: its held-out photos beside renders in their looks."""
 
-import math
 from statistics import fmean
 
 import torch
 
 from core.appearance.model import AppearanceModel
+from core.evaluation.metrics import psnr
 from core.rasterizer import Colour, Rasterizer
 from core.system.threads import threads_for_blocks
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses.photometric import Target, photometric
 from core.training.sized_photos import SizedPhotos, as_tensors
-
-LEAST_ERROR = 1e-10  # mean squared: 100 dB, as in core.evaluation.metrics
 
 
 @torch.no_grad()
@@ -30,8 +28,6 @@ def quality(
         splats = model.bake(gaussians.splats, reading.embedding, gaussians.latents)
         image = rasterizer.render(splats, sized.camera, background).clamp(0, 1)
         photo, valid = as_tensors(sized.pixels, sized.valid, image.device)
-        squares = (image - photo) ** 2
-        error = float(squares.mean() if valid is None else squares[valid].mean())
-        decibels.append(-10 * math.log10(max(error, LEAST_ERROR)))
+        decibels.append(psnr(image, photo, valid))
         similarities.append(1 - float(photometric(image, Target(photo, valid), None, 1.0)))
     return (fmean(decibels), fmean(similarities)) if decibels else (None, None)

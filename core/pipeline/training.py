@@ -84,14 +84,14 @@ def _go_on(folder: Path, report: Report) -> Path:
     collection = with_same_masks(load_collection(before.read_from, settings.all_photos), before)
     _check_same_photos(folder, before, collection.changed_since(before))
     trainer = Trainer(collection, settings, folder, report)
-    if saved:  # photos may be damaged since, which shows when they are decoded
-        _check_same_photos(folder, before, sorted({sized.photo.name for sized in trainer.photos} ^ set(saved.facts["photos"])))
+    if saved:
+        with checkpoint.fitting(path):
+            decoded = {sized.photo.name for sized in trainer.photos}  # without those damaged since
+            _check_same_photos(folder, before, sorted(decoded ^ set(saved.facts["photos"])))
+            trainer.resume(saved)
     why = "" if saved else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
     history.rewind(folder, done)
-    if saved:
-        with checkpoint.fitting(path):
-            trainer.resume(saved)
     return _train(trainer, report)
 
 

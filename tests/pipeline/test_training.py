@@ -79,6 +79,22 @@ def test_a_run_is_not_resumed_without_a_photo_that_was_damaged_since(small_scene
         pipeline.resume(tmp_path / "run")
 
 
+@pytest.mark.parametrize("fact", ["photos", "trainer"])
+def test_a_run_whose_checkpoint_does_not_fit_is_left_as_it_is(small_scene, tmp_path, fact):
+    folder, heard = tmp_path / "run", Heard()
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train(small_scene, small_settings(steps=STEPS), folder, StopsAtStep(5))
+    saved = checkpoint.load(checkpoint.newest(folder))
+    del saved.facts[fact]
+    checkpoint.save(folder, saved)
+    with (folder / "history.csv").open("a") as file:
+        file.write("9,0.1,400,0.3,0.3,1.0,0.0,\n")  # of a step after its checkpoint
+    before = (folder / "history.csv").read_bytes()
+    with pytest.raises(BadInput, match=f"does not fit its run: KeyError: '{fact}'"):
+        pipeline.resume(folder, heard)
+    assert heard.lines == [] and (folder / "history.csv").read_bytes() == before
+
+
 def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     output = tmp_path / "run"

@@ -65,7 +65,8 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
                 os.fsync(file.fileno())  # before the last one goes
             os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
-        raise BadInput(f"{path} could not be written: {error}.", f"Free some space, then type: {how_to_go_on(folder)}") from None
+        fix = f"Free some space, or let the folder be written in, then type: {how_to_go_on(folder)}"
+        raise BadInput(f"{path} could not be written: {error}.", fix) from None
     for old in written(folder):
         if old != path:
             old.unlink()

@@ -25,7 +25,7 @@ def test_a_checkpoint_that_cannot_be_written_says_how_to_go_on(tmp_path, monkeyp
     saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
     checkpoint.save(tmp_path, saved)
     monkeypatch.setattr(checkpoint, "save_file", full)
-    with pytest.raises(BadInput, match="No space left.*wegs train --resume -o"):
+    with pytest.raises(BadInput, match="No space left.*or let the folder be written in, then type: wegs train --resume -o"):
         checkpoint.save(tmp_path, checkpoint.Checkpoint(saved.tensors, {"step": 8}))
     checkpoint.newest(tmp_path).unlink()
     with pytest.raises(BadInput, match="then type: wegs train --resume -o"):

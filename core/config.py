@@ -144,7 +144,7 @@ class Settings:
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1, high=1_000_000)
     encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12, high=20_000)
-    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras but those far astray.", low=2, high=1_000_000)
+    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras but those far astray.", low=2, high=20_000)
 
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses")
     mask_loss: str = setting(

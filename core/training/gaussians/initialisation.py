@@ -51,7 +51,8 @@ def sky_dome(collection: Collection, settings: Settings) -> Splats:
     1e-3 of what is behind shines through.
     """
     count = settings.sky_gaussians
-    # Around a camera that stands a million units off by mistake a dome would have holes: log scales are clamped.
+    # Too far off a dome has holes, as rasterizers clamp its discs (LOG_SCALE_RANGE): hence the range of sky_radius, and no camera counts that stands
+    # a million units off by mistake.
     centres = np.stack([photo.camera.centre for photo in collection.photos])[~astray(collection.photos)]
     farthest = float(np.linalg.norm(centres, axis=1).max())
     radius = max(settings.sky_radius, SKY_MARGIN * farthest)

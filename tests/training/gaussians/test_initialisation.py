@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from core.config import FIELDS
 from core.rasterizer import create
 from core.scene.camera import Camera
 from core.scene.harmonics import colour
@@ -56,10 +57,11 @@ def test_the_dome_stands_four_times_as_far_off_as_cameras_that_are_not_astray(tm
         torch.testing.assert_close(dome.means.norm(dim=1), torch.full((len(dome),), radius))
 
 
-def test_hardly_anything_shines_through_the_dome(tmp_path):
+@pytest.mark.parametrize("changes", [{}, {"sky_radius": FIELDS["sky_radius"].metadata["high"], "sky_gaussians": 12}], ids=["usual", "extreme"])
+def test_hardly_anything_shines_through_the_dome(tmp_path, changes):
     """Seen from the middle, in six directions. (Single pixels may let through a hundredth: blending stops there.)"""
     collection = replace(small_collection(tmp_path), point_colours=np.zeros((200, 3), np.float32))
-    dome = sky_dome(collection, whole_settings())
+    dome = sky_dome(collection, whole_settings(**changes))
     x, y, z = np.eye(3)
     for axes in ((x, y, z), (-x, y, -z), (z, y, -x), (-z, y, x), (x, -z, y), (x, z, -y)):
         camera = Camera(np.array(axes), np.zeros(3), 32.0, 32.0, 32.0, 32.0, 64, 64)

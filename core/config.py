@@ -216,7 +216,7 @@ class Settings:
 
     def __post_init__(self):
         for name, item in FIELDS.items():
-            check(item, getattr(self, name))
+            object.__setattr__(self, name, checked(item, getattr(self, name)))
         if self.transparency == "empty" and self.sky == "dome":
             raise BadSetting("transparency=empty with sky=dome: a dome leaves nothing empty.", "Leave one of them out.")
         if self.densify_from > self.densify_until:
@@ -281,8 +281,8 @@ def wrong_kind(item: Field, text: str) -> BadSetting:
     return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", accepted(item))
 
 
-def check(item: Field, value: Any) -> None:
-    """Raise BadSetting unless `value` has the type and lies in the range of the Settings field `item`."""
+def checked(item: Field, value: Any) -> Any:
+    """`value`, as a float where the Settings field `item` is one: whole numbers are taken for it. BadSetting for another type or beyond its range."""
     rules = item.metadata
     good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))
     if item.type is float:
@@ -290,7 +290,7 @@ def check(item: Field, value: Any) -> None:
     if not good:
         raise wrong_kind(item, repr(value))
     if rules["auto"] and value == UNDECIDED:
-        return
+        return UNDECIDED
     if rules["choices"] and value not in rules["choices"]:
         fault = "not a choice"
     elif rules["low"] is not None and value < rules["low"]:
@@ -298,7 +298,7 @@ def check(item: Field, value: Any) -> None:
     elif rules["high"] is not None and value > rules["high"]:
         fault = "too large"
     else:
-        return
+        return item.type(value)
     raise BadSetting(f"{item.name}={value!r} is {fault}.", accepted(item))
 
 

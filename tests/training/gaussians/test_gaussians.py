@@ -7,6 +7,7 @@ from core.training import network_updates
 from core.training.gaussians.gaussians import learning_rates
 from tests.small import small_settings
 from tests.training.conftest import RATES
+from wegs_cli.options import settings_from
 
 
 def test_what_is_born_begins_afresh_and_leaves_the_others_as_they_are(gaussians):
@@ -41,6 +42,14 @@ def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth
     }.items():
         assert rates.pop(name).tolist() == pytest.approx(expected), name
     assert not rates
+
+
+def test_a_rate_that_is_whole_is_a_rate_like_any_other(tmp_path):
+    """As a file of settings may have it: of whole numbers, kernels would be compiled anew, and round otherwise."""
+    (tmp_path / "x.toml").write_text("".join(f"{name} = 1\n" for name in RATES))
+    settings = settings_from("paper", tmp_path / "x.toml", (), {})
+    assert {rates.dtype for rates in learning_rates(settings, 0.5).values()} == {torch.float32}
+    assert all(type(getattr(settings, name)) is float for name in RATES)
 
 
 def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(trainer_of):

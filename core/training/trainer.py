@@ -155,7 +155,7 @@ class Trainer:
         before = self.generator.get_state()
         try:
             reading, facts = self.stepper.take(self.gaussians, index, self.done, usual, self.mask_mean)
-        except Exception:  # no room for it: what is saved now goes on with this step, as if it had not been tried
+        except Exception:  # of a step for which there is no room: what is saved then goes on with this very step
             self.order.append(index)
             self.generator.set_state(before)
             raise

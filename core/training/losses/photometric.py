@@ -123,7 +123,7 @@ class Target:
         return F.interpolate(planes[None], size=(height, width), mode="area")[0]
 
     def to_pixels(self, cells: Float[Tensor, "1 h w"]) -> Float[Tensor, "H W"]:
-        """The inverse: cells, such as those of a mask, at the photo's size."""
+        """Cells, such as those of a mask, enlarged to the photo's size, bilinearly."""
         return F.interpolate(cells[None], size=self.planes.shape[1:], mode="bilinear", align_corners=False)[0, 0]
 
     def masked(self, mask: Float[Tensor, "h w"]) -> "Target":

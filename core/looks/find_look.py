@@ -13,6 +13,7 @@ from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
 from core.data.made import LOOKS
 from core.data.photos.file import probe
+from core.data.photos.names import is_file
 from core.data.photos.pixels import mask_size, read_light
 from core.data.sfm import originals
 from core.errors import BadInput
@@ -73,7 +74,7 @@ def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     named = path if path.name != word else trained.folder / LOOKS / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":
         return path if path.is_file() else named
-    return named if not path.is_file() and named.is_file() else None  # the name of a photo may be as long as a name can be
+    return named if not path.is_file() and is_file(named) else None  # the name of a photo may be as long as a name can be
 
 
 def _of_collection(trained: TrainedRun, word: str) -> Photo | None:

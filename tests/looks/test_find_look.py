@@ -67,6 +67,10 @@ def test_a_photo_may_have_the_longest_name_there_is(trained, tmp_path, monkeypat
     name = f"{'x' * 251}.png"
     Path(name).write_bytes(trained.collection.photos[0].path.read_bytes())
     assert "from outside" in find_look(trained, name, refine=False).source
+    first, *others = trained.collection.photos
+    called_so = replace(trained, collection=replace(trained.collection, photos=(replace(first, name=name), *others)))
+    Path(name).unlink()
+    assert find_look(called_so, name, refine=False).source.endswith(f"photo {name}") and find_view(called_so, name).name == name
 
 
 def test_a_view_is_called_as_a_look_is(trained):

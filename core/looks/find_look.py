@@ -63,8 +63,10 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
 
 def check_known(trained: TrainedRun, word: str) -> None:
-    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`."""
-    if not (word == NEUTRAL or Path(word).is_file() or _saved_as(trained, word) or _of_collection(trained, word)):
+    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`, or for a saved look that cannot be read."""
+    if word == NEUTRAL or _saved_as(trained, word):
+        find_look(trained, word)  # which is no work
+    elif not Path(word).is_file() and _of_collection(trained, word) is None:
         raise _unknown(trained, word)
 
 

@@ -72,8 +72,14 @@ def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, 
     monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
-    with pytest.raises(BadInput, match="bogus.png is neither a photo file"):
-        pipeline.interpolate(trained[0], "photo_0.png", "bogus.png", 2, tmp_path / "fade")
+    (tmp_path / "garbled.json").touch()
+    for word, words in (
+        ("bogus.png", "is neither a photo file"),
+        ("bogus.json", "no saved look"),
+        (str(tmp_path / "garbled.json"), "is not a saved look"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            pipeline.interpolate(trained[0], "photo_0.png", word, 2, tmp_path / "fade")
     monkeypatch.chdir(tmp_path)
     Path("photo_0-to-dusk.2").symlink_to("gone")
     with pytest.raises(BadInput, match="photo_0-to-dusk.2 is not a folder"):

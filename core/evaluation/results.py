@@ -8,12 +8,17 @@ from statistics import fmean
 from typing import Any
 
 import core
-from core.appearance import refinement
+from core.appearance.refinement import LATER_STEPS, STEPS
 from core.data.made import EVALUATED, read_mark
 from core.evaluation import PROTOCOLS, WAYS, lpips
 from core.evaluation.metrics import PSNR_KIND, SSIM_KIND
 from core.evaluation.protocols import ViewResult
 from core.system.atomic import write_json
+
+REFINEMENT_KIND = (
+    f"Adam, L1 of means over cells: {STEPS} steps of the tone and the weights that the embedding gives, or of the embedding where it gives none; "
+    f"where the SH transfer has hidden layers, {LATER_STEPS} more of weights and these"
+)
 
 
 @dataclass(frozen=True)
@@ -71,8 +76,6 @@ class Results:
 
     def to_json(self) -> dict[str, Any]:
         """The content of results.json."""
-        how = f"Adam, L1 of means over cells: {refinement.STEPS} steps of the tone and the weights that the embedding gives, or of the embedding "
-        how += f"where it gives none; where the SH transfer has hidden layers, {refinement.LATER_STEPS} more of weights and these"
         refined = any("refined" in by_look for view in self.views for by_look in view.scores.values())
         return {
             "wegs": core.__version__,
@@ -80,7 +83,7 @@ class Results:
             "gaussians": self.gaussians,
             "protocol": self.protocol,
             "protocol_means": PROTOCOLS[self.protocol],
-            "refinement": how if refined else None,
+            "refinement": REFINEMENT_KIND if refined else None,
             "photos": {"train": self.train_photos, "test": self.test_photos, "measured": len(self.views)},
             "scale": self.scale,
             "quantisation": "8 bit",

@@ -11,7 +11,11 @@ LAST_LAYER_GAIN = 0.1  # and nearly flat
 
 
 def rectified(layer: nn.Module) -> nn.Module:
-    """`layer` with weights that keep the spread of their input through a ReLU (PyTorch's own shrink it sixfold)."""
+    """`layer` with weights that keep the mean square of their input through a ReLU (He et al. 2015, eq. 10; PyTorch's own leave a sixth of it).
+
+    Not so of a transposed convolution, whose outputs PyTorch takes for its inputs: those of MaskUNet leave a quarter and, before LAST_LAYER_GAIN,
+    sixteen times as much.
+    """
     nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
     nn.init.zeros_(layer.bias)
     return layer

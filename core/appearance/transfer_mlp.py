@@ -25,7 +25,7 @@ from core.appearance.positional_encoding import encoded_places
 from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, rounded_up
 from core.system.threads import in_parallel
 
-CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, two million of the default
+CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, more than a million of the default
 ROWS = 8 * STRIP  # of a block: half a millisecond of work
 BLOCKS = 32  # at most, in the forward pass
 NOTHING = np.empty((0, 0), np.float32)

@@ -60,7 +60,10 @@ def contact_sheet(title: str, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> U
 
 
 def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> None:
-    """Write an .mp4 of VIDEO_SECONDS, or longer at MOST_FPS. Frames, of one size, lose an odd last row or column."""
+    """Write an .mp4 of VIDEO_SECONDS, or longer at MOST_FPS. Frames, of one size, lose an odd last row or column.
+
+    Raises WegsError where OpenCV cannot begin or end it, and as core.system.atomic.replacing.
+    """
     height, width = (side - side % 2 for side in frames[0].shape[:2])  # the codec stores colour at half the size
     with replacing(path) as temporary:
         file = str(temporary.absolute())  # FFmpeg takes anything before a colon for a protocol

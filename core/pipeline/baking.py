@@ -34,6 +34,7 @@ def bake_to_file(
 
     prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. with_sky: write the dome, too.
     refine: refine the look of a photo whose camera is known or found.
+    Raises BadInput for a run, look, mask or output that cannot be used, BadSetting for a name that a saved look cannot have; DiskFull.
     """
     start = time.perf_counter()
     core.export.check_format(output)

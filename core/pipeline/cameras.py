@@ -11,7 +11,10 @@ from core.report import QUIET, Report
 
 
 def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
-    """Put plain photos through structure from motion; `output` then is a scene that `train` reads."""
+    """Put plain photos through structure from motion; `output` then is a scene that `train` reads, with the split lists of the photos.
+
+    Raises BadInput for a folder without plain photos, and as `core.data.sfm.reconstruct.reconstruct`.
+    """
     check_cameras_unknown(photos)
     folder = find_photos(photos)
     warn_of_others(photos, folder, report)

@@ -32,7 +32,10 @@ def interpolate(
 ) -> Path:
     """Fade from one look to another in `steps` frames (2 or more), seen by the camera of photo `view`; returns their folder.
 
-    The first and the last frame show the two looks themselves, bit for bit: nothing of them is interpolated. refine: as in `bake_to_file`.
+    The first and the last frame show the two looks themselves, bit for bit: nothing of them is interpolated. ply: write each look as a .ply, too.
+    refine: as in `bake_to_file`.
+    Raises BadSetting for fewer steps and for an output with the suffix of a file, BadInput for a run, look, view or output that cannot be used;
+    DiskFull.
     """
     if steps < 2:
         raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")

@@ -36,7 +36,8 @@ ADMITTED = {
 class Trunk:
     """A network cut into stages; each ends in a ReLU that LPIPS compares.
 
-    stages: for each, the side of the max pooling before it (stride 2; 0 for none) and its number of convolutions.
+    file: of its weights in the package, where it is called `key`. stages: for each, the side of the max pooling before it (stride 2; 0 for none)
+    and its number of convolutions. first_stride, first_padding: of the first convolution; the others keep the size.
     """
 
     file: str

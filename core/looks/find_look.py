@@ -105,10 +105,12 @@ def find_view(trained: TrainedRun, word: str | None) -> Photo:
 
     Raises BadInput if there is none.
     """
-    photo = None if word is None else _of_collection(trained, word)
-    if photo is None and word is not None and (lost := _left_out(trained, word)):
-        raise BadInput(f"{lost.name} was left out when the cameras were found.", f"Choose another, such as {trained.collection.photos[0].name}.")
-    return photo or trained.collection.view(word)
+    if word is not None:
+        if photo := _of_collection(trained, word):
+            return photo
+        if lost := _left_out(trained, word):
+            raise BadInput(f"{lost.name} was left out when the cameras were found.", f"Choose another, such as {trained.collection.photos[0].name}.")
+    return trained.collection.view(word)
 
 
 def _left_out(trained: TrainedRun, word: str) -> Path | None:

@@ -63,11 +63,14 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
 
 def check_known(trained: TrainedRun, word: str) -> None:
-    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`, or for a saved look that cannot be read."""
+    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`, a saved look that cannot be read, and a file from outside
+    that is no photo."""
     if word == NEUTRAL or _saved_as(trained, word):
         find_look(trained, word)  # which is no work
-    elif not Path(word).is_file() and _of_collection(trained, word) is None:
-        raise _unknown(trained, word)
+    elif _of_collection(trained, word) is None:
+        if not Path(word).is_file():
+            raise _unknown(trained, word)
+        probe(Path(word))
 
 
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:

@@ -72,11 +72,13 @@ def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, 
     monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
-    (tmp_path / "garbled.json").touch()
+    for name in ("garbled.json", "garbled.png"):
+        (tmp_path / name).write_text("nothing")
     for word, words in (
         ("bogus.png", "is neither a photo file"),
         ("bogus.json", "no saved look"),
         (str(tmp_path / "garbled.json"), "is not a saved look"),
+        (str(tmp_path / "garbled.png"), "garbled.png is not a photo"),
     ):
         with pytest.raises(BadInput, match=words):
             pipeline.interpolate(trained[0], "photo_0.png", word, 2, tmp_path / "fade")

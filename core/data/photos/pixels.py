@@ -221,6 +221,12 @@ def _over_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
     return np.rint(pixels * share + 255 * (1 - share)).astype(np.uint8)
 
 
+def off_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """The colours (H, W, 3) uint8 that this `alpha`, (H, W) uint8, shows as `pixels` over white; of no use where it is 0."""
+    share = np.maximum(alpha, 1)[..., None].astype(np.float32) / 255
+    return np.rint(255 - (255 - pixels) / share).clip(0, 255).astype(np.uint8)
+
+
 def _undistort(pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
     channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]

@@ -14,6 +14,7 @@ from core.data.formats.model_file import quiet
 from core.data.photos.distortion import lens_of, pinhole, undistort
 from core.data.photos.file import JPEG_EXIF, decode, without_orientation
 from core.data.photos.folder import list_gone, list_photos, list_unreadable, no_photos
+from core.data.photos.pixels import off_white
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, encoded, extract, match
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
@@ -158,8 +159,12 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
 
 
 def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:
-    """Make the undistorted `picture`, a PNG by COLMAP, transparent where the photo is, or where its lens saw nothing. camera: a pinhole."""
+    """Make the undistorted `picture`, a PNG by COLMAP of the photo over white, transparent where the photo is, or where its lens saw nothing.
+
+    camera: a pinhole.
+    """
     seen_from = Camera(np.eye(3), np.zeros(3), *pinhole(camera, camera.width, camera.height), camera.width, camera.height)
     pixels, opacity = decode(picture, picture.read_bytes(), cv2.IMREAD_COLOR), decode(alpha, alpha.read_bytes(), cv2.IMREAD_GRAYSCALE)
     found, seen = undistort(opacity[..., None], lens, seen_from)
-    picture.write_bytes(encoded(".png", np.dstack([pixels, found * seen[..., None]])))
+    opacity = found[..., 0] * seen
+    picture.write_bytes(encoded(".png", np.dstack([off_white(pixels, opacity), opacity])))

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from core.data import load_collection
+from core.data.photos.distortion import colmap_camera
 from core.data.photos.folder import list_photos
-from core.data.photos.pixels import load_photo
+from core.data.photos.pixels import load_photo, read_pixels_and_alpha
 from core.data.sfm import originals
 from core.data.sfm.originals import name_in
-from core.data.sfm.reconstruct import _copy_upright, reconstruct
+from core.data.sfm.reconstruct import _copy_upright, _give_alpha, reconstruct
 from core.data.split import copy_lists
 from core.errors import BadInput, WegsError
 from core.report import Report
+from core.scene.lens import Lens
 from core.system.atomic import replacing_folder
 from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
 from tests.data.small_scene import add_exif, exif_block
@@ -89,6 +91,19 @@ def test_cameras_are_found_again(tmp_path):
     assert (empty[:, :70] == 255).all() and not empty[:, 90:].any()
     os.utime(photos / "b.png", ns=(1, 1))
     assert name_in(scene, photos / "b.png") is None  # changed since
+
+
+def test_what_is_half_transparent_is_laid_over_white_once(tmp_path):
+    """COLMAP undistorts the photo as it is over white, and readers lay what is transparent over white again."""
+    shown = np.random.default_rng(0).integers(200, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    alpha = np.random.default_rng(1).integers(64, 256, (HEIGHT, WIDTH), np.uint8)
+    picture, opacity = tmp_path / "picture.png", tmp_path / "alpha.png"
+    assert cv2.imwrite(str(picture), shown) and cv2.imwrite(str(opacity), alpha)
+    lens = Lens("SIMPLE_PINHOLE", WIDTH, HEIGHT, [WIDTH, WIDTH / 2, HEIGHT / 2])
+    _give_alpha(picture, colmap_camera(lens), opacity, lens)
+    pixels, found = read_pixels_and_alpha(picture)
+    assert np.array_equal(found, alpha)
+    assert np.abs(pixels[..., ::-1].astype(int) - shown).max() <= 1  # rounded
 
 
 def test_the_same_photos_give_the_same_scene(tmp_path):

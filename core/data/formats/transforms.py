@@ -113,7 +113,8 @@ class _Reading:
 
     def find(self, name: str) -> Path:
         """The file that a file_path means, relative to the root. Blender scenes omit the suffix."""
-        path = os.path.abspath(self.root / name)
+        root = self.root.resolve() if os.pardir in Path(name).parts else self.root  # `..` leads out of the scene's folder, not out of a link to it
+        path = os.path.abspath(root / name)
         if is_file(path):
             return Path(path)
         if "\\" in name:  # written on Windows

@@ -191,7 +191,8 @@ def test_photos_elsewhere(scene, tmp_path):
     (scene / "images").rename(tmp_path / "elsewhere")
     paths = [str(tmp_path / "elsewhere" / "photo_0.png"), *(f"../elsewhere/photo_{number}.png" for number in (1, 2, 3))]
     changed(scene, lambda facts: [frame.update(file_path=path) for frame, path in zip(facts["frames"], paths, strict=True)])
-    assert [photo.name for photo in load_collection(scene).photos] == SmallScene().names
+    (link := tmp_path / "colmap" / "link").symlink_to(scene)
+    assert all([photo.name for photo in load_collection(root).photos] == SmallScene().names for root in (scene, link))
 
 
 def test_names_that_are_not_in_utf_8_are_used_where_points_are_given_and_else_told(scene):

@@ -101,21 +101,23 @@ def temporary_folder(path: Path) -> Iterator[Path]:
     parent = place_for(path)
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
-        _sweep(parent, prefix)
+        others = _sweep(parent, prefix)
         work = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
         try:
             with taken(work):
                 yield work
         finally:
             shutil.rmtree(work, ignore_errors=True)
-            _sweep(parent, prefix)  # once more: what a kill left just before this began is old enough by now
+            if others:
+                _sweep(parent, prefix)  # what a kill left just before this began is old enough by now
 
 
-def _sweep(parent: Path, prefix: str) -> None:
-    """Remove the temporary folders that killed processes left."""
+def _sweep(parent: Path, prefix: str) -> bool:
+    """Remove the temporary folders that killed processes left. Returns whether others stay: at work, or too young to tell."""
     with suppress(OSError):  # if the parent is gone by now
-        for left in [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]:
-            swept(left, remove)
+        left = [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]
+        return sum(swept(folder, remove) for folder in left) < len(left)
+    return False
 
 
 def swept(folder: Path, discard: Callable[[Path], None]) -> bool:

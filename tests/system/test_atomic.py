@@ -130,6 +130,13 @@ def test_what_a_kill_left_just_before_is_removed_at_the_end(tmp_path):
     assert list(tmp_path.iterdir()) == [tmp_path / "a.json"]
 
 
+def test_a_folder_of_many_files_is_listed_once_for_each_that_is_written(tmp_path, monkeypatch):
+    listed, listdir = [], os.listdir
+    monkeypatch.setattr(atomic.os, "listdir", lambda folder: listed.append(folder) or listdir(folder))
+    write_json(tmp_path / "a.json", {})
+    assert listed.count(tmp_path) == 1
+
+
 def test_where_no_temporary_folder_can_be_is_told(monkeypatch):
     def nowhere():
         raise FileNotFoundError(2, "No usable temporary directory found")

@@ -15,7 +15,7 @@ from torch import Tensor
 from core.appearance.encoder import mask_size, shrink
 from core.config import AUTO_PIXELS, UNDECIDED, Settings
 from core.data.collection import Photo
-from core.data.photos.file import named_with_fault
+from core.data.photos.file import fault_of
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput, BadSetting
 from core.report import QUIET, Report
@@ -129,7 +129,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
     ):
         self.device, self.transparent_is_empty, self.share_canvas = device, transparent_is_empty, share_canvas
         self.photos: list[SizedPhoto] = []
-        damaged = Reasons()
+        damaged, last_fault = Reasons(), ""
         load = partial(load_sized_photo, sizes=sizes, device=device, transparent_is_empty=transparent_is_empty)
         decoders = 1 if memory.limit() else min(threads(), DECODERS)
         at_once = decoders * PHOTOS_A_DECODER
@@ -139,7 +139,10 @@ class SizedPhotos(Sequence[SizedPhoto]):
                 if isinstance(found, SizedPhoto):
                     self.photos.append(found)
                 else:
-                    damaged.add(f"of the {photo.split} split that cannot be used", named_with_fault(photo.name, photo.path, found))
+                    fault = fault_of(photo.name, photo.path, found)
+                    shown = "likewise" if fault == last_fault else fault  # all masks may be black, and the line would be long
+                    damaged.add(f"of the {photo.split} split that cannot be used", f"{photo.name} ({shown})")
+                    last_fault = fault
             report.progress("Photos", start + len(some), len(photos), some[-1].name)
         self.notes = [note.text for note in damaged.notes()] + _doubtful_masks(self.photos)
         self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()

@@ -90,7 +90,8 @@ def test_masks_that_are_all_black_are_told_in_one_line(tmp_path):
         cv2.imwrite(str(mask), np.zeros((HEIGHT, WIDTH), np.uint8))
     with pytest.raises(BadInput) as caught:
         Trainer(with_masks_in(collection, tmp_path / "masks"), small_settings(), tmp_path / "run")
-    named = ", ".join(f"{photo.name} (is left with 0.0% of its pixels by its mask)" for photo in collection.split("train"))
+    first, *others = (photo.name for photo in collection.split("train"))
+    named = ", ".join([f"{first} (is left with 0.0% of its pixels by its mask)", *(f"{name} (likewise)" for name in others)])
     why = f"4 photos of the train split that cannot be used: {named}"
     assert caught.value.what == f"{tmp_path}: no photo is left to train on. {why}."
 

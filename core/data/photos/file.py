@@ -60,10 +60,14 @@ def bad_photo(path: Path, why: str) -> BadInput:
     return BadInput(f"{path} {why}.", "Copy it again, or convert it to JPEG or PNG.")
 
 
+def fault_of(name: str, path: Path, problem: BadInput) -> str:
+    """What `problem` says about the photo of this name, or about its file, without naming either."""
+    return problem.what.removeprefix(str(path)).removeprefix(name).strip(" .")
+
+
 def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
-    """A photo in a list of unusable ones: its name, and what `problem` says about it, or about its file, in brackets."""
-    fault = problem.what.removeprefix(str(path)).removeprefix(name).strip(" .")
-    return f"{name} ({fault})"
+    """A photo in a list of unusable ones: its name, and its fault in brackets."""
+    return f"{name} ({fault_of(name, path, problem)})"
 
 
 def probe(path: Path) -> Header:

@@ -5,6 +5,8 @@ import re
 import shutil
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 import torch
 
@@ -14,7 +16,7 @@ from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.pipeline import training
 from tests.heard import Heard
-from tests.small import damage, small_settings
+from tests.small import HEIGHT, WIDTH, damage, small_settings
 
 
 def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, monkeypatch):
@@ -62,3 +64,21 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     (folder / "config.json").write_text(json.dumps(facts))
     again = load_run(folder)
     assert again.sized_photo(again.collection.photos[0]).photo.path == photo.path
+
+
+def test_a_photo_in_whose_place_another_lies_is_told_and_no_run_goes_on_with_it(trained, small_scene, tmp_path):
+    scene, folder = shutil.copytree(small_scene, tmp_path / "scene"), shutil.copytree(trained[0], tmp_path / "run")
+    facts = json.loads((folder / "config.json").read_text())
+    facts["scene"] |= {"path": str(scene), "from_run": None}
+    (folder / "config.json").write_text(json.dumps(facts))
+    said = "! 1 photo changed since this run began, so looks and figures may be wrong: photo_0.png"
+    photo = load_run(folder).collection.photos[0]
+    for changed in (False, True):
+        if changed:
+            cv2.imwrite(str(photo.path), np.full((HEIGHT, WIDTH, 3), 7, np.uint8))
+        heard = Heard()
+        pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply", heard, force=True)
+        assert (said in heard.lines) == changed
+    shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
+    with pytest.raises(BadInput, match="are not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"):
+        pipeline.resume(folder)

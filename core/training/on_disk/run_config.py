@@ -12,7 +12,8 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.data.made import CONFIG, followed, path_from, way_to
+from core.data.made import CONFIG, followed, path_from, read_mark, way_to
+from core.data.photos.names import is_file
 from core.data.sfm.kept_points import MARK, home_of
 from core.data.split_table import SPLITS
 from core.errors import BadInput, BadSetting
@@ -40,6 +41,8 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     made_of = [core.__version__, facts, [path.stat().st_size for path in files]]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
     facts["scene"]["from_run"] = way_to(collection.read_from, folder)
+    for photo, values in zip(collection.photos, facts["photos"], strict=True):
+        values["bytes"] = photo.path.stat().st_size if photo.path.is_file() else None
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
@@ -75,6 +78,13 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
         raise BadInput(f"{path} cannot be used: {problem.what}", fix) from None
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
+
+
+def changed_files(folder: Path, collection: Collection) -> list[str]:
+    """The names of photos in whose place lies another file than the run in `folder` began with, as far as sizes tell. Missing ones do not count."""
+    began_with = {values["name"]: values.get("bytes") for values in read_mark(folder / CONFIG)["photos"]}
+    there = [photo for photo in collection.photos if began_with.get(photo.name) and is_file(photo.path)]
+    return [photo.name for photo in there if photo.path.stat().st_size != began_with[photo.name]]
 
 
 def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:

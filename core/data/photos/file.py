@@ -23,11 +23,12 @@ JPEG_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # SOF0..SOF15 without
 PNG_START = b"\x89PNG\r\n\x1a\n"
 TIFF_STARTS = (b"II*\0", b"MM\0*")
 # Tags of a TIFF file, which an EXIF block is, too. Its picture lies in strips or in tiles.
-WIDTH, HEIGHT, COMPRESSION, ORIENTATION, SAMPLE_FORMAT = 256, 257, 259, 274, 339
+WIDTH, HEIGHT, COMPRESSION, ORIENTATION, EXTRA_SAMPLES, SAMPLE_FORMAT = 256, 257, 259, 274, 338, 339
 STRIP_STARTS, STRIP_BYTES, TILE_STARTS, TILE_BYTES = 273, 279, 324, 325
 TIFF_INTEGERS = {3: "H", 4: "I"}  # types of numbers
 COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate, PackBits, deflate by its older number: OpenCV decodes these
 WHOLE_NUMBERS = 1  # a SAMPLE_FORMAT
+MULTIPLIED, STRAIGHT = (1,), (2,)  # EXTRA_SAMPLES of a picture whose colours are multiplied by its alpha, and of one whose colours are not
 TRUNCATED = "ends before its picture does (truncated)"
 
 
@@ -125,6 +126,14 @@ def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
     if pixels is None:
         raise bad_photo(path, UNKNOWN)
     return pixels
+
+
+def multiplied_by_alpha(data: bytes, depth: int) -> bool:
+    """Whether `decode` returns the colours of a file multiplied by its alpha, as of some TIFFs: OpenCV does so to those of 8 bits. depth: bits."""
+    if data[:4] in TIFF_STARTS:
+        with suppress(struct.error, LookupError):  # of a broken file
+            return _tiff_numbers(data, EXTRA_SAMPLES) in ((MULTIPLIED, STRAIGHT) if depth == 8 else (MULTIPLIED,))
+    return False
 
 
 def _read_jpeg(path: Path, data: bytes | mmap.mmap) -> Header:

@@ -10,7 +10,7 @@ import numpy as np
 
 from core.data.collection import Photo
 from core.data.photos import distortion
-from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, peek, probe, swaps_sides
+from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, multiplied_by_alpha, peek, probe, swaps_sides
 from core.data.photos.fill import fill
 from core.errors import BadInput
 
@@ -189,8 +189,11 @@ def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Heade
         pixels = (pixels if few else pixels >> 8).astype(np.uint8)
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     if channels == 4 and pixels.dtype == np.uint8:
-        alpha = pixels[..., 3]
-        return header, cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), None if alpha.min() == 255 else alpha
+        colours, alpha = cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[..., 3]
+        if multiplied_by_alpha(data, depth=16 if wide else 8):
+            over_black = np.minimum(colours, alpha[..., None])
+            colours = off_white(over_black + (255 - alpha[..., None]), alpha)
+        return header, colours, None if alpha.min() == 255 else alpha
     if header.kind != "other":
         return header, cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB), None
     # Decoded once more: for these formats only OpenCV knows the rotation, and how to convert to 8 bits.

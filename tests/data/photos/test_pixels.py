@@ -7,11 +7,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from core.data.collection import Photo
 from core.data.photos import distortion
 from core.data.photos import file as photo_file
-from core.data.photos.pixels import _reduction, load_photo, read_light, read_mask, read_pixels, upright
+from core.data.photos.file import EXTRA_SAMPLES, _tiff_entry
+from core.data.photos.pixels import _reduction, load_photo, read_light, read_mask, read_pixels, read_pixels_and_alpha, upright
 from core.errors import BadInput
 from core.scene.camera import Camera
 from core.scene.lens import Lens
@@ -74,6 +76,24 @@ def test_what_is_transparent_is_shown_over_white(tmp_path):
     pixels = np.full((4, 4, 4), 100, np.uint8)
     pixels[..., 3] = 51
     assert (read_pixels(save(tmp_path / "a.png", pixels)) == 224).all()  # 100 * 0.2 + 255 * 0.8
+
+
+@pytest.mark.parametrize(("kind", "multiplied"), [(1, True), (2, False)], ids=["multiplied by alpha", "straight"])
+def test_what_is_half_transparent_in_a_tiff_is_shown_as_in_a_png(tmp_path, kind, multiplied):
+    straight = noise(channels=4)
+    straight[0, 0, 3] = 0
+    stored = straight.copy()
+    if multiplied:
+        stored[..., :3] = np.rint(straight[..., :3] * (straight[..., 3:] / 255))
+    path = tmp_path / "a.tif"
+    Image.fromarray(stored).save(path)  # which calls it straight
+    data = bytearray(path.read_bytes())
+    data[_tiff_entry(bytes(data), EXTRA_SAMPLES)[0] + 8] = kind
+    path.write_bytes(data)
+    found, alpha = read_pixels_and_alpha(path)
+    expected, same_alpha = read_pixels_and_alpha(save(tmp_path / "a.png", straight[..., [2, 1, 0, 3]]))
+    assert np.array_equal(alpha, same_alpha)
+    assert np.abs(found.astype(int) - expected).max() <= 2  # rounded three times
 
 
 def test_what_is_transparent_gives_no_light(tmp_path):

@@ -7,12 +7,13 @@ import numpy as np
 import torch
 
 import core.rasterizer
+from core.data.posed import CROOKED
 from core.doctor.finding import Finding, part
 from core.errors import BadInput
 from core.rasterizer.contract import ALPHA_MIN
 from core.rasterizer.views import largest_contributions
 from core.report import Report
-from core.scene.camera import Camera
+from core.scene.camera import LARGEST_PX, LARGEST_SIDE_PX, Camera
 from core.scene.frame import SceneFrame
 from core.scene.splats import Splats
 from core.words import counted
@@ -87,6 +88,8 @@ def _camera(values: dict) -> Camera:
     width, height = int(values["width"]), int(values["height"])
     centre = np.array(values["position"], dtype=np.float64).reshape(3)
     lens = float(values["fx"]), float(values["fy"]), float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
-    if min(width, height, *lens[:2]) <= 0 or not np.isfinite([*rotation.flat, *centre, *lens]).all():
+    is_rotation = (np.abs(rotation) < 2).all() and np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=CROOKED)
+    is_picture = 1 <= min(width, height) and max(width, height) <= LARGEST_SIDE_PX and min(lens[:2]) > 0 and (np.abs(lens) < LARGEST_PX).all()
+    if not (is_rotation and is_picture and np.isfinite(centre).all()):
         raise ValueError(f"a camera of {width} x {height} px that cannot be drawn with")
     return Camera(rotation, centre, *lens, width, height)

@@ -6,6 +6,9 @@ import numpy as np
 
 from core.scene.frame import SceneFrame
 
+LARGEST_SIDE_PX = 1 << 20  # of a picture
+LARGEST_PX = 1e30  # of focal lengths and principal points: kernels keep them in float32, and write beyond their arrays where one is infinite
+
 
 @dataclass(frozen=True)
 class Camera:

@@ -285,7 +285,11 @@ def test_the_units_of_a_file_change_nothing(tmp_path):
     assert pixels[0] == pixels[1] and pixels[0].endswith("px")
 
 
-BROKEN = ({"width": 0}, {"width": -5}, {"width": float("inf")}, {"fx": 0}, {"fx": float("nan")}, {"position": [0, 0, float("nan")]})
+BROKEN = (
+    *({"width": 0}, {"width": -5}, {"width": float("inf")}, {"height": 1 << 70}),
+    *({"fx": 0}, {"fx": float("nan")}, {"fx": 1e50}, {"cx": -1e300}),
+    *({"position": [0, 0, float("nan")]}, {"rotation": [[1, 0, 0], [1e50, 1, 0], [0, 0, 1]]}, {"rotation": [[0, 0, 0]] * 3}),
+)
 
 
 @pytest.mark.parametrize("broken", BROKEN)

@@ -23,6 +23,7 @@ from core.data.photos.names import is_file, rows_that_mean
 from core.data.posed import Fault, Points, Posed, PosedPhoto, from_camera_to_world, in_utf_8, usable_points
 from core.data.split import in_both
 from core.errors import BadInput
+from core.scene.camera import LARGEST_SIDE_PX
 from core.words import Note, Reasons, list_names, name_them
 
 BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test", "val")}
@@ -31,7 +32,6 @@ PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL",
 FISHEYE = "OPENCV_FISHEYE"
 LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # in the order of nerfstudio's distortion_params, which may stand in their place
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
-LARGEST_SIDE = 1 << 20  # px
 IN_VIEW = 0.5  # of the points; if the cameras show less, the file is likely to be in another frame
 POINTS_ASKED = 10_000  # evenly spread, to find that out
 
@@ -217,7 +217,7 @@ class _Lens:
             raise Fault("with intrinsics that are not numbers") from None
         if not {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} & numbers.keys():
             raise Fault("without fl_x or camera_angle_x")
-        if not all(1 <= numbers.get(name, 1) <= LARGEST_SIDE for name in ("w", "h")):
+        if not all(1 <= numbers.get(name, 1) <= LARGEST_SIDE_PX for name in ("w", "h")):
             raise Fault("with a w or h that no photo has")
         if model != FISHEYE and numbers.get("k4"):
             raise Fault(f"with a k4, which only {FISHEYE} lenses have")

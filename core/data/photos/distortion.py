@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from core.scene.camera import Camera
+from core.scene.camera import LARGEST_PX, Camera
 from core.scene.lens import Lens
 
 NEGLIGIBLE_PX = 0.01  # a lens that moves no pixel of the photo farther than this is a pinhole
@@ -33,8 +33,8 @@ def colmap_camera(lens: Lens) -> pycolmap.Camera:
 
 
 def usable(camera: pycolmap.Camera) -> bool:
-    """Whether the camera (not a panorama) has a positive size, and finite parameters with positive focal lengths."""
-    if min(camera.width, camera.height) < 1 or not np.isfinite(camera.params).all():
+    """Whether the camera (not a panorama) has a positive size, and parameters up to LARGEST_PX with positive focal lengths."""
+    if min(camera.width, camera.height) < 1 or not (np.abs(camera.params) < LARGEST_PX).all():  # so that NaN fails it
         return False
     return min(camera.focal_length_x, camera.focal_length_y) > 0
 

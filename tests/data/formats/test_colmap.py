@@ -304,7 +304,7 @@ def test_extreme_focal_lengths_are_used_and_noted(tmp_path, params):
     assert not note.harmless
 
 
-@pytest.mark.parametrize("params", [[np.nan, 150, 80, 60], [150, -150, 80, 60], [150, 150, np.inf, 60], [0, 0, 80, 60]])
+@pytest.mark.parametrize("params", [[np.nan, 150, 80, 60], [150, -150, 80, 60], [150, 150, np.inf, 60], [0, 0, 80, 60], [1e50, 1e50, 80, 60]])
 def test_broken_cameras_are_left_out(tmp_path, params):
     root = rewritten(tmp_path, lambda model: setattr(model.cameras[1], "params", params))
     with pytest.raises(BadInput, match="No photo of .* can be used: 4 photos with a camera or pose that is broken"):

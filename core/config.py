@@ -16,8 +16,7 @@ AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r a
 LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
 # 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left) and Liberty (65 left),
 # 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB
-# zero-shot: the encoder then knows its photos by heart. So it does when the 8 photos of Sacre-Coeur are seen 750 times each instead of 375:
-# - 0.2 / - 0.6 dB.
+# zero-shot: the encoder then knows its photos by heart, as where Sacre-Coeur's 8 are seen 750 times each instead of 375 (- 0.2 / - 0.6 dB).
 STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
 # 76 steps and 506 Gaussians per photo instead of 38 and 253, with twice the embedding and the transfer's width, gained on held-out ones of
 # 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 2.6 times as many Gaussians per pixel gained nothing on 65 photos
@@ -196,6 +195,7 @@ class Settings:
         auto=True,
     )
     remove_veils: bool = setting(True, "After growth, remove what hardly covers any photo and much of what a camera beside it would see.")
+    remove_passers_by: bool = setting(True, "After growth, remove what masks hide in the few photos that show it.")
 
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, at first a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(
@@ -336,7 +336,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "reach": 0.0,
         "largest_scale": 1.0,
         "prune_contribution": 0.0,
-        "remove_veils": False,
+        **dict.fromkeys(("remove_veils", "remove_passers_by"), False),
         "gauge": 0.0,
     },
     "vanilla": {"appearance": "off", "transients": "off"},

@@ -4,7 +4,7 @@ from core.config import Settings
 
 MEAN_RATE_DECAY = 0.01
 NETWORK_RATE_DECAY = 0.1
-CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth; with the second, veils go
+CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth
 SHRINK_FACTORS = (4, 2, 1)  # of photos, coarse to fine
 STEP_TIMES = (1 / 3, 1 / 2, 1.0)  # of a step on them, in full steps; medians of runs of plaza, Liberty and Sacré-Cœur
 
@@ -51,9 +51,9 @@ def contribution_steps(settings: Settings) -> set[int]:
     return {_after_growth(settings, fraction) for fraction in CONTRIBUTION_FRACTIONS} if settings.prune_contribution else set()
 
 
-def unveiling_step(settings: Settings) -> int | None:
-    """The step after which veils are removed, when Gaussians have settled; None where they are kept."""
-    return _after_growth(settings, CONTRIBUTION_FRACTIONS[-1]) if settings.remove_veils else None
+def settled_step(settings: Settings) -> int:
+    """The step after which veils and passers-by are removed: Gaussians have settled, and enough steps are left to close the gaps."""
+    return _after_growth(settings, CONTRIBUTION_FRACTIONS[-1])
 
 
 def _after_growth(settings: Settings, fraction: float) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 import core.rasterizer
 from core.appearance.model import AppearanceModel
@@ -15,6 +16,7 @@ from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
 from core.rasterizer.views import largest_contributions
 from core.report import QUIET, Report
+from core.scene.camera import Camera
 from core.system import device
 from core.system.threads import one_torch_thread, threads_for_blocks
 from core.training import decisions, guards, held_out, network_updates, schedule
@@ -22,6 +24,7 @@ from core.training.background import background_of_figures
 from core.training.gaussians import densify
 from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
+from core.training.gaussians.passers_by import passers_by
 from core.training.gaussians.veils import veils
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
@@ -96,7 +99,7 @@ class Trainer:
         self.stepper = self._stepper()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
-        self.unveil_at = schedule.unveiling_step(settings)
+        self.settled_at = schedule.settled_step(settings)
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
         self.seconds = 0.0
@@ -222,8 +225,8 @@ class Trainer:
             self.control_density()
         if self.done in self.prune_at:
             self.prune_by_contribution()
-        if self.done == self.unveil_at:
-            self.remove_veils()
+        if self.done == self.settled_at:
+            self.clear_the_view()
         return [densify.ALL_GONE] if before and not self.gaussians.solid else []
 
     def control_density(self) -> None:
@@ -240,10 +243,25 @@ class Trainer:
         largest = largest_contributions(self.gaussians.splats, self.photos.cameras, self.rasterizer)
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
 
-    def remove_veils(self) -> None:
-        """Remove the Gaussians that are in the way of whoever steps aside, see `gaussians.veils`."""
+    def clear_the_view(self) -> None:
+        """Remove what stands in the way of whoever looks from elsewhere: see `gaussians.veils` and `gaussians.passers_by`."""
         self.stepper.forget()
-        self.gaussians.keep(~veils(self.gaussians.splats, self.photos.cameras, self.collection.points, self.rasterizer))
+        splats, in_the_way = self.gaussians.splats, torch.zeros(len(self.gaussians), dtype=torch.bool, device=self.device)
+        if self.settings.remove_veils:
+            in_the_way |= veils(splats, self.photos.cameras, self.collection.points, self.rasterizer)
+        if self.settings.remove_passers_by and self._masks_can_be_trusted():
+            in_the_way |= passers_by(splats, self._masked_photos(), self.rasterizer)
+        self.gaussians.keep(~in_the_way)
+
+    def _masks_can_be_trusted(self) -> bool:
+        """Whether masks hide passers-by by now, and not the place itself."""
+        hide = self.settings.transients == "on" and self.done >= self.settings.mask_apply * self.settings.steps
+        return hide and self.mask_mean >= mask_weights.COLLAPSED
+
+    @torch.no_grad()
+    def _masked_photos(self) -> Iterator[tuple[Camera, Tensor]]:
+        for index, sized in enumerate(self.photos):
+            yield sized.camera, self.model.read(sized.encoder_input, index).mask
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""

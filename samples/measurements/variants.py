@@ -47,6 +47,7 @@ VARIANTS = {
     "no sky (paper)": Variant({"sky": "none"}),
     "no pruning by contribution (paper)": Variant({"prune_contribution": 0.0}),
     "veils stay (paper)": Variant({"remove_veils": False}),
+    "passers-by stay (paper)": Variant({"remove_passers_by": False}),
     "mask learns by the picture's error (paper)": Variant({name: PRESETS["paper"][name] for name in ("mask_loss", "mask_regularisation")}),
     "no latent a Gaussian (paper)": Variant({"latent_size": 0}),
     "latent of 8 a Gaussian": Variant({"latent_size": 8}),

@@ -12,8 +12,7 @@ def test_schedules_are_fractions_of_the_steps():
     assert schedule.densification_steps(long)[-1] == 1000 * schedule.densification_steps(short)[-1]
     assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until * 0.6, 0.9)] == [4, 2, 1]
     assert schedule.evenly(4, 100) == {25, 50, 75, 100}
-    assert schedule.contribution_steps(short) == {65, 85} and schedule.unveiling_step(short) == 85
-    assert schedule.unveiling_step(whole_settings(steps=100, remove_veils=False)) is None
+    assert schedule.contribution_steps(short) == {65, 85} and schedule.settled_step(short) == 85
     through = [schedule.time_through(short, step) for step in range(101)]
     times = np.diff(through)
     assert (through[0], through[-1]) == (0.0, pytest.approx(1.0))

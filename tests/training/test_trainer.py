@@ -65,6 +65,33 @@ def test_veils_are_removed_once_when_gaussians_have_settled(collection, tmp_path
     assert gaussians[14] == gaussians[13] - 2
 
 
+@pytest.mark.parametrize(
+    "changes, mask_mean, asked",
+    [
+        ({}, 0.9, True),
+        ({"remove_passers_by": False}, 0.9, False),
+        ({"transients": "off"}, 1.0, False),
+        ({"mask_apply": 0.9}, 0.9, False),  # nothing is hidden yet
+        ({}, 0.5, False),  # masks hide the place itself
+    ],
+)
+def test_passers_by_are_removed_where_masks_can_be_trusted(collection, tmp_path, monkeypatch, changes, mask_mean, asked):
+    seen = []
+
+    def first_two(splats, photos, rasterizer):
+        seen.extend(photos)
+        return torch.arange(len(splats)) < 2
+
+    monkeypatch.setattr("core.training.trainer.passers_by", first_two)
+    trainer = Trainer(collection, small_settings(steps=20, **changes), tmp_path)
+    trainer.done, trainer.mask_mean = trainer.settled_at, mask_mean
+    before = trainer.gaussians.solid
+    trainer.clear_the_view()
+    assert trainer.gaussians.solid == before - 2 * asked
+    assert [camera for camera, _ in seen] == trainer.photos.cameras * asked
+    assert all(mask.ndim == 3 and not mask.requires_grad for _, mask in seen)
+
+
 def test_latents_wait_for_the_masks(collection, tmp_path):
     trainer = Trainer(collection, small_settings(steps=10, latent_size=3, latents_from=0.5), tmp_path)
     for report in trainer.train():

@@ -1,0 +1,38 @@
+"""Gaussians that stand for passers-by: what masks hide in the few photos that show it.
+
+Masks hide late, when Gaussians have long been taught by all that photos show. From then on nothing asks for passers-by, but nothing removes them
+either, and whoever looks from elsewhere stands among them.
+"""
+
+from collections.abc import Iterable
+
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from core.rasterizer import Rasterizer
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+from core.training.losses.regularisers import HIDDEN
+
+LEAST_HIDDEN = 0.3  # of all that photos show of a passer-by
+FEW = 3  # a passer-by stands in one photo, and in another by chance; what more photos hide belongs to the place
+SHRUNK = 1 / 2  # photos are drawn this small
+
+
+def passers_by(splats: Splats, photos: Iterable[tuple[Camera, Float[Tensor, "1 h w"]]], rasterizer: Rasterizer) -> Bool[Tensor, " n"]:
+    """Which Gaussians stand for passers-by. photos: the camera of each, and its mask at any size, 1 = static.
+
+    Fewer than FEW photos hide one, counted as (sum x)^2 / sum x^2 of the shares x that it has in what they hide, so that slight ones hardly count.
+    """
+    shown, hidden, squares = splats.means.new_zeros(3, len(splats))
+    for camera, mask in photos:
+        camera = camera.shrunk(SHRUNK)
+        size = camera.height, camera.width
+        hides = F.interpolate(mask[None], size, mode="bilinear", align_corners=False)[0, 0] < HIDDEN
+        everywhere = hides.new_full(size, 1 / hides.numel(), dtype=mask.dtype)
+        shown += rasterizer.shares(splats, camera, everywhere).of_gaussians()
+        share = rasterizer.shares(splats, camera, everywhere * hides).of_gaussians()
+        hidden += share
+        squares += share**2
+    return (hidden > LEAST_HIDDEN * shown) & (hidden**2 < FEW * squares)

@@ -25,6 +25,8 @@ from tests.heard import Heard, StopsAtStep
 from tests.small import small_collection, small_settings
 
 PLAZA = Path(ablation.__file__).parent / "plaza"
+# In three steps no mask comes down to hide a Gaussian, and nothing drifts before cameras.
+NEED_LONGER_RUNS = ("no L_regTS", "veils stay (paper)", "passers-by stay (paper)")
 TINY = {"steps": 3, "max_gaussians": 300, "densify_rounds": 1, "checkpoints": 3, "held_out_checks": 0, "mask_start": 0.0}
 
 
@@ -60,7 +62,7 @@ def test_every_variant_trains_and_is_measured(runs):
         # Plain 3DGS has no look to refine. All else has, a table of embeddings (GLO) too.
         assert ("refined" in means) == (name != "plain 3DGS"), name
         changed = one["settings"] != found[FULL][0]["settings"]
-        if changed and name != "no L_regTS":  # in three steps no mask comes down to hide a Gaussian
+        if changed and name not in NEED_LONGER_RUNS:
             assert one["results"]["full"]["means"] != full["means"], name  # the switch does something
     assert sum(one[0]["settings"] != found[FULL][0]["settings"] for one in found.values()) > 15
     assert len(list(folder.glob("*.json"))) < len(VARIANTS)  # some change nothing: they are the full model

@@ -85,7 +85,7 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
         ("=3", "^--set =3 gives no setting. Type: --set key=value$"),
         ("residual=", "gives no value"),
         ("stepz=3", "no setting 'stepz'. Did you mean steps\\?$"),
-        ("r=2", "no setting 'r'. Did you mean resolution, residual, residual_bound, reach, remove_veils\\?$"),
+        ("r=2", "no setting 'r'. Did you mean resolution, residual, residual_bound, reach, remove_veils, remove_passers_by\\?$"),
         ("quality=high", "no setting 'quality'. `wegs train --help` lists them.$"),
         ("steps=many", "^steps=many is not a whole number. Give one of at least 1, or auto.$"),
         ("steps=1.5", "not a whole number"),

@@ -256,7 +256,7 @@ class Trainer:
     def _masks_can_be_trusted(self) -> bool:
         """Whether masks hide passers-by by now, and not the place itself."""
         hide = self.settings.transients == "on" and self.done >= self.settings.mask_apply * self.settings.steps
-        return hide and self.mask_mean >= mask_weights.COLLAPSED
+        return hide and self.mask_mean >= mask_weights.COLLAPSED and len(self.photos) >= decisions.FEWEST_FOR_MASKS
 
     @torch.no_grad()
     def _masked_photos(self) -> Iterator[tuple[Camera, Tensor]]:

@@ -66,16 +66,17 @@ def test_veils_are_removed_once_when_gaussians_have_settled(collection, tmp_path
 
 
 @pytest.mark.parametrize(
-    "changes, mask_mean, asked",
+    "changes, mask_mean, fewest, asked",
     [
-        ({}, 0.9, True),
-        ({"remove_passers_by": False}, 0.9, False),
-        ({"transients": "off"}, 1.0, False),
-        ({"mask_apply": 0.9}, 0.9, False),  # nothing is hidden yet
-        ({}, 0.5, False),  # masks hide the place itself
+        ({}, 0.9, 4, True),
+        ({}, 0.9, 5, False),  # more photos than there are
+        ({"remove_passers_by": False}, 0.9, 4, False),
+        ({"transients": "off"}, 1.0, 4, False),
+        ({"mask_apply": 0.9}, 0.9, 4, False),  # nothing is hidden yet
+        ({}, 0.5, 4, False),  # masks hide the place itself
     ],
 )
-def test_passers_by_are_removed_where_masks_can_be_trusted(collection, tmp_path, monkeypatch, changes, mask_mean, asked):
+def test_passers_by_are_removed_where_masks_can_be_trusted(collection, tmp_path, monkeypatch, changes, mask_mean, fewest, asked):
     seen = []
 
     def first_two(splats, photos, rasterizer):
@@ -83,6 +84,7 @@ def test_passers_by_are_removed_where_masks_can_be_trusted(collection, tmp_path,
         return torch.arange(len(splats)) < 2
 
     monkeypatch.setattr("core.training.trainer.passers_by", first_two)
+    monkeypatch.setattr("core.training.decisions.FEWEST_FOR_MASKS", fewest)
     trainer = Trainer(collection, small_settings(steps=20, **changes), tmp_path)
     trainer.done, trainer.mask_mean = trainer.settled_at, mask_mean
     before = trainer.gaussians.solid

@@ -1,4 +1,4 @@
-"""Gaussians that stand for passers-by: what masks hide in the few photos that show it.
+"""Gaussians that stand for passers-by: what masks hide, in few photos.
 
 Masks hide late, when Gaussians have long been taught by all that photos show. From then on nothing asks for passers-by, but nothing removes them
 either, and whoever looks from elsewhere stands among them.

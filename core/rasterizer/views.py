@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.rasterizer.contract import Rasterizer
@@ -32,7 +32,11 @@ def largest_shares(splats: Splats, cameras: Iterable[Camera], rasterizer: Raster
     """The largest share of a whole picture that each Gaussian makes up in any view, in [0, 1]; it does not depend on the look."""
     largest = torch.zeros(len(splats), device=splats.means.device)
     for camera in cameras:
-        evenly = largest.new_ones(camera.height, camera.width)
-        shares = rasterizer.shares(splats, camera, evenly).of_gaussians() / evenly.numel()
-        torch.maximum(largest, shares, out=largest)
+        torch.maximum(largest, shares_of_picture(splats, camera, rasterizer), out=largest)
     return largest
+
+
+def shares_of_picture(splats: Splats, camera: Camera, rasterizer: Rasterizer, where: Bool[Tensor, "h w"] | None = None) -> Float[Tensor, " n"]:
+    """The share of the whole picture that each Gaussian makes up, of all its pixels or of those `where` it is asked for, in [0, 1]."""
+    weight = splats.means.new_ones(camera.height, camera.width) if where is None else where.to(splats.means.dtype)
+    return rasterizer.shares(splats, camera, weight).of_gaussians() / weight.numel()

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.rasterizer import Rasterizer
+from core.rasterizer.views import shares_of_picture
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training.losses.regularisers import HIDDEN
@@ -28,11 +29,9 @@ def passers_by(splats: Splats, photos: Iterable[tuple[Camera, Float[Tensor, "1 h
     shown, hidden, squares = splats.means.new_zeros(3, len(splats))
     for camera, mask in photos:
         camera = camera.shrunk(SHRUNK)
-        size = camera.height, camera.width
-        hides = F.interpolate(mask[None], size, mode="bilinear", align_corners=False)[0, 0] < HIDDEN
-        everywhere = hides.new_full(size, 1 / hides.numel(), dtype=mask.dtype)
-        shown += rasterizer.shares(splats, camera, everywhere).of_gaussians()
-        share = rasterizer.shares(splats, camera, everywhere * hides).of_gaussians()
+        hides = F.interpolate(mask[None], (camera.height, camera.width), mode="bilinear", align_corners=False)[0, 0] < HIDDEN
+        share = shares_of_picture(splats, camera, rasterizer, hides)
+        shown += shares_of_picture(splats, camera, rasterizer)
         hidden += share
         squares += share**2
     return (hidden > LEAST_HIDDEN * shown) & (hidden**2 < FEW * squares)

@@ -38,11 +38,13 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the sizes stand for the content.
     files = [path for photo in collection.photos for path in (photo.path, photo.mask) if path is not None and path.is_file()]
-    made_of = [core.__version__, facts, [path.stat().st_size for path in files]]
+    sizes = [path.stat().st_size for path in files]
+    made_of = [core.__version__, facts, sizes]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
     facts["scene"]["from_run"] = way_to(collection.read_from, folder)
+    size_of = dict(zip(files, sizes, strict=True))
     for photo, values in zip(collection.photos, facts["photos"], strict=True):
-        values["bytes"] = photo.path.stat().st_size if photo.path.is_file() else None
+        values["bytes"] = size_of.get(photo.path)
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 

@@ -46,16 +46,14 @@ def test_all_from_one_direction():
 def test_a_model_is_turned(tilt):
     """Its photos see the same points in the same places; down is +y and, seen from their middle, ahead is +z."""
     axes = list(held([-25, -5, 15, 15], [tilt] * 4, [0] * 4))
-    scene, model = SmallScene(), pycolmap.Reconstruction()
-    for number, rotation in enumerate(axes, 1):
-        camera = scene.lens()
-        camera.camera_id = number
-        model.add_camera_with_trivial_rig(camera)
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), np.array([0.1 * number, 0, 0.2]))
-        model.add_image_with_trivial_frame(pycolmap.Image(name=f"{number}.jpg", camera_id=number, image_id=number), pose)
-    for point in scene.points:
-        model.add_point3D(point, pycolmap.Track(), np.zeros(3, np.uint8))
-    before = {number: image.cam_from_world() * np.array(scene.points) for number, image in model.images.items()}
+
+    class Held(SmallScene):
+        def pose(self, index):
+            return pycolmap.Rigid3d(pycolmap.Rotation3d(axes[index]), np.array([0.1 * index, 0, 0.2]))
+
+    scene = Held()
+    model = scene.reconstruction()
+    before = {number: image.cam_from_world() * scene.points for number, image in model.images.items()}
     turn_upright(model)
     points = np.array([model.points3D[number].xyz for number in sorted(model.points3D)])
     for number, image in model.images.items():

@@ -9,8 +9,8 @@ What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `ke
 with `triangulate`. `made` recognises what was made before. A photo from outside is found by `locate` among the `landmarks` of a collection.
 
 From a photo to pixels, in `photos`: `folder` lists files, `names` says what else they may be called, `lookalikes` tells which are one
-picture, `file` (with `heif`) reads headers, `pixels` decodes, undistorts (`distortion`) and fills holes (`fill`). `pycolmap_loaded` keeps
-that library from handling signals.
+picture, `file` reads headers, `stored` decodes, `pixels` turns, undistorts (`distortion`) and fills holes (`fill`). `pycolmap_loaded` keeps that
+library from handling signals.
 """
 
 import core.data.pycolmap_loaded  # noqa: F401 - before anything imports pycolmap

@@ -13,6 +13,8 @@ from core.errors import WegsError
 from core.export.labelled_sheet import line_of_text
 from core.system.atomic import replacing, write_bytes
 
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what goes wrong with a video is said here, once
+
 SHEET_COLUMNS = 5  # at most
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 VIDEO_SECONDS, MOST_FPS = 3.0, 30.0  # of few frames, and of many, which then take longer

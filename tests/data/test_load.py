@@ -44,9 +44,9 @@ def test_no_photos(tmp_path):
 
 
 def test_photos_that_cannot_be_read_are_named(tmp_path):
-    for name in ("IMG_1.DNG", "IMG_2.cr3", "a.avif", "b.GIF"):
+    for name in ("IMG_1.DNG", "IMG_2.cr3", "a.jxl", "b.GIF"):
         (tmp_path / name).write_bytes(b"x")
-    with pytest.raises(BadInput, match="only .avif, .cr3, .dng, .gif photos.* Convert"):
+    with pytest.raises(BadInput, match="only .cr3, .dng, .gif, .jxl photos.* Convert"):
         load_collection(tmp_path)
 
 

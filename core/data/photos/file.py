@@ -1,54 +1,56 @@
-"""What a photo file says about itself without being decoded: its size, its EXIF rotation, whether it is whole."""
+"""What a photo file says about itself without being decoded: its size, its EXIF rotation, its colour profile, whether it is whole."""
 
 import mmap
 import struct
-from contextlib import suppress
-from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from io import BytesIO
 from pathlib import Path
 
-import cv2
-import numpy as np
+from PIL import Image, ImageCms
+from PIL.TiffImagePlugin import STRIPBYTECOUNTS, STRIPOFFSETS, TILEBYTECOUNTS, TILEOFFSETS
 
-from core.data.photos.heif import FAULTS, decode_heif, is_heif, is_whole, size_and_exif
 from core.errors import BadInput
 
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what is wrong with a photo is said here, once
+Image.MAX_IMAGE_PIXELS = 1 << 30  # more are an attack to Pillow, whose own limit is a tenth of that
+warnings.filterwarnings("ignore", module=r"PIL\.")  # what is wrong with a photo is said here, once
 
 UNKNOWN = "is not a photo that can be read"
-JPEG_START = b"\xff\xd8"
-JPEG_END = b"\xff\xd9"
-JPEG_EXIF = b"Exif\0\0"
-JPEG_SCAN, JPEG_APP1 = 0xDA, 0xE1
-JPEG_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # SOF0..SOF15 without DHT, JPG and DAC
-PNG_START = b"\x89PNG\r\n\x1a\n"
-TIFF_STARTS = (b"II*\0", b"MM\0*")
-# Tags of a TIFF file, which an EXIF block is, too. Its picture lies in strips or in tiles.
-WIDTH, HEIGHT, COMPRESSION, ORIENTATION, EXTRA_SAMPLES, SAMPLE_FORMAT = 256, 257, 259, 274, 338, 339
-STRIP_STARTS, STRIP_BYTES, TILE_STARTS, TILE_BYTES = 273, 279, 324, 325
-TIFF_INTEGERS = {3: "H", 4: "I"}  # types of numbers
-COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # none, LZW, JPEG, deflate, PackBits, deflate by its older number: OpenCV decodes these
-WHOLE_NUMBERS = 1  # a SAMPLE_FORMAT
-MULTIPLIED, STRAIGHT = (1,), (2,)  # EXTRA_SAMPLES of a picture whose colours are multiplied by its alpha, and of one whose colours are not
 TRUNCATED = "ends before its picture does (truncated)"
+# What Pillow's decoders raise for a file that is damaged or coded in another way.
+FAULTS = (OSError, ValueError, LookupError, EOFError, SyntaxError, RuntimeError, TypeError, struct.error, Image.DecompressionBombError)
+SCAN, END = b"\xff\xda", b"\xff\xd9"  # markers of a JPEG
+BOXES = (b"ftyp", b"meta", b"mdat", b"free", b"skip", b"moov")
+LONG = b"\0\0\0\1"  # in place of a box's size, which then follows
+ORIENTATION = 0x0112  # EXIF's tag
+MOST_EXIF_BYTES = 0xFFFF - 2  # of a JPEG
 
 
 @dataclass(frozen=True)
 class Header:
-    """Size in pixels as stored. orientation: EXIF's, 1..8.
+    """Size in pixels as stored. kind: Pillow's name of the format. orientation: EXIF's, 1..8.
 
-    exif: the EXIF block (a small TIFF file), or empty.
+    exif: the EXIF block, or empty. profile: the ICC profile of its colours, or empty where they are taken for sRGB.
     """
 
-    kind: str  # "jpeg", "png", "webp", "heif" or "other"
+    kind: str
     width: int
     height: int
     orientation: int = 1
     exif: bytes = b""
+    profile: bytes = b""
 
     @property
     def displayed(self) -> tuple[int, int]:
         """Width and height as displayed."""
         return (self.height, self.width) if swaps_sides(self.orientation) else (self.width, self.height)
+
+    @property
+    def is_jpeg(self) -> bool:
+        return self.kind in ("JPEG", "MPO")  # MPO: other pictures follow
 
 
 def swaps_sides(orientation: int) -> bool:
@@ -72,222 +74,122 @@ def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
 
 
 def probe(path: Path) -> Header:
-    """The header of a photo. JPEG, PNG, WebP, HEIF and usual TIFF are not decoded; the few other formats are.
+    """The header of a photo. Of formats that do not tell whether a file of theirs is whole, the picture is decoded, too.
 
-    Raises BadInput for a file that is missing, empty, truncated or not a photo. OpenCV decodes a truncated JPEG with its lower part grey
-    and reports nothing, so the end of the file is checked here.
+    Raises BadInput for a file that is missing, empty, truncated or not a photo.
+    """
+    with opened(path) as (header, picture):
+        if header.kind == "PNG":
+            picture.verify()
+        elif header.kind not in IS_WHOLE:
+            picture.load()
+    return header
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
+    """The header of a photo file and its picture, which is not decoded yet, in a context that turns what decoding raises into BadInput.
+
+    Raises BadInput like `probe`. A JPEG that ends early would be decoded with its lower part grey, and HEIF might end the program.
     """
     try:
         with open(path, "rb") as file:
             if not file.read(1):
-                return read_header(path, b"")  # an empty file cannot be mapped
+                raise bad_photo(path, "is empty")  # and cannot be mapped
+            file.seek(0)
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                return read_header(path, data)
-    except OSError as problem:
-        raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
+                if data[4:8] == BOXES[0]:
+                    _know_heif()
+                with Image.open(file) as picture:
+                    if not IS_WHOLE.get(picture.format, _unknown)(data, picture):
+                        raise bad_photo(path, TRUNCATED)
+                    yield _header(picture), picture
+    except FAULTS as problem:
+        if isinstance(problem, OSError) and problem.strerror:
+            raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
+        raise bad_photo(path, TRUNCATED if "truncated" in str(problem).lower() else UNKNOWN) from None
 
 
-def read_header(path: Path, data: bytes | mmap.mmap) -> Header:
-    """The header of a photo from its bytes; raises BadInput like `probe`."""
-    header = peek(path, data)
-    if header.width:
-        return header
-    height, width = decode(path, data[:], cv2.IMREAD_COLOR).shape[:2]
-    return replace(header, width=width, height=height)
+@cache
+def _know_heif() -> None:
+    from pi_heif import register_heif_opener  # late: few collections have such photos
+
+    register_heif_opener()
 
 
-def peek(path: Path, data: bytes | mmap.mmap) -> Header:
-    """As `read_header`, but nothing is decoded. Where that would be needed, width and height are 0, and it is not checked that the file is whole."""
-    if data[:2] == JPEG_START:
-        return _read_jpeg(path, data)
-    if data[:8] == PNG_START:
-        return _read_png(path, data)
-    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        return _read_webp(path, data)
-    if is_heif(data):
-        return _read_heif(path, data[:])
-    if data[:4] in TIFF_STARTS:
-        return _read_tiff(data)
-    return Header("other", 0, 0)
+def _header(picture: Image.Image) -> Header:
+    """Pillow turns TIFF and HEIF as their EXIF says."""
+    exif = b"" if picture.format == "TIFF" else picture.info.get("exif", b"")
+    orientation = tags_of(exif).get(ORIENTATION, 1)
+    return Header(picture.format, *picture.size, orientation if orientation in range(1, 9) else 1, exif, _profile(picture))
 
 
-def decode(path: Path, data: bytes, flags: int) -> np.ndarray:
-    """The file's bytes decoded by OpenCV, with its `flags`, or as `decode_heif`, without; raises BadInput if that cannot be done."""
-    if not data:
-        raise bad_photo(path, "is empty")
+def tags_of(exif: bytes) -> Image.Exif:
+    """The tags of an EXIF block; none of a broken one."""
+    tags = Image.Exif()
+    with suppress(*FAULTS):
+        tags.load(exif)
+    return tags
+
+
+def upright_exif(exif: bytes) -> bytes:
+    """The EXIF block of a photo whose pixels have been turned upright, or nothing if a JPEG could not hold it; focal length and the rest stay."""
+    tags = tags_of(exif)
+    tags[ORIENTATION] = 1
     try:
-        pixels = decode_heif(data) if is_heif(data) else cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        block = tags.tobytes()
     except FAULTS:
-        pixels = None
-    except cv2.error as problem:
-        if problem.code == cv2.Error.StsNoMem:
-            raise
-        pixels = None  # such as more than 2^30 pixels
-    if pixels is None:
-        raise bad_photo(path, UNKNOWN)
-    return pixels
+        return b""
+    return block if len(block) <= MOST_EXIF_BYTES else b""
 
 
-def multiplied_by_alpha(data: bytes, depth: int) -> bool:
-    """Whether `decode` returns the colours of a file multiplied by its alpha, as of some TIFFs: OpenCV does so to those of 8 bits. depth: bits."""
-    if data[:4] in TIFF_STARTS:
-        with suppress(struct.error, LookupError):  # of a broken file
-            return _tiff_numbers(data, EXTRA_SAMPLES) in ((MULTIPLIED, STRAIGHT) if depth == 8 else (MULTIPLIED,))
-    return False
+def _profile(picture: Image.Image) -> bytes:
+    """The ICC profile, unless it is that of sRGB, or broken."""
+    profile = picture.info.get("icc_profile") or b""
+    with suppress(ImageCms.PyCMSError):
+        if profile and "sRGB" not in ImageCms.getProfileDescription(BytesIO(profile)):
+            return profile
+    return b""
 
 
-def _read_jpeg(path: Path, data: bytes | mmap.mmap) -> Header:
-    """Walk the segments to the first scan, then look for the end marker.
-
-    Inside a scan FF is always followed by 00 or a restart marker, and thumbnails lie in segments before the scan, so an FF D9 after its
-    start is the end of the picture. More may follow: phones append depth maps and films.
-    """
-    position, size, exif, orientation = 2, None, b"", 1
-    while True:
-        segment = data[position : position + 4]
-        if len(segment) < 4:
-            raise bad_photo(path, TRUNCATED)
-        marker = segment[1]
-        if segment[0] != 0xFF or marker in (0x00, 0xFF):  # stray bytes or padding, which decoders skip
-            position = data.find(b"\xff", position + 1)
-            if position < 0:
-                raise bad_photo(path, "is a broken JPEG")
-            continue
-        body, length = position + 4, int.from_bytes(segment[2:], "big")
-        if marker in JPEG_FRAMES:
-            height, width = struct.unpack(">HH", data[body + 1 : body + 5].ljust(4, b"\0"))
-            size = (width, height)
-        elif marker == JPEG_APP1 and not exif and data[body : body + 6] == JPEG_EXIF:
-            exif = data[body + 6 : position + 2 + length]
-            orientation = orientation_of(exif)
-        elif marker == JPEG_SCAN:
-            break
-        position += 2 + length
-    if size is None or 0 in size:
-        raise bad_photo(path, "is a broken JPEG")
-    if data.rfind(JPEG_END, position) < 0:
-        raise bad_photo(path, TRUNCATED)
-    return Header("jpeg", *size, orientation, exif)
+def _unknown(data: mmap.mmap, picture: Image.Image) -> bool:
+    return True  # until it is decoded
 
 
-def _read_png(path: Path, data: bytes | mmap.mmap) -> Header:
-    """Walk the chunks to IEND."""
-    position, size, exif, orientation = 8, (0, 0), b"", 1
-    while True:
-        head = data[position : position + 8]
-        length = int.from_bytes(head[:4], "big")
-        kind = head[4:]
-        if len(head) < 8 or position + 12 + length > len(data):
-            raise bad_photo(path, TRUNCATED)
-        body = position + 8
-        if kind == b"IHDR":
-            size = struct.unpack(">II", data[body : body + 8].ljust(8, b"\0"))
-        elif kind == b"eXIf":
-            exif = data[body : body + length]
-            orientation = orientation_of(exif)
-        elif kind == b"IEND":
-            break
-        position += 12 + length
-    if 0 in size:
-        raise bad_photo(path, "is a broken PNG")
-    return Header("png", *size, orientation, exif)
+def _jpeg_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
+    """Whether an end marker follows the start of the first scan. Within scans FF comes before 00 or a restart marker, and thumbnails before scans."""
+    position = 2
+    while (marker := data[position : position + 2]) != SCAN and len(marker) == 2:
+        stray = marker[0] != 0xFF or marker[1] in (0x00, 0xFF)
+        position += 1 if stray else 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    return data.rfind(END, position) >= 0
 
 
-def _read_webp(path: Path, data: bytes | mmap.mmap) -> Header:
-    """Walk the chunks to EXIF."""
-    if 8 + int.from_bytes(data[4:8], "little") > len(data):
-        raise bad_photo(path, TRUNCATED)
-    position, size, exif = 12, None, b""
-    while head := data[position : position + 8]:
-        body, length = position + 8, int.from_bytes(head[4:], "little")
-        size = size or _webp_size(head[:4], data[body : body + 10].ljust(10, b"\0"))
-        if head[:4] == b"EXIF":
-            exif = data[body : body + length].removeprefix(JPEG_EXIF)
-            break
-        position = body + length + length % 2
-    if size is None or 0 in size:
-        raise bad_photo(path, "is a broken WebP")
-    return Header("webp", *size, orientation_of(exif), exif)
+def _webp_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
+    return 8 + int.from_bytes(data[4:8], "little") <= len(data)
 
 
-def _webp_size(kind: bytes, body: bytes) -> tuple[int, int] | None:
-    """Width and height as a chunk of this kind states them in its first 10 bytes; None for one that does not."""
-    if kind == b"VP8X":
-        return 1 + int.from_bytes(body[4:7], "little"), 1 + int.from_bytes(body[7:10], "little")
-    if kind == b"VP8L":
-        sides = int.from_bytes(body[1:5], "little")
-        return 1 + (sides & 0x3FFF), 1 + (sides >> 14 & 0x3FFF)
-    if kind == b"VP8 ":
-        width, height = struct.unpack("<HH", body[6:10])
-        return width & 0x3FFF, height & 0x3FFF  # the upper bits are for display
-    return None
+def _tiff_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
+    """Whether it holds all strips or tiles of its picture."""
+    places = zip((STRIPOFFSETS, TILEOFFSETS), (STRIPBYTECOUNTS, TILEBYTECOUNTS), strict=True)
+    parts = [part for starts, lengths in places for part in zip(picture.tag_v2.get(starts, ()), picture.tag_v2.get(lengths, ()), strict=True)]
+    return bool(parts) and all(start + length <= len(data) for start, length in parts)
 
 
-def _read_heif(path: Path, data: bytes) -> Header:
-    if not is_whole(data):
-        raise bad_photo(path, TRUNCATED)
-    try:
-        size, exif = size_and_exif(data)
-    except FAULTS:
-        raise bad_photo(path, UNKNOWN) from None
-    return Header("heif", *size, exif=without_orientation(exif.removeprefix(JPEG_EXIF)))
+def _boxes_are_whole(data: mmap.mmap, picture: Image.Image) -> bool:
+    """Whether it holds all of its boxes of metadata and pictures; phones append other things."""
+    position = 0
+    while head := data[position : position + 16]:
+        size = int.from_bytes(head[8:] if head[:4] == LONG else head[:4], "big")
+        if head[4:8] not in BOXES or size == 0:  # 0: up to the end
+            return True
+        position += max(size, 8)
+    return position <= len(data)
 
 
-def _read_tiff(data: bytes | mmap.mmap) -> Header:
-    """The size as displayed, because OpenCV applies the rotation; 0 where only decoding tells whether the file can be used."""
-    with suppress(struct.error, LookupError, ValueError):  # of a broken file
-        (width,), (height,) = _tiff_numbers(data, WIDTH), _tiff_numbers(data, HEIGHT)
-        starts = _tiff_numbers(data, STRIP_STARTS) or _tiff_numbers(data, TILE_STARTS)
-        lengths = _tiff_numbers(data, STRIP_BYTES) or _tiff_numbers(data, TILE_BYTES)
-        whole = starts and all(start + length <= len(data) for start, length in zip(starts, lengths, strict=True))
-        usual = COMPRESSIONS.issuperset(_tiff_numbers(data, COMPRESSION)) and {WHOLE_NUMBERS}.issuperset(_tiff_numbers(data, SAMPLE_FORMAT))
-        if whole and usual and width and height:
-            return Header("other", *((height, width) if swaps_sides(orientation_of(data)) else (width, height)))
-    return Header("other", 0, 0)
-
-
-def _tiff_numbers(tiff: bytes | mmap.mmap, tag: int) -> tuple[int, ...]:
-    """The whole numbers that a tag of a TIFF file has; none if it is not there. Raises struct.error or LookupError for a broken file."""
-    found = _tiff_entry(tiff, tag)
-    if found is None:
-        return ()
-    entry, order = found
-    kind, count = struct.unpack_from(order + "HI", tiff, entry + 2)
-    layout = f"{order}{count}{TIFF_INTEGERS[kind]}"
-    place = entry + 8
-    if struct.calcsize(layout) > 4:
-        place = struct.unpack_from(order + "I", tiff, place)[0]
-    return struct.unpack_from(layout, tiff, place)
-
-
-def orientation_of(exif: bytes | mmap.mmap) -> int:
-    """EXIF's orientation, 1..8; 1 if there is none or it is out of range."""
-    found = _tiff_entry(exif, ORIENTATION)
-    if found is None:
-        return 1
-    entry, order = found
-    value = struct.unpack_from(order + "H", exif, entry + 8)[0]
-    return value if 1 <= value <= 8 else 1
-
-
-def without_orientation(exif: bytes) -> bytes:
-    """The EXIF block of a photo whose pixels have been turned upright; focal length and the rest stay."""
-    found = _tiff_entry(exif, ORIENTATION)
-    if found is None:
-        return exif
-    entry, order = found
-    return exif[: entry + 8] + struct.pack(order + "H", 1) + exif[entry + 10 :]
-
-
-def _tiff_entry(tiff: bytes | mmap.mmap, tag: int) -> tuple[int, str] | None:
-    """Where the tag's entry begins in the first directory of a TIFF file, and the byte order as struct writes it; None if there is none."""
-    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
-    if order is None:
-        return None
-    with suppress(struct.error):  # cut short: as good as none
-        first = struct.unpack_from(order + "I", tiff, 4)[0]
-        for index in range(struct.unpack_from(order + "H", tiff, first)[0]):
-            entry = first + 2 + 12 * index
-            if struct.unpack_from(order + "H", tiff, entry)[0] == tag and entry + 10 <= len(tiff):
-                return entry, order
-    return None
+IS_WHOLE = {
+    **dict.fromkeys(("JPEG", "MPO"), _jpeg_is_whole),
+    **dict.fromkeys(("HEIF", "AVIF"), _boxes_are_whole),
+    "WEBP": _webp_is_whole,
+    "TIFF": _tiff_is_whole,
+}

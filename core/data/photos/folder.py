@@ -8,10 +8,10 @@ from pathlib import Path
 from core.data.made import digest, is_of_wegs, names_wegs
 from core.errors import BadInput, command
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe", ".heic", ".heif", ".hif")
-# Formats of cameras and phones that cannot be read (OpenCV reads .avif only in some builds, and not turned as the file says); no .gif is a photo.
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe", ".heic", ".heif", ".hif", ".avif")
+# Formats of cameras and phones that cannot be read; no .gif is a photo.
 UNREADABLE_SUFFIXES = (
-    ".avif", ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw",
+    ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw",
 )  # fmt: skip
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
 LEVELS = 3  # how deep to look for photos in subfolders: phone scanners nest theirs that deep

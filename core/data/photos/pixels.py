@@ -10,19 +10,17 @@ import numpy as np
 
 from core.data.collection import Photo
 from core.data.photos import distortion
-from core.data.photos.file import TRUNCATED, Header, bad_photo, decode, multiplied_by_alpha, peek, probe, swaps_sides
+from core.data.photos.file import Header, bad_photo, probe, swaps_sides
 from core.data.photos.fill import fill
+from core.data.photos.stored import read_stored
 from core.errors import BadInput
 
-REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
-MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
 LIGHT_PX = 2000  # a side; more than enough for light, as the encoder sees a square of 144
 GREY = (32, 224)  # between black and white
 MOST_GREY = 0.5  # of a mask; one with more is a photo or a map of classes
 LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake
 MEANING = "White (255) marks what is to be used, black what is not."  # in a mask
-FILL = 128  # what a JPEG decoder paints where the data ran out
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ def read_pixels_and_alpha(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     pixels are shown over white, as viewers do.
     Raises BadInput for what is missing, truncated or no photo.
     """
-    header, pixels, alpha = _read_file(path)
+    header, pixels, alpha = read_stored(path)
     return upright(_over_white(pixels, alpha), header.orientation), None if alpha is None else upright(alpha, header.orientation)
 
 
@@ -59,7 +57,7 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     mask: a picture, white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises BadInput
     as `read_pixels`, and if nothing of the photo is left.
     """
-    header, pixels, alpha = _read_file(path, (LIGHT_PX, LIGHT_PX))
+    header, pixels, alpha = read_stored(path, (LIGHT_PX, LIGHT_PX))
     pixels = upright(pixels, header.orientation)
     use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) == 255
     if mask is not None:
@@ -74,7 +72,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     them, if they are at all transparent, or if the photo's mask hides them; the latter two are filled with the colours around them.
     transparent_is_empty: transparent pixels are valid, and empty space. Raises BadInput like `read_pixels`.
     """
-    header, pixels, alpha = _read_file(photo.path, (width, height))
+    header, pixels, alpha = read_stored(photo.path, (width, height))
     pixels = _over_white(pixels, alpha)
     valid = None if alpha is None or transparent_is_empty else alpha == 255
     if transparent_is_empty and alpha is not None:
@@ -128,7 +126,7 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
     like `read_pixels`, and for a mask that is grey or coloured.
     """
     with _called_a_mask():
-        header, pixels, alpha = _read_file(path)
+        header, pixels, alpha = read_stored(path)
     shade = pixels[..., 0].astype(np.uint16) + pixels[..., 1] + pixels[..., 2]
     shade = 255 * shade if shade.max() == 3 else shade  # 0 and 1 are black and white in many programs that make masks
     grey = ((shade > 3 * GREY[0]) & (shade < 3 * GREY[1]) & (True if alpha is None else alpha > 0)).mean()
@@ -164,57 +162,6 @@ def _filled(pixels: np.ndarray, use: np.ndarray, path: Path, masked: bool) -> np
             raise bad_photo(path, f"shows something in {use.mean():.1%} of its pixels: the others are transparent")
         raise BadInput(f"{path} is left with {use.mean():.1%} of its pixels by its mask.", MEANING)
     return fill(pixels, use)
-
-
-def _read_file(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
-    """The header as of `peek`, stored pixels (H, W, 3) RGB, and alpha (H, W), None where all of it is opaque.
-
-    A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
-    """
-    try:
-        data = path.read_bytes()
-    except OSError as problem:
-        raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
-    header = peek(path, data)
-    if header.kind == "jpeg":
-        flags = REDUCTIONS.get(_reduction(header, wanted), cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
-        pixels = decode(path, data, flags)
-        if _runs_out(pixels):
-            raise bad_photo(path, f"{TRUNCATED}, or has a grey border below, which is to be cut off")
-        return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
-    pixels = decode(path, data, cv2.IMREAD_UNCHANGED)  # the only way to alpha; ignores EXIF
-    wide = pixels.dtype == np.uint16
-    few = wide and pixels.max() < 256  # as in some masks
-    if wide:
-        pixels = (pixels if few else pixels >> 8).astype(np.uint8)
-    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
-    if channels == 4 and pixels.dtype == np.uint8:
-        colours, alpha = cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[..., 3]
-        if multiplied_by_alpha(data, depth=16 if wide else 8):
-            over_black = np.minimum(colours, alpha[..., None])
-            colours = off_white(over_black + (255 - alpha[..., None]), alpha)
-        return header, colours, None if alpha.min() == 255 else alpha
-    if header.kind != "other":
-        return header, cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB if channels == 1 else cv2.COLOR_BGR2RGB), None
-    # Decoded once more: for these formats only OpenCV knows the rotation, and how to convert to 8 bits.
-    pixels = decode(path, data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH if few else cv2.IMREAD_COLOR).astype(np.uint8, copy=False)
-    return header, cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
-
-
-def _reduction(header: Header, wanted: tuple[int, int] | None) -> int:
-    """The largest of 8, 4, 2, 1 that leaves at least the wanted size (as displayed) and keeps the picture aligned."""
-    if wanted is None:
-        return 1
-    for factor in REDUCTIONS:
-        sides = tuple(zip(header.displayed, wanted, strict=True))
-        if all(side >= factor * want and (-side % factor) * want <= MISALIGNED_PX * side for side, want in sides):
-            return factor
-    return 1
-
-
-def _runs_out(pixels: np.ndarray) -> bool:
-    """Whether the last row is the decoder's grey: some servers put an end marker where the data ran out."""
-    return bool((pixels[-1] == FILL).all() and not (pixels == FILL).all())
 
 
 def _over_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:

@@ -4,15 +4,15 @@ from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pycolmap
+from PIL import Image, ImageOps
 
 from core.data.collection import Photo
 from core.data.formats.model_file import quiet
-from core.data.photos.file import decode, probe
+from core.data.photos.file import probe
 from core.data.placing import focal_length_of, is_usual
-from core.data.sfm.features import DATABASE, JPEG_QUALITY, MASKS, PHOTOS, SEED, encoded, extract, match, write_picture
+from core.data.sfm.features import DATABASE, JPEG_QUALITY, MASKS, PHOTOS, SEED, extract, match, write_picture
 from core.data.sfm.landmarks import NEAR_PX, NO_POINT, Landmarks
 from core.report import Report
 from core.scene.camera import Camera
@@ -68,8 +68,7 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
 def _mirror(work: Path) -> None:
     """Mirror the picture QUERY and its mask, and forget its features."""
     for path in (work / PHOTOS / QUERY, work / MASKS / f"{QUERY}.png"):
-        mirrored = cv2.flip(decode(path, path.read_bytes(), cv2.IMREAD_UNCHANGED), 1)
-        path.write_bytes(encoded(path.suffix, mirrored, cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
+        ImageOps.mirror(Image.open(path)).save(path, quality=JPEG_QUALITY)
     (work / DATABASE).unlink()
 
 

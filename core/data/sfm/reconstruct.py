@@ -3,18 +3,19 @@
 import os
 from collections.abc import Container
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pycolmap
+from PIL import Image
 
 import core
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import lens_of, pinhole, undistort
-from core.data.photos.file import JPEG_EXIF, decode, without_orientation
+from core.data.photos.file import upright_exif
 from core.data.photos.folder import list_gone, list_photos, list_unreadable, no_photos
-from core.data.photos.pixels import off_white
+from core.data.photos.pixels import off_white, read_pixels
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, encoded, extract, match
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
@@ -90,8 +91,9 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
 def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[str, str], dict[Path, str]]:
     """Copy the readable photos into work/PHOTOS as COLMAP needs them; returns their names in the scene by those of the copies, and by file.
 
-    COLMAP ignores EXIF rotation, so turned photos are written upright; anything but a JPEG is converted to one, and what is not opaque has its
-    alpha in work/ALPHA, a PNG of the photo's name. Copies are named by numbers, because COLMAP splits its list of pairs at spaces.
+    COLMAP ignores EXIF rotation and colour profiles, so photos that have them are written upright and in sRGB. Anything but a JPEG is converted to
+    one, and what is not opaque has its alpha in work/ALPHA, a PNG of the photo's name. Copies are named by numbers, because COLMAP splits its list
+    of pairs at spaces.
     """
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
@@ -103,8 +105,8 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
             continue
         copy, name = f"{numbers[path]:06d}.jpg", _name_in_scene(path, photo, f"{numbers[path]}-", originals.values())
         copies[copy] = originals[path] = name
-        upright_jpeg = photo.header.kind == "jpeg" and photo.header.orientation == 1
-        (work / PHOTOS / copy).write_bytes(path.read_bytes() if upright_jpeg else _encode(photo))
+        as_needed = photo.header.is_jpeg and photo.header.orientation == 1 and not photo.header.profile
+        (work / PHOTOS / copy).write_bytes(path.read_bytes() if as_needed else _encode(photo))
         turned += photo.header.orientation != 1
         if photo.alpha is not None:
             (work / ALPHA / name).write_bytes(encoded(".png", photo.alpha))
@@ -129,12 +131,9 @@ def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: Container
 
 def _encode(photo: UsablePhoto) -> bytes:
     """A JPEG of the photo as displayed, with its EXIF block, whose focal length COLMAP starts from."""
-    jpeg = encoded(".jpg", cv2.cvtColor(photo.pixels, cv2.COLOR_RGB2BGR), cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
-    exif = photo.header.exif
-    block = JPEG_EXIF + without_orientation(exif)
-    if not exif or len(block) + 2 > 0xFFFF:
-        return jpeg
-    return jpeg[:2] + b"\xff\xe1" + (len(block) + 2).to_bytes(2, "big") + block + jpeg[2:]
+    file = BytesIO()
+    Image.fromarray(photo.pixels).save(file, "JPEG", quality=JPEG_QUALITY, exif=upright_exif(photo.header.exif))
+    return file.getvalue()
 
 
 def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str], scene: Path) -> None:
@@ -164,7 +163,6 @@ def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens)
     camera: a pinhole.
     """
     seen_from = Camera(np.eye(3), np.zeros(3), *pinhole(camera, camera.width, camera.height), camera.width, camera.height)
-    pixels, opacity = decode(picture, picture.read_bytes(), cv2.IMREAD_COLOR), decode(alpha, alpha.read_bytes(), cv2.IMREAD_GRAYSCALE)
-    found, seen = undistort(opacity[..., None], lens, seen_from)
+    found, seen = undistort(read_pixels(alpha)[..., :1], lens, seen_from)
     opacity = found[..., 0] * seen
-    picture.write_bytes(encoded(".png", np.dstack([off_white(pixels, opacity), opacity])))
+    Image.fromarray(np.dstack([off_white(read_pixels(picture), opacity), opacity])).save(picture)

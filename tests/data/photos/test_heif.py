@@ -1,4 +1,4 @@
-"""HEIC photos: read as other photos are, turned as the file itself says."""
+"""HEIC and AVIF photos: read as other photos are, turned as the file itself says."""
 
 import cv2
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from pillow_heif import from_bytes, from_pillow
 
-from core.data.photos.file import probe, read_header
+from core.data.photos.file import probe
 from core.data.photos.pixels import read_light, read_pixels, upright
 from core.data.sfm.reconstruct import _encode
 from core.data.sfm.usable import UsablePhoto
@@ -42,7 +42,7 @@ def test_turned_as_the_file_says(tmp_path, orientation, how):
     path.write_bytes(path.read_bytes().replace(exif_block(written), exif_block(orientation)))
     pixels = upright(pixels, written)
     header = probe(path)
-    assert (header.kind, header.orientation, header.displayed) == ("heif", 1, pixels.shape[1::-1])
+    assert (header.kind, header.orientation, header.displayed) == ("HEIF", 1, pixels.shape[1::-1])
     assert difference(read_pixels(path), pixels) <= WITHIN
     jpeg = tmp_path / "copy.jpg"
     jpeg.write_bytes(_encode(UsablePhoto(header, read_pixels(path))))  # as structure from motion gets it
@@ -70,7 +70,8 @@ def test_what_is_transparent_gives_no_light(tmp_path):
 def test_every_cut_is_noticed(tmp_path):
     path = write(tmp_path / "IMG_2.heic", ramps())
     data = path.read_bytes()
-    assert read_header(path, data + b"\0\0\1\0mpvd").displayed == (96, 64)  # what a phone appended
+    path.write_bytes(data + b"\0\0\1\0mpvd")  # what a phone appended
+    assert probe(path).displayed == (96, 64)
     between_boxes = data.index(b"mdat") - 4
     for length in range(len(data)):
         path.write_bytes(data[:length])
@@ -93,3 +94,14 @@ def test_bytes_that_went_wrong_are_no_traceback(tmp_path):
             assert read_pixels(tmp_path / "b.heic").ndim == 3
         except BadInput:
             pass
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_avif(tmp_path, orientation):
+    path, pixels = tmp_path / "a.avif", ramps()
+    Image.fromarray(pixels).save(path, quality=95, exif=exif_block(orientation))
+    assert difference(read_pixels(path), upright(pixels, orientation)) <= WITHIN
+    assert probe(path).displayed == read_pixels(path).shape[1::-1]
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(BadInput, match="a.avif ends before"):
+        probe(path)

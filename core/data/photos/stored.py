@@ -1,0 +1,68 @@
+"""The pixels of a photo file as they are stored, in 8-bit sRGB."""
+
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageCms
+
+from core.data.photos.file import TRUNCATED, UNKNOWN, Header, bad_photo, opened
+
+REDUCTIONS = (8, 4, 2)  # at which a JPEG can be decoded
+MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
+FILL = 128  # what a JPEG decoder paints where the data ran out
+
+
+def read_stored(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
+    """The header, pixels as stored (H, W, 3) uint8 RGB, and alpha (H, W) uint8, None where all of it is opaque.
+
+    Colours of an ICC profile become those of sRGB. A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
+    Raises BadInput for what is missing, truncated or no photo.
+    """
+    with opened(path) as (header, picture):
+        factor = reduction(header, wanted)
+        picture.draft(None, (header.width // factor, header.height // factor))
+        if header.is_jpeg and _runs_out(picture):
+            raise bad_photo(path, f"{TRUNCATED}, or has a grey border below, which is to be cut off")
+        if picture.mode in ("I", "F"):
+            raise bad_photo(path, UNKNOWN)
+        if picture.mode.startswith("I;16"):
+            return header, _of_16_bits(np.asarray(picture)), None
+        if not picture.has_transparency_data:
+            return header, np.array(_in_srgb(picture, header.profile, "RGB")), None
+        pixels = np.asarray(_in_srgb(picture, header.profile, "RGBA"))
+    alpha = np.ascontiguousarray(pixels[..., 3])
+    return header, np.ascontiguousarray(pixels[..., :3]), None if alpha.min() == 255 else alpha
+
+
+def reduction(header: Header, wanted: tuple[int, int] | None) -> int:
+    """The largest of 8, 4, 2, 1 that leaves at least the wanted size (as displayed) and keeps the picture aligned."""
+    if wanted is None or not header.is_jpeg:
+        return 1
+    sides = tuple(zip(header.displayed, wanted, strict=True))
+    for factor in REDUCTIONS:
+        if all(side >= factor * want and (-side % factor) * want <= MISALIGNED_PX * side for side, want in sides):
+            return factor
+    return 1
+
+
+def _runs_out(picture: Image.Image) -> bool:
+    """Whether the last row is the decoder's grey: some servers put an end marker where the data ran out."""
+    last = np.asarray(picture.crop((0, picture.height - 1, *picture.size)))
+    return bool((last == FILL).all()) and not (np.asarray(picture) == FILL).all()
+
+
+def _of_16_bits(shades: np.ndarray) -> np.ndarray:
+    """Grey (H, W) uint16 -> (H, W, 3) uint8. Those of no value above 255, as in some masks, stay as they are."""
+    shades = shades if shades.max() < 256 else shades >> 8
+    return np.repeat(shades.astype(np.uint8)[..., None], 3, axis=2)
+
+
+def _in_srgb(picture: Image.Image, profile: bytes, mode: str) -> Image.Image:
+    """The picture in this mode, RGB or RGBA. A profile that is not of its kind of colours counts for nothing."""
+    if profile:
+        of_its_kind = picture if picture.mode in ("L", "CMYK") else picture.convert(mode)
+        with suppress(ImageCms.PyCMSError):
+            return ImageCms.profileToProfile(of_its_kind, BytesIO(profile), ImageCms.createProfile("sRGB"), outputMode=mode)
+    return picture if picture.mode == mode else picture.convert(mode)

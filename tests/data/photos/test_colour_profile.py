@@ -1,0 +1,69 @@
+"""Colours are those that the profile in a file says, in sRGB."""
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+
+from core.data.photos.file import probe
+from core.data.photos.pixels import read_pixels, read_pixels_and_alpha
+from core.data.sfm.features import PHOTOS
+from core.data.sfm.reconstruct import _copy_upright
+from core.report import QUIET
+
+SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+# Where red is green and green is red.
+SWAPPED = SRGB.replace("sRGB".encode("utf-16-be"), "abcd".encode("utf-16-be")).replace(b"rXYZ", b"_").replace(b"gXYZ", b"rXYZ").replace(b"_", b"gXYZ")
+COLOURS = cv2.resize(np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8), (50, 40), interpolation=cv2.INTER_LINEAR)
+WITHIN = 1  # 8-bit steps
+
+
+def save(path, pixels, profile, **options):
+    if path.suffix == ".heic":
+        import pillow_heif
+
+        pillow_heif.from_pillow(Image.fromarray(pixels)).save(path, quality=-1, chroma=444, matrix_coefficients=0, icc_profile=profile)
+    else:
+        Image.fromarray(pixels).save(path, icc_profile=profile, **options)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("suffix", "options", "within"),
+    [
+        (".png", {}, WITHIN),
+        (".tif", {}, WITHIN),
+        (".webp", {"lossless": True}, WITHIN),
+        (".jpg", {"quality": 100, "subsampling": 0}, 4),
+        (".heic", {}, 4),
+    ],
+)
+def test_colours_of_a_profile_become_those_of_srgb(tmp_path, suffix, options, within):
+    path = save(tmp_path / f"a{suffix}", COLOURS, SWAPPED, **options)
+    assert probe(path).profile == SWAPPED
+    assert np.abs(read_pixels(path).astype(int) - COLOURS[..., [1, 0, 2]]).max() <= within
+
+
+def test_alpha_stays_as_it_is(tmp_path):
+    alpha = np.arange(50, dtype=np.uint8) * np.ones((40, 1), np.uint8) + 200
+    pixels, found = read_pixels_and_alpha(save(tmp_path / "a.png", np.dstack([COLOURS, alpha]), SWAPPED))
+    assert np.array_equal(found, alpha)
+    over_white = COLOURS[..., [1, 0, 2]] * (alpha[..., None] / 255) + 255 - alpha[..., None]
+    assert np.abs(pixels - over_white).max() <= 2 * WITHIN
+
+
+@pytest.mark.parametrize(
+    "profile", [SRGB, b"broken", SWAPPED[:200], SWAPPED.replace(b"RGB XYZ ", b"CMYKLab ")], ids=["sRGB", "no profile", "cut short", "of inks"]
+)
+def test_srgb_and_profiles_of_no_use_change_nothing(tmp_path, profile):
+    assert np.array_equal(read_pixels(save(tmp_path / "a.png", COLOURS, profile)), COLOURS)
+
+
+def test_colmap_gets_srgb(tmp_path):
+    plain = save(tmp_path / "plain.jpg", COLOURS[::-1], SRGB)
+    other = save(tmp_path / "other.jpg", COLOURS, SWAPPED, quality=100, subsampling=0)
+    copies, _ = _copy_upright([other, plain], tmp_path, QUIET)
+    copied = {name: tmp_path / PHOTOS / copy for copy, name in copies.items()}
+    assert copied["plain.jpg"].read_bytes() == plain.read_bytes()
+    assert probe(copied["other.jpg"]).profile == b""
+    assert np.abs(read_pixels(copied["other.jpg"]).astype(int) - COLOURS[..., [1, 0, 2]]).mean() < 4  # with coarser colours

@@ -79,9 +79,7 @@ def probe(path: Path) -> Header:
     Raises BadInput for a file that is missing, empty, truncated or not a photo.
     """
     with opened(path) as (header, picture):
-        if header.kind == "PNG":
-            picture.verify()
-        elif header.kind not in IS_WHOLE:
+        if header.kind not in IS_WHOLE:
             picture.load()
     return header
 
@@ -165,6 +163,10 @@ def _jpeg_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
     return data.rfind(END, position) >= 0
 
 
+def _png_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
+    return data.rfind(b"IEND") >= 0
+
+
 def _webp_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
     return 8 + int.from_bytes(data[4:8], "little") <= len(data)
 
@@ -190,6 +192,7 @@ def _boxes_are_whole(data: mmap.mmap, picture: Image.Image) -> bool:
 IS_WHOLE = {
     **dict.fromkeys(("JPEG", "MPO"), _jpeg_is_whole),
     **dict.fromkeys(("HEIF", "AVIF"), _boxes_are_whole),
+    "PNG": _png_is_whole,
     "WEBP": _webp_is_whole,
     "TIFF": _tiff_is_whole,
 }

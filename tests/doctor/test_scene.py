@@ -162,7 +162,7 @@ def save_photos(folder, count):
         assert cv2.imwrite(str(folder / f"{number}.png"), picture)
 
 
-@pytest.mark.parametrize("count, words", [(2, "1 pair to match, up to 1 minute"), (24, "276 pairs to match, up to 3 minutes")])
+@pytest.mark.parametrize("count, words", [(2, "1 pair to match, up to 1 minute"), (24, "276 pairs to match, up to 1 minute")])
 def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, words):
     save_photos(tmp_path, count)
     findings, heard = examined(tmp_path)

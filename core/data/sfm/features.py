@@ -24,6 +24,7 @@ LEAST_PHOTOS = 2
 JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undistorted photos
 SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
+LEAST_INLIERS = 15  # COLMAP's, of the geometry of a pair
 PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
 # On the disk, in the database and once more in its journal: a photo of MOST_FEATURES, and a pair of two such in which all match.
 PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
@@ -122,17 +123,15 @@ def _number(work: Path, names: list[str]) -> None:
 def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO) -> None:
     """Match the pairs of photos, into the database.
 
-    verify: estimate the epipolar geometry of each pair, keep the matches that fit it, and add more along its lines (guided matching;
-    core/TRIED.md has the figures). Without it, all features that look alike stay matched.
+    verify: estimate the geometry of each pair, and keep the matches that fit it. Without it, all features that look alike stay matched.
     ratio: of the distances to the most and the second most similar feature, which a match has to be below (Lowe 2004, 7.1).
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
     options.num_threads = max(1, _matching_threads())
     options.skip_geometric_verification = not verify
-    options.guided_matching = verify
     options.sift.max_ratio = ratio
-    verification = pycolmap.TwoViewGeometryOptions()
+    verification = pycolmap.TwoViewGeometryOptions(min_num_inliers=LEAST_INLIERS)
     verification.ransac.random_seed = SEED  # else each thread draws on
     lines = [f"{first} {second}" for first, second in pairs]
     pairing = pycolmap.ImportedPairingOptions()

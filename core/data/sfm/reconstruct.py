@@ -17,6 +17,7 @@ from core.data.photos.file import upright_exif
 from core.data.photos.folder import list_gone, list_photos, list_unreadable, no_photos
 from core.data.photos.pixels import off_white, read_pixels
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, encoded, extract, match
+from core.data.sfm.guided import guide
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
@@ -34,7 +35,7 @@ from core.words import counted, name_them
 ALPHA = "alpha"  # folder, in the work folder, of what is known of transparency
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 LONGEST_NAME = 255  # bytes, of the usual disks; of a PNG whose name is nearly as long, that of its JPEG is longer
-FEATURES_TO_MAP = 4096  # at most, a photo: with guided matches as good as 6,000 and 8,192, in less than half the time (core/TRIED.md)
+FEATURES_TO_MAP = 4096  # at most, a photo: as good as 6,000 and 8,192 (core/TRIED.md)
 
 
 def reconstruct(photos: Path, output: Path, report: Report) -> Path:
@@ -74,7 +75,9 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         versions = {"wegs": core.__version__, "pycolmap": pycolmap.__version__}
         keep_if_of({"photos": made_of, "copies": copies, "features": affordable(FEATURES_TO_MAP), **versions}, work, report)
         extract(work, names, report, most=FEATURES_TO_MAP)
-        match(work, likely_pairs(work, names, report), report)
+        pairs = likely_pairs(work, names, report)
+        match(work, pairs, report)
+        guide(work, pairs, report)  # core/TRIED.md has the figures
         model = map_photos(work, names, report)
         turn_upright(model)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}

@@ -77,9 +77,9 @@ def test_a_lower_limit_of_the_shell_is_told(monkeypatch):
         memory.hold_to(4)
 
 
-def test_features_are_matched_on_as_many_threads_as_fit(soft_limit_put_back, monkeypatch):
-    monkeypatch.setattr(features.threads, "cores", lambda: 4)
-    assert features._matching_threads() == 4
-    for gib, fitting in ((2, 0), (4, 1), (6, 2), (50, 4)):
+def test_features_are_found_and_matched_on_as_many_threads_as_fit(soft_limit_put_back, monkeypatch):
+    monkeypatch.setattr(features.threads, "cores", lambda: 16)
+    assert features._threads_within_limit() == 16
+    for gib, fitting in ((1, 1), (2, 2), (4, 7), (50, 16)):
         memory.hold_to(gib)
-        assert features._matching_threads() == fitting
+        assert features._threads_within_limit() == fitting

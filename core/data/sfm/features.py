@@ -31,9 +31,8 @@ PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
 SPARE_BYTES = 16 << 20  # that are left on it
 MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, however fast they go: those that are there already take no time
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
-# Of memory, for matching photos of up to MOST_FEATURES features. pycolmap ends the whole program where one of its threads finds none left.
-MATCHING_BYTES, MATCHING_BYTES_A_THREAD = 1 << 30, 2 << 30
-FEATURES_IN_LITTLE_MEMORY = 3072  # for these one thread needs a quarter of that
+# Of memory: what a thread takes that finds or matches MOST_FEATURES in photos of LONG_SIDE_PX, and the program besides.
+THREAD_BYTES, OTHER_BYTES = 400 << 20, 600 << 20
 HALF = 128  # of 255: features are extracted where less of a pixel than this is empty
 
 
@@ -84,9 +83,8 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
-    options.sift.max_num_features = within_limit = affordable(most)
-    if within_limit < most:
-        report.warn(f"The limit on memory leaves {within_limit} features a photo, not {most}: fewer points, and fewer photos find their place.")
+    options.sift.max_num_features = most
+    options.num_threads = _threads_within_limit()
     for done, part in _parts(names, 2, MOST_PHOTOS):
         _check_room(work, len(part) * PHOTO_BYTES)
         _number(work, part)
@@ -108,11 +106,6 @@ def _check_room(work: Path, needed: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(work / DATABASE))
 
 
-def affordable(most: int) -> int:
-    """How many features of a photo are extracted if `most` are wanted: fewer where memory is limited."""
-    return most if _matching_threads() else min(most, FEATURES_IN_LITTLE_MEMORY)
-
-
 def _number(work: Path, names: list[str]) -> None:
     """Number the photos in their order. Otherwise they are numbered as threads finish with them, and mapping depends on the numbers."""
     with pycolmap.Database.open(work / DATABASE):
@@ -128,7 +121,7 @@ def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
-    options.num_threads = max(1, _matching_threads())
+    options.num_threads = _threads_within_limit()
     options.skip_geometric_verification = not verify
     options.sift.max_ratio = ratio
     verification = pycolmap.TwoViewGeometryOptions(min_num_inliers=LEAST_INLIERS)
@@ -149,10 +142,10 @@ def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool
         report.progress("Matches", done, len(lines))
 
 
-def _matching_threads() -> int:
-    """A thread for each core that may be used, or as many as fit below the limit on memory, which may be none."""
+def _threads_within_limit() -> int:
+    """A thread for each core that may be used, or as many as fit below the limit on memory, at which pycolmap would end the whole program."""
     cores, room = threads.cores(), memory.limit()
-    return cores if room is None else max(0, min(cores, (room - MATCHING_BYTES) // MATCHING_BYTES_A_THREAD))
+    return cores if room is None else max(1, min(cores, (room - OTHER_BYTES) // THREAD_BYTES))
 
 
 def _parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:

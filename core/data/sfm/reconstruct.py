@@ -16,7 +16,7 @@ from core.data.photos.distortion import lens_of, pinhole, undistort
 from core.data.photos.file import upright_exif
 from core.data.photos.folder import list_gone, list_photos, list_unreadable, no_photos
 from core.data.photos.pixels import off_white, read_pixels
-from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, affordable, encoded, extract, match
+from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, encoded, extract, match
 from core.data.sfm.guided import guide
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
@@ -73,7 +73,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
                 "Add photos of the same place.",
             )
         versions = {"wegs": core.__version__, "pycolmap": pycolmap.__version__}
-        keep_if_of({"photos": made_of, "copies": copies, "features": affordable(FEATURES_TO_MAP), **versions}, work, report)
+        keep_if_of({"photos": made_of, "copies": copies, "features": FEATURES_TO_MAP, **versions}, work, report)
         extract(work, names, report, most=FEATURES_TO_MAP)
         pairs = likely_pairs(work, names, report)
         match(work, pairs, report)

@@ -122,7 +122,8 @@ def _counter(report: Report, total: int, first: int) -> Callable[[], None]:
 
     def count() -> None:
         nonlocal placed
-        placed = min(placed + 1, total)
-        report.progress("Cameras", placed, total)
+        if placed < total:
+            placed += 1
+            report.progress("Cameras", placed, total)
 
     return count

@@ -1,5 +1,7 @@
 """Colours are those that the profile in a file says, in sRGB."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -14,8 +16,18 @@ from core.report import QUIET
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # Where red is green and green is red.
 SWAPPED = SRGB.replace("sRGB".encode("utf-16-be"), "abcd".encode("utf-16-be")).replace(b"rXYZ", b"_").replace(b"gXYZ", b"rXYZ").replace(b"_", b"gXYZ")
+# The red, green and blue of Display P3, adapted to D50 as ICC profiles have them (columns of XYZ).
+P3 = {b"rXYZ": (0.5151, 0.2412, -0.0011), b"gXYZ": (0.2920, 0.6922, 0.0419), b"bXYZ": (0.1571, 0.0666, 0.7841)}
 COLOURS = cv2.resize(np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8), (50, 40), interpolation=cv2.INTER_LINEAR)
 WITHIN = 1  # 8-bit steps
+
+
+def display_p3():
+    profile = bytearray(SRGB.replace("sRGB".encode("utf-16-be"), "P3  ".encode("utf-16-be")))
+    for tag, colour in P3.items():
+        start = int.from_bytes(profile[(at := profile.index(tag) + 4) : at + 4], "big") + 8
+        profile[start : start + 12] = struct.pack(">3i", *(round(value * 65536) for value in colour))
+    return bytes(profile)
 
 
 def save(path, pixels, profile, **options):
@@ -26,6 +38,13 @@ def save(path, pixels, profile, **options):
     else:
         Image.fromarray(pixels).save(path, icc_profile=profile, **options)
     return path
+
+
+def test_display_p3(tmp_path):
+    """The red, green and blue of sRGB, white and grey, as phones write them."""
+    colours = np.array([[[234, 51, 35], [117, 251, 76], [0, 0, 245], [255, 255, 255], [128, 128, 128]]], np.uint8)
+    wanted = [[[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 255], [128, 128, 128]]]
+    assert np.abs(read_pixels(save(tmp_path / "a.png", colours, display_p3())).astype(int) - wanted).max() <= 5  # dark channels round in large steps
 
 
 @pytest.mark.parametrize(

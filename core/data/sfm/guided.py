@@ -16,7 +16,7 @@ from core.kernels.compiled import kernel
 from core.report import Report
 from core.system.threads import in_parallel
 
-ON_LINES = (Configuration.CALIBRATED, Configuration.UNCALIBRATED)  # F says where a feature lies
+ON_LINES = (Configuration.CALIBRATED, Configuration.UNCALIBRATED)  # F says where a feature lies, or E where EXIF tells both focal lengths
 AT_POINTS = (Configuration.PLANAR, Configuration.PANORAMIC, Configuration.PLANAR_OR_PANORAMIC)  # H does
 NEAR_PX = 4.0  # COLMAP's, as all that follows
 LARGEST = 0.7 * 512  # distance of matched descriptors, which are 512 long
@@ -27,10 +27,11 @@ PAIRS_AT_ONCE = 64  # whose features are held: 2 MB each
 
 
 class Features(NamedTuple):
-    """pixels: (n, 2) float32. descriptors: (n, BYTES) uint8, SIFT as COLMAP stores them."""
+    """pixels: (n, 2) float32. descriptors: (n, BYTES) uint8, SIFT as COLMAP stores them. intrinsics: (3, 3), of a camera without distortion."""
 
     pixels: np.ndarray
     descriptors: np.ndarray
+    intrinsics: np.ndarray
 
 
 def guide(work: Path, pairs: Sequence[tuple[str, str]], report: Report) -> None:
@@ -58,19 +59,28 @@ def _guide_some(database: pycolmap.Database, pairs: list[tuple[int, int]]) -> No
 
 
 def _features(database: pycolmap.Database, number: int) -> Features:
-    return Features(np.ascontiguousarray(database.read_keypoints(number)[:, :2], np.float32), database.read_descriptors(number).data)
+    pixels = np.ascontiguousarray(database.read_keypoints(number)[:, :2], np.float32)
+    camera = database.read_camera(database.read_image(number).camera_id)
+    return Features(pixels, database.read_descriptors(number).data, camera.calibration_matrix())
 
 
 def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoViewGeometry) -> np.ndarray:
     """(k, 2) uint32: features of the first and second photo that are each other's most alike among those near, and clearly so (Lowe 2004, 7.1)."""
     at_points, n = geometry.config in AT_POINTS, len(first.pixels)
     nearest, partner = np.full((n + len(second.pixels), 2), FAR, np.int32), np.full(n + len(second.pixels), -1, np.int32)
-    matrix = (geometry.H if at_points else geometry.F).astype(np.float32)
-    most_alike_near(*first, *second, matrix, at_points, np.float32(NEAR_PX**2), nearest, partner)
+    matrix = geometry.H if at_points else _fundamental(first, second, geometry)
+    most_alike_near(*first[:2], *second[:2], matrix.astype(np.float32), at_points, np.float32(NEAR_PX**2), nearest, partner)
     clear = (nearest[:, 0] <= LARGEST**2) & (nearest[:, 0] < USUAL_RATIO**2 * nearest[:, 1])
     partners = partner[:n]
     chosen = np.flatnonzero(clear[:n] & clear[n + partners] & (partner[n + partners] == np.arange(n)))
     return np.column_stack([chosen, partners[chosen]]).astype(np.uint32)
+
+
+def _fundamental(first: Features, second: Features, geometry: pycolmap.TwoViewGeometry) -> np.ndarray:
+    """F, which of calibrated photos is that of their E: one estimated beside it is less certain."""
+    if geometry.config == Configuration.UNCALIBRATED:
+        return geometry.F
+    return np.linalg.inv(second.intrinsics).T @ geometry.E @ np.linalg.inv(first.intrinsics)
 
 
 @kernel

@@ -28,7 +28,7 @@ def matches(work):
 
 @pytest.fixture(scope="module")
 def verified(tmp_path_factory):
-    """A work folder with photos of a corner, and one of noise, matched and verified; and the pairs."""
+    """A work folder with photos of a corner, and one of noise, matched and verified; and the pairs. EXIF tells focal lengths of three of them."""
     work = tmp_path_factory.mktemp("guided")
     (work / PHOTOS).mkdir()
     pictures = [take_photo(rotation, centre, textures()) for rotation, centre in cameras(4)]
@@ -39,6 +39,10 @@ def verified(tmp_path_factory):
     pairs = [(second, first) for first, second in combinations(names, 2)]
     with quiet():
         extract(work, names, QUIET)
+        with pycolmap.Database.open(work / DATABASE) as database:
+            for camera, focal in zip(database.read_all_cameras(), (300, 400, 500), strict=False):
+                camera.has_prior_focal_length, camera.params = True, [focal, *camera.params[1:]]
+                database.update_camera(camera)
         match(work, pairs, QUIET)
     return work, pairs
 
@@ -62,6 +66,7 @@ def test_matches_are_those_of_colmap(verified, tmp_path):
         pairing = pycolmap.ImportedPairingOptions(match_list_path=colmaps / "pairs.txt")
         pycolmap.match_image_pairs(colmaps / DATABASE, options, pairing, verification, pycolmap.Device.cpu)
     assert matches(ours) == matches(colmaps)
+    assert {geometry.config for geometry in geometries(ours).values()} >= set(ON_LINES)
     assert sum(map(len, matches(ours).values())) > 1.1 * sum(map(len, before.values()))
     assert all(len(found) >= LEAST_INLIERS or not found for found in matches(ours).values())
     assert heard.steps[-1] == (len(pairs), len(pairs))
@@ -74,7 +79,8 @@ def some_features(count, seed):
     rng = np.random.default_rng(seed)
     descriptors = rng.exponential(size=(count, BYTES)) ** 2
     descriptors *= 512 / np.linalg.norm(descriptors, axis=1, keepdims=True)
-    return Features(rng.uniform(0, 100, (count, 2)).astype(np.float32), descriptors.clip(0, 255).astype(np.uint8))
+    intrinsics = np.diag([80.0 + seed, 80 + seed, 1])
+    return Features(rng.uniform(0, 100, (count, 2)).astype(np.float32), descriptors.clip(0, 255).astype(np.uint8), intrinsics)
 
 
 def defined(first, second, matrix, at_points):
@@ -104,7 +110,8 @@ def test_matches_are_as_defined(config, counts):
     where = np.column_stack([first.pixels[:same], np.ones(same)]) @ moved.T
     second.pixels[:same] = where[:, :2] / where[:, 2:] + rng.normal(0, 3, (same, 2))  # some near, some not
     epipole = np.array([[0, -1, 40], [1, 0, 300], [-40, -300, 0.0]])
-    geometry = pycolmap.TwoViewGeometry(config=config, F=epipole @ moved, H=moved)
+    essential = second.intrinsics.T @ epipole @ moved @ first.intrinsics
+    geometry = pycolmap.TwoViewGeometry(config=config, F=epipole @ moved, E=essential, H=moved)
     found = guided_matches(first, second, geometry)
     wanted = defined(first, second, moved if config in AT_POINTS else epipole @ moved, config in AT_POINTS)
     assert found.dtype == np.uint32 and found.tolist() == wanted
@@ -112,7 +119,7 @@ def test_matches_are_as_defined(config, counts):
 
 
 def test_no_features_match_nothing():
-    none = Features(np.zeros((0, 2), np.float32), np.zeros((0, BYTES), np.uint8))
-    geometry = pycolmap.TwoViewGeometry(config=ON_LINES[0], F=np.eye(3))
+    none = Features(np.zeros((0, 2), np.float32), np.zeros((0, BYTES), np.uint8), np.eye(3))
+    geometry = pycolmap.TwoViewGeometry(config=ON_LINES[0], E=np.eye(3))
     for first, second in ((none, some_features(3, 0)), (some_features(3, 0), none), (none, none)):
         assert guided_matches(first, second, geometry).shape == (0, 2)

@@ -101,7 +101,7 @@ def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
                 with Image.open(file) as picture:
                     if not IS_WHOLE.get(picture.format, _unknown)(data, picture):
                         raise bad_photo(path, TRUNCATED)
-                    yield _header(picture), picture
+                    yield _header(data, picture), picture
     except FAULTS as problem:
         if isinstance(problem, OSError) and problem.strerror:
             raise bad_photo(path, f"cannot be opened ({problem.strerror})") from None
@@ -115,11 +115,19 @@ def _know_heif() -> None:
     register_heif_opener()
 
 
-def _header(picture: Image.Image) -> Header:
+def _header(data: mmap.mmap, picture: Image.Image) -> Header:
     """Pillow turns TIFF and HEIF as their EXIF says."""
     exif = b"" if picture.format == "TIFF" else picture.info.get("exif", b"")
+    if picture.format == "PNG" and not exif:
+        exif = _exif_at_the_end(data)
     orientation = tags_of(exif).get(ORIENTATION, 1)
     return Header(picture.format, *picture.size, orientation if orientation in range(1, 9) else 1, exif, _profile(picture))
+
+
+def _exif_at_the_end(png: mmap.mmap) -> bytes:
+    """The EXIF block that some programs write behind the picture, where Pillow finds it only after decoding."""
+    kind = png.rfind(b"eXIf", -MOST_EXIF_BYTES)
+    return png[kind + 4 : kind + 4 + int.from_bytes(png[kind - 4 : kind], "big")] if kind >= 0 else b""
 
 
 def tags_of(exif: bytes) -> Image.Exif:

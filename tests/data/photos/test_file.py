@@ -65,6 +65,16 @@ def test_tiff_of_fractions_is_refused(tmp_path):
         read_pixels(write_tiff(tmp_path / "photo.tif", COLOURS[..., 0] / np.float32(255)))
 
 
+def test_exif_may_come_behind_the_picture_of_a_png(tmp_path):
+    path = write(tmp_path / "photo.png")
+    add_exif(path, exif_block(6))
+    data = path.read_bytes()
+    start = data.index(b"eXIf") - 4
+    end = start + 12 + int.from_bytes(data[start : start + 4], "big")
+    path.write_bytes(data[:start] + data[end:-12] + data[start:end] + data[-12:])
+    assert probe(path).orientation == 6 and probe(path).displayed == (24, 40) == read_pixels(path).shape[1::-1]
+
+
 @pytest.mark.parametrize(("suffix", "options"), [(".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)), (".webp", ())])
 def test_progressive_jpeg_and_trailing_bytes_are_whole(tmp_path, suffix, options):
     path = write(tmp_path / f"photo{suffix}", 24, 40, *options)

@@ -18,6 +18,8 @@ from core.errors import BadInput
 Image.MAX_IMAGE_PIXELS = 1 << 30  # more are an attack to Pillow, whose own limit is a tenth of that
 warnings.filterwarnings("ignore", module=r"PIL\.")  # what is wrong with a photo is said here, once
 
+# Of Pillow's formats, those of photos. Others are not told by how they begin, or run a program, as EPS does.
+FORMATS, FORMATS_IN_BOXES = ("JPEG", "PNG", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF", "PPM"), ("HEIF", "AVIF")
 UNKNOWN = "is not a photo that can be read"
 TRUNCATED = "ends before its picture does (truncated)"
 # What Pillow's decoders raise for a file that is damaged or coded in another way.
@@ -96,9 +98,10 @@ def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
                 raise bad_photo(path, "is empty")  # and cannot be mapped
             file.seek(0)
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                if data[4:8] == BOXES[0]:
+                in_boxes = data[4:8] == BOXES[0]
+                if in_boxes:
                     _know_heif()
-                with Image.open(file) as picture:
+                with Image.open(file, formats=FORMATS_IN_BOXES if in_boxes else FORMATS) as picture:
                     if not IS_WHOLE.get(picture.format, _unknown)(data, picture):
                         raise bad_photo(path, TRUNCATED)
                     yield _header(data, picture), picture

@@ -65,6 +65,14 @@ def test_tiff_of_fractions_is_refused(tmp_path):
         read_pixels(write_tiff(tmp_path / "photo.tif", COLOURS[..., 0] / np.float32(255)))
 
 
+@pytest.mark.parametrize("kind", ["EPS", "TGA", "ICO"])
+def test_formats_that_no_photo_has_are_refused(tmp_path, kind):
+    path = tmp_path / "photo.jpg"
+    Image.fromarray(COLOURS).save(path, kind)
+    with pytest.raises(BadInput, match="photo.jpg is not a photo that can be read"):
+        probe(path)
+
+
 def test_exif_may_come_behind_the_picture_of_a_png(tmp_path):
     path = write(tmp_path / "photo.png")
     add_exif(path, exif_block(6))

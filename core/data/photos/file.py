@@ -1,5 +1,6 @@
 """What a photo file says about itself without being decoded: its size, its EXIF rotation, its colour profile, whether it is whole."""
 
+import logging
 import mmap
 import struct
 import warnings
@@ -17,6 +18,7 @@ from core.errors import BadInput
 
 Image.MAX_IMAGE_PIXELS = 1 << 30  # more are an attack to Pillow, whose own limit is a tenth of that
 warnings.filterwarnings("ignore", module=r"PIL\.")  # what is wrong with a photo is said here, once
+logging.getLogger("PIL").setLevel(logging.CRITICAL)
 
 # Of Pillow's formats, those of photos. Others are not told by how they begin, or run a program, as EPS does.
 FORMATS, FORMATS_IN_BOXES = ("JPEG", "PNG", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF", "PPM"), ("HEIF", "AVIF")

@@ -1,9 +1,12 @@
 """Headers: size, rotation and wholeness of photo files, found without decoding them."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
 from PIL import Image, ImageFile
+from PIL.TiffImagePlugin import SAMPLESPERPIXEL
 
 from core.data.photos.file import ORIENTATION, probe, tags_of, upright_exif
 from core.data.photos.pixels import read_pixels
@@ -81,6 +84,15 @@ def test_exif_may_come_behind_the_picture_of_a_png(tmp_path):
     end = start + 12 + int.from_bytes(data[start : start + 4], "big")
     path.write_bytes(data[:start] + data[end:-12] + data[start:end] + data[-12:])
     assert probe(path).orientation == 6 and probe(path).displayed == (24, 40) == read_pixels(path).shape[1::-1]
+
+
+def test_pillow_logs_nothing_of_a_broken_photo(tmp_path, caplog):
+    path = write_tiff(tmp_path / "photo.tif", COLOURS)
+    tag = struct.pack("<HHI", SAMPLESPERPIXEL, 3, 1)
+    path.write_bytes(path.read_bytes().replace(tag + b"\3", tag + b"\x99"))
+    with pytest.raises(BadInput, match="photo.tif is not a photo that can be read"):
+        probe(path)
+    assert not caplog.records
 
 
 @pytest.mark.parametrize(("suffix", "options"), [(".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)), (".webp", ())])

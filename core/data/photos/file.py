@@ -12,7 +12,16 @@ from io import BytesIO
 from pathlib import Path
 
 from PIL import Image, ImageCms
-from PIL.TiffImagePlugin import STRIPBYTECOUNTS, STRIPOFFSETS, TILEBYTECOUNTS, TILEOFFSETS
+from PIL.TiffImagePlugin import (
+    BITSPERSAMPLE,
+    COMPRESSION,
+    PHOTOMETRIC_INTERPRETATION,
+    PLANAR_CONFIGURATION,
+    STRIPBYTECOUNTS,
+    STRIPOFFSETS,
+    TILEBYTECOUNTS,
+    TILEOFFSETS,
+)
 
 from core.errors import BadInput
 
@@ -104,6 +113,8 @@ def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
                 if in_boxes:
                     _know_heif()
                 with Image.open(file, formats=FORMATS_IN_BOXES if in_boxes else FORMATS) as picture:
+                    if _is_misread(picture):
+                        raise bad_photo(path, UNKNOWN)
                     if not IS_WHOLE.get(picture.format, _unknown)(data, picture):
                         raise bad_photo(path, TRUNCATED)
                     yield _header(data, picture), picture
@@ -118,6 +129,16 @@ def _know_heif() -> None:
     from pi_heif import register_heif_opener  # late: few collections have such photos
 
     register_heif_opener()
+
+
+def _is_misread(picture: Image.Image) -> bool:
+    """Whether Pillow shows other shades than the file has: of those of more than 16 bits, and of some TIFFs of 16."""
+    if picture.mode in ("I", "F"):
+        return True
+    if picture.format != "TIFF" or 16 not in picture.tag_v2.get(BITSPERSAMPLE, ()):
+        return False
+    channels_apart = picture.tag_v2.get(PLANAR_CONFIGURATION) == 2 and picture.tag_v2.get(COMPRESSION, 1) == 1
+    return channels_apart or picture.tag_v2.get(PHOTOMETRIC_INTERPRETATION) == 0  # 0 is white
 
 
 def _header(data: mmap.mmap, picture: Image.Image) -> Header:

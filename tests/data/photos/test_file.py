@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image, ImageFile
-from PIL.TiffImagePlugin import SAMPLESPERPIXEL
+from PIL.TiffImagePlugin import PHOTOMETRIC_INTERPRETATION, PLANAR_CONFIGURATION, SAMPLESPERPIXEL
 
 from core.data.photos.file import ORIENTATION, probe, tags_of, upright_exif
 from core.data.photos.pixels import read_pixels
@@ -63,9 +63,29 @@ def test_the_size_of_tiff_is_read_without_decoding_it_and_is_the_decoders(tmp_pa
     assert probe(path).displayed == shown.shape[1::-1] and probe(path).orientation == 1
 
 
-def test_tiff_of_fractions_is_refused(tmp_path):
+DEEP = COLOURS[..., 0].astype(np.uint16) * 257
+
+
+@pytest.mark.parametrize(
+    ("shades", "tags"),
+    [(COLOURS[..., 0] / np.float32(255), {}), (DEEP.astype(np.int32), {}), (DEEP, {PHOTOMETRIC_INTERPRETATION: 0})],
+    ids=["fractions", "32 bits", "0 is white"],
+)
+def test_tiff_that_pillow_reads_wrongly_is_refused(tmp_path, shades, tags):
+    path = tmp_path / "photo.tif"
+    Image.fromarray(shades).save(path, tiffinfo=tags)
     with pytest.raises(BadInput, match="photo.tif is not a photo that can be read"):
-        read_pixels(write_tiff(tmp_path / "photo.tif", COLOURS[..., 0] / np.float32(255)))
+        probe(path)
+
+
+def test_tiff_of_16_bits_with_channels_apart_is_refused(tmp_path):
+    path = tmp_path / "photo.tif"
+    assert cv2.imwrite(str(path), COLOURS.astype(np.uint16) * 257, [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    assert probe(path).displayed == (40, 24)
+    tag = struct.pack("<HHI", PLANAR_CONFIGURATION, 3, 1)
+    path.write_bytes(path.read_bytes().replace(tag + b"\1", tag + b"\2"))
+    with pytest.raises(BadInput, match="photo.tif is not a photo that can be read"):
+        probe(path)
 
 
 @pytest.mark.parametrize("kind", ["EPS", "TGA", "ICO"])

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageCms
 
-from core.data.photos.file import TRUNCATED, UNKNOWN, Header, bad_photo, opened
+from core.data.photos.file import TRUNCATED, Header, bad_photo, opened
 
 REDUCTIONS = (8, 4, 2)  # at which a JPEG can be decoded
 MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
+GREYS = ("1", "L", "LA")  # Pillow's names of grey pictures of 8 bits and less
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
 
@@ -25,15 +26,14 @@ def read_stored(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Head
         picture.draft(None, (header.width // factor, header.height // factor))
         if header.is_jpeg and _runs_out(picture):
             raise bad_photo(path, f"{TRUNCATED}, or has a grey border below, which is to be cut off")
-        if picture.mode in ("I", "F"):
-            raise bad_photo(path, UNKNOWN)
         if picture.mode.startswith("I;16"):
             return header, _of_16_bits(np.asarray(picture)), None
-        if not picture.has_transparency_data:
-            return header, np.array(_in_srgb(picture, header.profile, "RGB")), None
-        pixels = np.asarray(_in_srgb(picture, header.profile, "RGBA"))
-    alpha = np.ascontiguousarray(pixels[..., 3])
-    return header, np.ascontiguousarray(pixels[..., :3]), None if alpha.min() == 255 else alpha
+        alpha = None
+        if picture.has_transparency_data:
+            picture = picture.convert("LA" if picture.mode in GREYS else "RGBA")
+            alpha = np.array(picture.getchannel("A"))
+        pixels = np.array(_in_srgb(picture, header.profile))
+    return header, pixels, None if alpha is None or alpha.min() == 255 else alpha
 
 
 def reduction(header: Header, wanted: tuple[int, int] | None) -> int:
@@ -59,10 +59,10 @@ def _of_16_bits(shades: np.ndarray) -> np.ndarray:
     return np.repeat(shades.astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _in_srgb(picture: Image.Image, profile: bytes, mode: str) -> Image.Image:
-    """The picture in this mode, RGB or RGBA. A profile that is not of its kind of colours counts for nothing."""
+def _in_srgb(picture: Image.Image, profile: bytes) -> Image.Image:
+    """The picture in RGB, without its alpha. A profile that is not of its kind of colours counts for nothing."""
     if profile:
-        of_its_kind = picture if picture.mode in ("L", "CMYK") else picture.convert(mode)
+        of_its_kind = picture if picture.mode in ("L", "CMYK") else picture.convert("L" if picture.mode in GREYS else "RGB")
         with suppress(ImageCms.PyCMSError):
-            return ImageCms.profileToProfile(of_its_kind, BytesIO(profile), ImageCms.createProfile("sRGB"), outputMode=mode)
-    return picture if picture.mode == mode else picture.convert(mode)
+            return ImageCms.profileToProfile(of_its_kind, BytesIO(profile), ImageCms.createProfile("sRGB"), outputMode="RGB")
+    return picture if picture.mode == "RGB" else picture.convert("RGB")

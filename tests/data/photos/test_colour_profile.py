@@ -16,6 +16,7 @@ from core.report import QUIET
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # Where red is green and green is red.
 SWAPPED = SRGB.replace("sRGB".encode("utf-16-be"), "abcd".encode("utf-16-be")).replace(b"rXYZ", b"_").replace(b"gXYZ", b"rXYZ").replace(b"_", b"gXYZ")
+GREY = SRGB.replace("sRGB".encode("utf-16-be"), "abcd".encode("utf-16-be")).replace(b"RGB XYZ ", b"GRAYXYZ ").replace(b"rTRC", b"kTRC")
 # The red, green and blue of Display P3, adapted to D50 as ICC profiles have them (columns of XYZ).
 P3 = {b"rXYZ": (0.5151, 0.2412, -0.0011), b"gXYZ": (0.2920, 0.6922, 0.0419), b"bXYZ": (0.1571, 0.0666, 0.7841)}
 COLOURS = cv2.resize(np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8), (50, 40), interpolation=cv2.INTER_LINEAR)
@@ -69,6 +70,14 @@ def test_alpha_stays_as_it_is(tmp_path):
     assert np.array_equal(found, alpha)
     over_white = COLOURS[..., [1, 0, 2]] * (alpha[..., None] / 255) + 255 - alpha[..., None]
     assert np.abs(pixels - over_white).max() <= 2 * WITHIN
+
+
+def test_one_shade_is_transparent_in_a_grey_photo_with_a_profile(tmp_path):
+    shades, path = COLOURS[..., 0], tmp_path / "a.png"
+    Image.fromarray(shades).save(path, icc_profile=GREY, transparency=int(shades[0, 0]))
+    pixels, alpha = read_pixels_and_alpha(path)
+    assert probe(path).profile == GREY and np.array_equal(alpha == 0, shades == shades[0, 0])
+    assert np.abs(pixels.astype(int) - np.where(alpha == 0, 255, shades)[..., None]).max() <= WITHIN
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from PIL.TiffImagePlugin import (
 
 from core.errors import BadInput
 
-Image.MAX_IMAGE_PIXELS = 1 << 30  # more are an attack to Pillow, whose own limit is a tenth of that
+Image.MAX_IMAGE_PIXELS = 1 << 29  # more than twice that are an attack to Pillow, whose own limit is a sixth of it
 warnings.filterwarnings("ignore", module=r"PIL\.")  # what is wrong with a photo is said here, once
 logging.getLogger("PIL").setLevel(logging.CRITICAL)
 

@@ -1,6 +1,7 @@
 """Headers: size, rotation and wholeness of photo files, found without decoding them."""
 
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -93,6 +94,20 @@ def test_formats_that_no_photo_has_are_refused(tmp_path, kind):
     path = tmp_path / "photo.jpg"
     Image.fromarray(COLOURS).save(path, kind)
     with pytest.raises(BadInput, match="photo.jpg is not a photo that can be read"):
+        probe(path)
+
+
+@pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")  # as without pytest
+@pytest.mark.parametrize(("side", "is_read"), [(1 << 15, True), (33_000, False)])
+def test_a_picture_has_at_most_a_billion_pixels(tmp_path, side, is_read):
+    path = write(tmp_path / "photo.png")
+    data = path.read_bytes()
+    head = b"IHDR" + struct.pack(">II", side, side) + data[24:29]
+    path.write_bytes(data[:12] + head + struct.pack(">I", zlib.crc32(head)) + data[33:])
+    if is_read:
+        assert probe(path).displayed == (side, side)
+        return
+    with pytest.raises(BadInput, match="photo.png is not a photo that can be read"):
         probe(path)
 
 

@@ -7,11 +7,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from io import BytesIO
+from itertools import chain, product
 from pathlib import Path
 
-from PIL import Image, ImageCms
+from PIL import Image, ImageChops, ImageCms
 from PIL.TiffImagePlugin import (
     BITSPERSAMPLE,
     COMPRESSION,
@@ -39,6 +40,8 @@ SCAN, END = b"\xff\xda", b"\xff\xd9"  # markers of a JPEG
 BOXES = (b"ftyp", b"meta", b"mdat", b"free", b"skip", b"moov")
 LONG = b"\0\0\0\1"  # in place of a box's size, which then follows
 ORIENTATION = 0x0112  # EXIF's tag
+COLOURS = Image.frombytes("RGB", (6**3, 1), bytes(chain(*product(range(0, 256, 51), repeat=3))))  # all over the cube
+UNSEEN = 2  # 8-bit steps that a colour may be off
 MOST_EXIF_BYTES = 0xFFFF - 2  # of a JPEG
 
 
@@ -176,12 +179,21 @@ def upright_exif(exif: bytes) -> bytes:
 
 
 def _profile(picture: Image.Image) -> bytes:
-    """The ICC profile, unless it is that of sRGB, or broken."""
     profile = picture.info.get("icc_profile") or b""
+    return profile if profile and _changes_colours(profile) else b""
+
+
+@lru_cache(maxsize=64)  # photos of one camera have the same
+def _changes_colours(profile: bytes) -> bool:
+    """Whether colours of this profile differ from those of sRGB: its name does not tell. False if it is broken, True if it is of grey or inks."""
+    try:
+        known = ImageCms.getOpenProfile(BytesIO(profile))
+    except ImageCms.PyCMSError:
+        return False
     with suppress(ImageCms.PyCMSError):
-        if profile and "sRGB" not in ImageCms.getProfileDescription(BytesIO(profile)):
-            return profile
-    return b""
+        shown = ImageCms.profileToProfile(COLOURS, known, ImageCms.createProfile("sRGB"))
+        return max(most for _, most in ImageChops.difference(shown, COLOURS).getextrema()) > UNSEEN
+    return True
 
 
 def _unknown(data: mmap.mmap, picture: Image.Image) -> bool:

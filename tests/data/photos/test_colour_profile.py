@@ -15,8 +15,8 @@ from core.report import QUIET
 
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 # Where red is green and green is red.
-SWAPPED = SRGB.replace("sRGB".encode("utf-16-be"), "abcd".encode("utf-16-be")).replace(b"rXYZ", b"_").replace(b"gXYZ", b"rXYZ").replace(b"_", b"gXYZ")
-GREY = SRGB.replace("sRGB".encode("utf-16-be"), "abcd".encode("utf-16-be")).replace(b"RGB XYZ ", b"GRAYXYZ ").replace(b"rTRC", b"kTRC")
+SWAPPED = SRGB.replace(b"rXYZ", b"_").replace(b"gXYZ", b"rXYZ").replace(b"_", b"gXYZ")
+GREY = SRGB.replace(b"RGB XYZ ", b"GRAYXYZ ").replace(b"rTRC", b"kTRC")
 # The red, green and blue of Display P3, adapted to D50 as ICC profiles have them (columns of XYZ).
 P3 = {b"rXYZ": (0.5151, 0.2412, -0.0011), b"gXYZ": (0.2920, 0.6922, 0.0419), b"bXYZ": (0.1571, 0.0666, 0.7841)}
 COLOURS = cv2.resize(np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8), (50, 40), interpolation=cv2.INTER_LINEAR)
@@ -24,7 +24,7 @@ WITHIN = 1  # 8-bit steps
 
 
 def display_p3():
-    profile = bytearray(SRGB.replace("sRGB".encode("utf-16-be"), "P3  ".encode("utf-16-be")))
+    profile = bytearray(SRGB)
     for tag, colour in P3.items():
         start = int.from_bytes(profile[(at := profile.index(tag) + 4) : at + 4], "big") + 8
         profile[start : start + 12] = struct.pack(">3i", *(round(value * 65536) for value in colour))
@@ -85,6 +85,12 @@ def test_one_shade_is_transparent_in_a_grey_photo_with_a_profile(tmp_path):
 )
 def test_srgb_and_profiles_of_no_use_change_nothing(tmp_path, profile):
     assert np.array_equal(read_pixels(save(tmp_path / "a.png", COLOURS, profile)), COLOURS)
+
+
+def test_what_a_profile_is_called_does_not_count(tmp_path):
+    called_srgb = "sRGB".encode("utf-16-be")
+    assert called_srgb in SWAPPED and probe(save(tmp_path / "a.png", COLOURS, SWAPPED)).profile == SWAPPED
+    assert probe(save(tmp_path / "b.png", COLOURS, SRGB.replace(called_srgb, "c2  ".encode("utf-16-be")))).profile == b""
 
 
 def test_colmap_gets_srgb(tmp_path):

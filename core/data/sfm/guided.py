@@ -23,7 +23,7 @@ LARGEST = 0.7 * 512  # distance of matched descriptors, which are 512 long
 FAR = np.iinfo(np.int32).max
 BYTES = 128  # of a descriptor
 EIGHT = 8  # flags that are looked at together
-PAIRS_AT_ONCE = 64  # whose features are held: 2 MB each
+PAIRS_AT_ONCE = 64  # whose features are held: up to 1 MB a photo
 
 
 class Features(NamedTuple):

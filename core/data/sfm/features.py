@@ -86,7 +86,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.sift.max_num_features = most
     options.num_threads = _threads_within_limit()
     for done, part in _parts(names, 2, MOST_PHOTOS):
-        _check_room(work, len(part) * PHOTO_BYTES)
+        check_room(work, len(part) * PHOTO_BYTES)
         _number(work, part)
         pycolmap.extract_features(
             work / DATABASE,
@@ -100,7 +100,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
         report.progress("Features", done, len(names))
 
 
-def _check_room(work: Path, needed: int) -> None:
+def check_room(work: Path, needed: int) -> None:
     """Raise OSError unless so many bytes can be written: pycolmap ends the whole program where one of its threads cannot write."""
     if shutil.disk_usage(work).free < needed + SPARE_BYTES:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(work / DATABASE))
@@ -130,7 +130,7 @@ def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
     for done, part in _parts(lines, 8, MOST_PAIRS):
-        _check_room(work, len(part) * PAIR_BYTES)
+        check_room(work, len(part) * PAIR_BYTES)
         (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
         pycolmap.match_image_pairs(
             work / DATABASE,

@@ -9,6 +9,7 @@ import pycolmap
 import pytest
 
 from core.data.formats.model_file import quiet
+from core.data.sfm import features
 from core.data.sfm.features import DATABASE, LEAST_INLIERS, PHOTOS, SEED, extract, match
 from core.data.sfm.guided import AT_POINTS, BYTES, LARGEST, NEAR_PX, ON_LINES, Features, guide, guided_matches
 from core.report import QUIET
@@ -60,8 +61,7 @@ def test_matches_are_those_of_colmap(verified, tmp_path):
     verification.ransac.random_seed = SEED
     (colmaps / "pairs.txt").write_text("\n".join(" ".join(pair) for pair in pairs))
     with pycolmap.Database.open(colmaps / DATABASE) as database:
-        database.clear_matches()
-        database.clear_two_view_geometries()
+        database.clear_two_view_geometries()  # the matches stay: COLMAP's search need not find the same ones again
     with quiet():
         pairing = pycolmap.ImportedPairingOptions(match_list_path=colmaps / "pairs.txt")
         pycolmap.match_image_pairs(colmaps / DATABASE, options, pairing, verification, pycolmap.Device.cpu)
@@ -116,6 +116,14 @@ def test_matches_are_as_defined(config, counts):
     wanted = defined(first, second, moved if config in AT_POINTS else epipole @ moved, config in AT_POINTS)
     assert found.dtype == np.uint32 and found.tolist() == wanted
     assert 0 < len(wanted) < same or same == 1
+
+
+def test_a_disk_with_hardly_any_room_is_told(verified, monkeypatch):
+    work, pairs = verified
+    usage = features.shutil.disk_usage(work)._replace(free=features.SPARE_BYTES)
+    monkeypatch.setattr(features.shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(OSError, match="No space left"):
+        guide(work, pairs, QUIET)
 
 
 def test_no_features_match_nothing():

@@ -118,7 +118,7 @@ def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
                 with Image.open(file, formats=FORMATS_IN_BOXES if in_boxes else FORMATS) as picture:
                     if _is_misread(picture):
                         raise bad_photo(path, UNKNOWN)
-                    if not IS_WHOLE.get(picture.format, _unknown)(data, picture):
+                    if picture.format in IS_WHOLE and not IS_WHOLE[picture.format](data, picture):
                         raise bad_photo(path, TRUNCATED)
                     yield _header(data, picture), picture
     except FAULTS as problem:
@@ -194,10 +194,6 @@ def _changes_colours(profile: bytes) -> bool:
         shown = ImageCms.profileToProfile(COLOURS, known, ImageCms.createProfile("sRGB"))
         return max(most for _, most in ImageChops.difference(shown, COLOURS).getextrema()) > UNSEEN
     return True
-
-
-def _unknown(data: mmap.mmap, picture: Image.Image) -> bool:
-    return True  # until it is decoded
 
 
 def _jpeg_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:

@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pycolmap
+from PIL import Image
 
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
@@ -61,15 +61,9 @@ def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera
         shown &= loaded.empty < HALF
     for folder in (PHOTOS, MASKS):
         (work / folder).mkdir(exist_ok=True)
-    pixels = cv2.cvtColor(loaded.pixels, cv2.COLOR_RGB2BGR)
-    (work / PHOTOS / name).write_bytes(encoded(".jpg", pixels, cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))
-    (work / MASKS / f"{name}.png").write_bytes(encoded(".png", shown * np.uint8(255)))  # COLMAP reads no photo that lacks one
+    Image.fromarray(loaded.pixels).save(work / PHOTOS / name, quality=JPEG_QUALITY)
+    Image.fromarray(shown * np.uint8(255)).save(work / MASKS / f"{name}.png")  # COLMAP reads no photo that lacks one
     return camera
-
-
-def encoded(kind: str, pixels: np.ndarray, *flags: int) -> bytes:
-    """BGR, BGRA or grey pixels as a file of this kind, such as ".png". Writing it raises if the disk is full; imwrite would only return False."""
-    return cv2.imencode(kind, pixels, flags)[1].tobytes()
 
 
 def extract(work: Path, names: list[str], report: Report, masks: Path | None = None, most: int = MOST_FEATURES) -> None:

@@ -1,9 +1,9 @@
 """Structure from motion: a folder of plain photos becomes a COLMAP scene, with pycolmap, on a CPU."""
 
 import os
+import shutil
 from collections.abc import Container
 from dataclasses import asdict
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from core.data.photos.distortion import lens_of, pinhole, undistort
 from core.data.photos.file import upright_exif
 from core.data.photos.folder import list_gone, list_photos, list_unreadable, no_photos
 from core.data.photos.pixels import off_white, read_pixels
-from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, encoded, extract, match
+from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
 from core.data.sfm.guided import guide
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
@@ -108,11 +108,13 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
             continue
         copy, name = f"{numbers[path]:06d}.jpg", _name_in_scene(path, photo, f"{numbers[path]}-", originals.values())
         copies[copy] = originals[path] = name
-        as_needed = photo.header.is_jpeg and photo.header.orientation == 1 and not photo.header.profile
-        (work / PHOTOS / copy).write_bytes(path.read_bytes() if as_needed else _encode(photo))
+        if photo.header.is_jpeg and photo.header.orientation == 1 and not photo.header.profile:
+            shutil.copyfile(path, work / PHOTOS / copy)
+        else:
+            _write_jpeg(photo, work / PHOTOS / copy)
         turned += photo.header.orientation != 1
         if photo.alpha is not None:
-            (work / ALPHA / name).write_bytes(encoded(".png", photo.alpha))
+            Image.fromarray(photo.alpha).save(work / ALPHA / name)
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
     return dict(sorted(copies.items())), {path: originals[path] for path in paths if path in originals}
@@ -132,11 +134,9 @@ def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: Container
     return name
 
 
-def _encode(photo: UsablePhoto) -> bytes:
-    """A JPEG of the photo as displayed, with its EXIF block, whose focal length COLMAP starts from."""
-    file = BytesIO()
-    Image.fromarray(photo.pixels).save(file, "JPEG", quality=JPEG_QUALITY, exif=upright_exif(photo.header.exif))
-    return file.getvalue()
+def _write_jpeg(photo: UsablePhoto, path: Path) -> None:
+    """The photo as displayed, with its EXIF block, whose focal length COLMAP starts from."""
+    Image.fromarray(photo.pixels).save(path, quality=JPEG_QUALITY, exif=upright_exif(photo.header.exif))
 
 
 def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str], scene: Path) -> None:

@@ -20,7 +20,7 @@ from core.report import QUIET, Report
 from core.system import device
 from core.system.outputs import check_apart
 from core.training.interrupt import StopRequest
-from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders
+from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders, viewer_files
 from core.training.on_disk.claim import held, new_run
 from core.training.rescue import saved_if_room_runs_out
 from core.training.sized_photos import check_resolution
@@ -89,6 +89,8 @@ def _go_on(folder: Path, report: Report) -> Path:
             decoded = {sized.photo.name for sized in trainer.photos}  # without those damaged since
             _check_same_photos(folder, before, sorted(decoded ^ set(saved.facts["photos"])))
             trainer.resume(saved)
+    else:
+        viewer_files.write(folder, collection, trainer.transparent_is_empty)  # it may have been stopped before they were whole
     why = "" if saved else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
     history.rewind(folder, done)

@@ -23,7 +23,8 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
     said = "\n".join(heard.lines)
     for words in ("6 photos (4 train, 2 test)", "! photo_7.png was dropped", "48x36 px", "held-out PSNR", "Next: wegs bake"):
         assert words in said
-    assert [done for done, total in heard.steps if total == STEPS] == list(range(1, STEPS + 1)) and {"Photos", "Masks"} <= heard.finished
+    assert list(dict.fromkeys(done for done, total in heard.steps if total == STEPS)) == list(range(1, STEPS + 1))
+    assert {"Photos", "Masks"} <= heard.finished
     names = {path.name for path in folder.iterdir()}
     assert {"cfg_args", "cameras.json", "input.ply", "point_cloud", "config.json", "history.csv", "masks"} <= names
     neutral = read_ply(folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply")
@@ -55,6 +56,21 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
     shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
     pipeline.resume(folder)
     assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()
+
+
+def test_a_run_that_was_killed_while_it_was_begun_goes_on(trained, small_scene, tmp_path, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    folder = tmp_path / "run"
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("core.training.on_disk.viewer_files.write", killed)
+        patch.setattr(run_folders, "remove", lambda path: None)  # who is killed tidies nothing up
+        pipeline.train(small_scene, small_settings(steps=STEPS), folder)
+    assert [path.name for path in folder.iterdir()] == ["config.json"]
+    pipeline.resume(folder)
+    names = [sorted(path.name for path in run.iterdir() if not path.name.startswith("results")) for run in (trained[0], folder)]
+    assert names[0] == names[1]
 
 
 def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):

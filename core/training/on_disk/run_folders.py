@@ -15,7 +15,7 @@ from core.data.sfm import landmarks
 from core.errors import BadInput
 from core.system.atomic import remove, swept
 from core.system.lock import taken
-from core.system.outputs import check_folder, check_named_as_folder
+from core.system.outputs import check_folder, check_named_as_folder, files_in
 from core.training.decisions import Decision
 from core.training.on_disk import checkpoint, history, mask_files, viewer_files
 from core.training.on_disk.run_config import write_config
@@ -101,7 +101,7 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     checkpoint.check_name(output, "Choose another -o.")
     check_named_as_folder(output, (".ply",), "a run is a folder, with a .ply in it")
     check_folder(output)
-    if output.exists() and any(output.iterdir()):
+    if output.exists() and files_in(output):
         if not is_run(output):
             raise BadInput(f"{output} holds files that are no run.", "Choose another -o, or empty it yourself.")
         if not force:
@@ -117,13 +117,13 @@ def check_writable(folder: Path) -> None:
 def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
     """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
 
-    Where that fails, nothing is left in it.
+    Where that fails, nothing is left in it. config.json comes first: whatever a kill leaves is a run, which can go on or be replaced.
     """
     _clear(folder)
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        viewer_files.write(folder, collection, transparent_is_empty(settings))
         write_config(folder, collection, settings, decisions)
+        viewer_files.write(folder, collection, transparent_is_empty(settings))
     except BaseException:
         _clear(folder)
         raise

@@ -1,6 +1,6 @@
 """Prunes a baked look: Gaussians and SH bands that no training view would miss are left out. The sky stays whole."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -9,7 +9,7 @@ from torch import Tensor
 
 from core.looks.trained import TrainedRun
 from core.rasterizer import BLACK, Colour, Rasterizer
-from core.rasterizer.views import largest_contributions
+from core.rasterizer.views import Progress, largest_contributions, untold
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
@@ -46,7 +46,7 @@ class Pruner:
         rasterizer: Rasterizer,
         sky: int = 0,
         background: Colour = BLACK,
-        progress: Callable[[int, int], None] = lambda done, total: None,
+        progress: Progress = untold,
     ):
         self.cameras, self.rasterizer, self.background = cameras, rasterizer, background
         strongest = largest_contributions(splats, cameras, rasterizer, progress)

@@ -4,7 +4,7 @@ the loop         trainer, step, step_cuda, schedule, guards, held_out
 what is decided  decisions, evidence, sightings
 photos           sized_photos, transparency, background, jitter
 networks         network_updates
-for the user     tell, interrupt, rescue
+for the user     tell, progress, interrupt, rescue
 
 losses/          what a step minimises: objective, and the losses it weighs
 gaussians/       how they begin, move, grow in number and are removed

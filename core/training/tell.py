@@ -7,9 +7,9 @@ from core.data.collection import Collection
 from core.errors import command
 from core.report import Report
 from core.system import device
-from core.training import schedule
 from core.training.gaussians.initialisation import most_points
 from core.training.on_disk import run_folders
+from core.training.progress import tell_progress
 from core.training.trainer import StepReport, Trainer
 from core.words import counted
 
@@ -54,8 +54,7 @@ def tell_step(step: StepReport, settings: Settings, report: Report) -> None:
         report.warn(message)
     if step.held_out_psnr is not None:
         report.say(f"Step {step.step}: held-out PSNR {step.held_out_psnr:.2f} dB")
-    share = schedule.time_through(settings, step.step)
-    report.progress("Training", step.step, settings.steps, f"loss {step.loss:.3f}, {counted(step.gaussians, 'Gaussian')}", share)
+    tell_progress(step.step, settings, f"loss {step.loss:.3f}, {counted(step.gaussians, 'Gaussian')}", report)
 
 
 def next_step(folder: Path, settings: Settings, neutral: Path) -> str:

@@ -14,7 +14,7 @@ from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
-from core.rasterizer.views import largest_contributions
+from core.rasterizer.views import Progress, largest_contributions
 from core.report import QUIET, Report
 from core.scene.camera import Camera
 from core.system import device
@@ -29,6 +29,7 @@ from core.training.gaussians.veils import veils
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
+from core.training.progress import within_step
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import Stepper
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
@@ -69,12 +70,12 @@ class Trainer:
     """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed.
 
     settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for a resumed run.
-    report: hears how far photos are decoded.
+    report: hears how far photos are decoded, and what takes its time in a long step.
     """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET):
         torch.manual_seed(settings.seed)
-        self.collection, self.folder = collection, folder
+        self.collection, self.folder, self.report = collection, folder, report
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
         # Written down: a run is resumed only on the device it began on, and the sizes of its photos follow from that wherever it is used.
@@ -240,7 +241,7 @@ class Trainer:
     def prune_by_contribution(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
         self.stepper.forget()
-        largest = largest_contributions(self.gaussians.splats, self.photos.cameras, self.rasterizer)
+        largest = largest_contributions(self.gaussians.splats, self.photos.cameras, self.rasterizer, self._told("pruning"))
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
 
     def clear_the_view(self) -> None:
@@ -248,7 +249,7 @@ class Trainer:
         self.stepper.forget()
         splats, in_the_way = self.gaussians.splats, torch.zeros(len(self.gaussians), dtype=torch.bool, device=self.device)
         if self.settings.remove_veils:
-            in_the_way |= veils(splats, self.photos.cameras, self.collection.points, self.rasterizer)
+            in_the_way |= veils(splats, self.photos.cameras, self.collection.points, self.rasterizer, self._told("veils"))
         if self.settings.remove_passers_by and self._masks_can_be_trusted():
             in_the_way |= passers_by(splats, self._masked_photos(), self.rasterizer)
         self.gaussians.keep(~in_the_way)
@@ -260,8 +261,13 @@ class Trainer:
 
     @torch.no_grad()
     def _masked_photos(self) -> Iterator[tuple[Camera, Tensor]]:
+        tell = self._told("passers-by")
         for index, sized in enumerate(self.photos):
             yield sized.camera, self.model.read(sized.encoder_input, index).mask
+            tell(index + 1, len(self.photos))
+
+    def _told(self, what: str) -> Progress:
+        return within_step(self.done - 1, what, self.settings, self.report)
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""

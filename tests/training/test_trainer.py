@@ -54,7 +54,7 @@ def test_photos_are_learned_from_coarse_to_fine(trainer_of):
 def test_veils_are_removed_once_when_gaussians_have_settled(collection, tmp_path, monkeypatch):
     asked = []
 
-    def first_two(splats, photos, points, rasterizer):
+    def first_two(splats, photos, points, rasterizer, progress):
         asked.append((trainer.done, len(photos), len(points)))
         return torch.arange(len(splats)) < 2
 

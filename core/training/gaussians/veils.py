@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.rasterizer import Rasterizer
-from core.rasterizer.views import largest_shares
+from core.rasterizer.views import Progress, largest_shares, untold
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -24,11 +24,15 @@ LEAST_SHARE = 0.01  # of a new view, that a veil covers
 SHRUNK = 1 / 4  # views are drawn this small
 
 
-def veils(splats: Splats, photos: Sequence[Camera], points: Float[np.ndarray, "p 3"], rasterizer: Rasterizer) -> Bool[Tensor, " n"]:
+def veils(
+    splats: Splats, photos: Sequence[Camera], points: Float[np.ndarray, "p 3"], rasterizer: Rasterizer, progress: Progress = untold
+) -> Bool[Tensor, " n"]:
     """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame."""
     photos = [camera.shrunk(SHRUNK) for camera in photos]
-    in_photos = largest_shares(splats, photos, rasterizer)
-    in_new_views = largest_shares(splats, cameras_beside(photos, points), rasterizer)
+    new = cameras_beside(photos, points)
+    views = len(photos) + len(new)
+    in_photos = largest_shares(splats, photos, rasterizer, lambda done, _: progress(done, views))
+    in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: progress(len(photos) + done, views))
     return (in_new_views > LEAST_SHARE) & (in_new_views > TIMES * in_photos)
 
 

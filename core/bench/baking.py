@@ -18,7 +18,7 @@ from core.data.collection import spread_over
 from core.looks.pruning import pruner_of
 from core.looks.trained import TrainedRun, bake, neutral_look
 from core.rasterizer.views import largest_contributions
-from core.report import Report
+from core.report import QUIET, Report
 from core.scene.splats import Splats
 from core.system.atomic import scratch
 
@@ -48,7 +48,7 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
     rasterizer = trained.rasterizer
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
     solid = len(trained.splats) - trained.sky
-    largest = largest_contributions(trained.splats, cameras, rasterizer)
+    largest = largest_contributions(trained.splats, cameras, rasterizer, lambda done, total: report.progress("Views", done, total))
     largest[solid:] = torch.inf
     order = torch.sort(largest, stable=True).indices
     cameras = spread_over(cameras, views)
@@ -78,7 +78,7 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
             points.append(Point(curve, label, values, is_default))
             report.progress("Baking", len(points), total, f"{curve}, {label}")
 
-        add("wegs bake", "pruned within its bound", lambda: pruner_of(trained, Report())(bake(trained, neutral)).splats, is_default=True)
+        add("wegs bake", "pruned within its bound", lambda: pruner_of(trained, QUIET)(bake(trained, neutral)).splats, is_default=True)
         for degree in range(whole.degree, -1, -1):
             for share in SHARES:
                 rows = order[round(share * solid) :].sort().values

@@ -31,7 +31,9 @@ from core.training.transparency import transparent_is_empty
 
 @dataclass(frozen=True)
 class Moment:
-    """Which step it is: of the photo `index`, after `done` others. camera: at the size of the step. background: of its picture."""
+    """Which step it is: of the photo `index`, after `done` others. progress: of the run, in [0, 1). camera: at the size of the step. background: of
+    its picture.
+    """
 
     index: int
     done: int

@@ -1,22 +1,25 @@
 """Whether an output may be written where the user wants it: asked before the work, not after it."""
 
 import os
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from core.errors import BadInput, BadSetting, command
+from core.errors import BadInput, BadSetting, as_disk_full, command
 
 TEMPORARY = ".wegs-"  # in the names of temporary folders of work in progress
 
 
 def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
-    """Raise BadInput unless `folder` can be written in, or be made. fix: what to do where it is read-only."""
+    """Raise BadInput unless `folder` can be written in, or be made; DiskFull. fix: what to do where it is read-only."""
     above = (path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
     there = next(above, folder)  # nothing is, of a drive that Windows lacks
     if not there.is_dir():
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
-    if not os.access(there, os.W_OK):
-        raise BadInput(f"The folder {there} may not be written in.", fix)
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=TEMPORARY, dir=there))  # permissions do not tell: root has them in /proc, too
+    except OSError as problem:
+        raise as_disk_full(problem, folder) or BadInput(f"The folder {there} may not be written in: {problem.strerror}.", fix) from None
 
 
 def check_named_as_folder(output: Path, suffixes: tuple[str, ...], what: str) -> None:

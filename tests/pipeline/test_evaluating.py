@@ -1,7 +1,9 @@
 """Figures of the photos that were held out, and runs that have none to give."""
 
+import errno
 import json
 import shutil
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,13 +94,20 @@ def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, m
 def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(baking, "find_look", None)  # as any work would fail
     monkeypatch.setattr(evaluating, "measure", None)
-    monkeypatch.setattr("os.access", lambda path, mode: trained[0] not in (Path(path), Path(path).parent))
+    make = tempfile.mkdtemp
+
+    def refuse_in_run(dir=None, **options):
+        if trained[0] in (Path(dir), Path(dir).parent):
+            raise PermissionError(errno.EACCES, "Permission denied", dir)
+        return make(dir=dir, **options)
+
+    monkeypatch.setattr("tempfile.mkdtemp", refuse_in_run)
     for need in (
         lambda: pipeline.evaluate(trained[0]),
         lambda: pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
         lambda: suite.curves((trained[0],), ("half",), True, Heard()),
     ):
-        with pytest.raises(BadInput, match="may not be written in. Make it writable, or copy the run"):
+        with pytest.raises(BadInput, match="may not be written in: Permission denied. Make it writable, or copy the run"):
             need()
     assert list(tmp_path.iterdir()) == []
 

@@ -1,11 +1,14 @@
 """Outputs that cannot be written are refused before the work."""
 
+import errno
 import os
+import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
-from core.errors import BadInput
+from core.errors import BadInput, DiskFull
 from core.system.outputs import check_apart, check_file, check_folder
 
 
@@ -21,10 +24,27 @@ def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeyp
     with monkeypatch.context() as without, pytest.raises(BadInput, match="X:/none is not a folder"):
         without.setattr(os.path, "lexists", lambda path: False)  # as on a drive that Windows lacks
         check_folder(Path("X:/none"))
-    monkeypatch.setattr(os, "access", lambda path, mode: False)  # who runs the tests may be root, who may write anywhere
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    ("refusal", "error", "words"),
+    [(errno.EACCES, BadInput, "{} may not be written in: Permission denied"), (errno.ENOSPC, DiskFull, "The disk is full: {}")],
+)
+def test_a_folder_that_the_system_refuses_to_write_in_is_known_before_the_work(tmp_path, monkeypatch, refusal, error, words):
+    def refuse(dir, **_):
+        raise OSError(refusal, os.strerror(refusal), str(dir))
+
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)  # who runs the tests may be root, who may write nearly anywhere
     for check, path in ((check_file, tmp_path / "a.ply"), (check_folder, tmp_path / "none" / "none")):
-        with pytest.raises(BadInput, match=f"{tmp_path} may not be written in"):
+        with pytest.raises(error, match=words.format(tmp_path)):
             check(path)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has such a folder")
+def test_nor_can_root_write_in_proc():
+    with pytest.raises(BadInput, match="/proc may not be written in"):
+        check_file(Path("/proc/a.ply"))
 
 
 def test_what_is_given_may_not_lie_in_a_folder_that_is_replaced_but_be_called_as_if_it_did(tmp_path):

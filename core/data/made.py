@@ -56,8 +56,8 @@ def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Call
 def read_mark(path: Path) -> dict:
     """The facts in a JSON file that says what a folder was made of; none if it is missing or garbled."""
     try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        facts = json.loads(path.read_bytes())  # which knows the byte-order mark that editors of Windows put before it
+    except (OSError, ValueError, RecursionError):
         return {}
     return facts if isinstance(facts, dict) else {}
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 import core.rasterizer
-from core.data.posed import CROOKED
+from core.data.posed import Fault, from_camera_to_world
 from core.doctor.finding import Finding, part
 from core.errors import BadInput
 from core.rasterizer.contract import ALPHA_MIN
@@ -78,18 +78,20 @@ def cameras_beside(path: Path) -> list[Camera]:
     if file is None:
         return []
     try:
-        return [_camera(values) for values in json.loads(file.read_text(encoding="utf-8"))]
+        return [_camera(values) for values in json.loads(file.read_bytes())]
+    except Fault as fault:
+        raise BadInput(f"{file} cannot be used: it holds a camera {fault}.", "Export it again.") from None
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
         raise BadInput(f"{file} cannot be used: {type(problem).__name__}: {problem}.", "Export it again.") from None
 
 
 def _camera(values: dict) -> Camera:
-    rotation = np.array(values["rotation"], dtype=np.float64).reshape(3, 3).T
+    """Raises Fault for one that cannot be drawn with, and what Python raises for values that are missing or no numbers."""
+    axes, centre = (np.array(values[name], dtype=np.float64).reshape(shape) for name, shape in (("rotation", (3, 3)), ("position", 3)))
+    rotation, centre = from_camera_to_world(np.column_stack([axes, centre]), "a pose")
     width, height = int(values["width"]), int(values["height"])
-    centre = np.array(values["position"], dtype=np.float64).reshape(3)
     lens = float(values["fx"]), float(values["fy"]), float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
-    is_rotation = (np.abs(rotation) < 2).all() and np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=CROOKED)
-    is_picture = 1 <= min(width, height) and max(width, height) <= LARGEST_SIDE_PX and min(lens[:2]) > 0 and (np.abs(lens) < LARGEST_PX).all()
-    if not (is_rotation and is_picture and np.isfinite(centre).all()):
-        raise ValueError(f"a camera of {width} x {height} px that cannot be drawn with")
+    is_picture = 1 <= min(width, height) and max(width, height) <= LARGEST_SIDE_PX
+    if not (is_picture and min(lens[:2]) > 0 and (np.abs(lens) < LARGEST_PX).all()):
+        raise Fault(f"of {width} x {height} px that cannot be drawn with")
     return Camera(rotation, centre, *lens, width, height)

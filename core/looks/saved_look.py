@@ -74,7 +74,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
     try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
+        facts = json.loads(path.read_bytes())
         source, owner, saved_at, numbers = (facts[key] for key in ("source", "run", "step", "embedding"))
         found = _tensor(numbers)
         tone = _tensor(facts["tone"]) if "tone" in facts else None

@@ -289,6 +289,7 @@ BROKEN = (
     *({"width": 0}, {"width": -5}, {"width": float("inf")}, {"height": 1 << 70}),
     *({"fx": 0}, {"fx": float("nan")}, {"fx": 1e50}, {"cx": -1e300}),
     *({"position": [0, 0, float("nan")]}, {"rotation": [[1, 0, 0], [1e50, 1, 0], [0, 0, 1]]}, {"rotation": [[0, 0, 0]] * 3}),
+    {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]},  # mirrored
 )
 
 

@@ -55,7 +55,7 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
     """
     path = folder / CONFIG
     try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
+        facts = json.loads(path.read_bytes())
         settings = Settings().changed(**facts["settings"])
         if undecided := settings.undecided:
             raise BadSetting(f"{undecided[0]} is left open.")

@@ -1,5 +1,6 @@
 """config.json: what made a run is read back exactly, wherever run and scene are moved."""
 
+import codecs
 import json
 import os
 import shutil
@@ -28,6 +29,14 @@ def test_config_gives_back_settings_and_collection_exactly(tmp_path, collection)
         np.testing.assert_array_equal(photo.camera.centre, expected.camera.centre)
         sizes = ("fx", "fy", "cx", "cy", "width", "height")
         assert [getattr(photo.camera, n) for n in sizes] == [getattr(expected.camera, n) for n in sizes]
+
+
+def test_a_config_that_was_saved_by_an_editor_of_windows_is_read(tmp_path, collection):
+    run_folders.create(tmp_path / "run", collection, small_settings())
+    config = tmp_path / "run" / "config.json"
+    before = run_config.read_config(tmp_path / "run")[0]
+    config.write_bytes(codecs.BOM_UTF8 + config.read_bytes().replace(b"\n", b"\r\n"))
+    assert run_config.read_config(run_folders.find_run(tmp_path / "run"))[0] == before
 
 
 def test_a_run_goes_on_with_the_very_cameras_alone(tmp_path, collection):

@@ -27,7 +27,7 @@ def read_stored(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Head
         if header.is_jpeg and _runs_out(picture):
             raise bad_photo(path, f"{TRUNCATED}, or has a grey border below, which is to be cut off")
         if picture.mode.startswith("I;16"):
-            return header, _of_16_bits(np.asarray(picture)), None
+            picture = _in_8_bits(picture)
         alpha = None
         if picture.has_transparency_data:
             picture = picture.convert("LA" if picture.mode in GREYS else "RGBA")
@@ -53,10 +53,10 @@ def _runs_out(picture: Image.Image) -> bool:
     return bool((last == FILL).all()) and not (np.asarray(picture) == FILL).all()
 
 
-def _of_16_bits(shades: np.ndarray) -> np.ndarray:
-    """Grey (H, W) uint16 -> (H, W, 3) uint8. Those of no value above 255, as in some masks, stay as they are."""
-    shades = shades if shades.max() < 256 else shades >> 8
-    return np.repeat(shades.astype(np.uint8)[..., None], 3, axis=2)
+def _in_8_bits(picture: Image.Image) -> Image.Image:
+    """A grey picture of 16 bits in 8. One of no value above 255, as some masks are, stays as it is."""
+    shades = np.asarray(picture)
+    return Image.fromarray((shades if shades.max() < 256 else shades >> 8).astype(np.uint8))
 
 
 def _in_srgb(picture: Image.Image, profile: bytes) -> Image.Image:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.data.photos.file import Header, probe
+from core.data.photos.file import Header, opened
 from core.data.photos.folder import copies_among
 from core.data.photos.lookalikes import Pictures
 from core.data.photos.pixels import read_pixels_and_alpha
@@ -54,9 +54,10 @@ def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path,
 
 
 def _header(path: Path) -> Header | BadInput:
-    """What `probe` returns, or raises."""
+    """The header, or why there is none: enough to rank photos by, which are decoded later."""
     try:
-        return probe(path)
+        with opened(path) as (header, _):
+            return header
     except BadInput as problem:
         return problem
 

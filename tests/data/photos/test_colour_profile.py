@@ -72,6 +72,15 @@ def test_alpha_stays_as_it_is(tmp_path):
     assert np.abs(pixels - over_white).max() <= 2 * WITHIN
 
 
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_grey_of_16_bits_has_the_shades_of_8(tmp_path, suffix):
+    shades, curve = COLOURS[..., 0], int.from_bytes(GREY[(at := GREY.index(b"kTRC") + 4) : at + 4], "big")
+    linear = GREY[:curve] + b"curv" + bytes(8) + GREY[curve + 12 :]
+    path = save(tmp_path / f"a{suffix}", shades.astype(np.uint16) * 257, linear)
+    assert probe(path).profile == linear and not np.array_equal(read_pixels(path)[..., 0], shades)
+    assert np.array_equal(read_pixels(path), read_pixels(save(tmp_path / "b.png", shades, linear)))
+
+
 def test_one_shade_is_transparent_in_a_grey_photo_with_a_profile(tmp_path):
     shades, path = COLOURS[..., 0], tmp_path / "a.png"
     Image.fromarray(shades).save(path, icc_profile=GREY, transparency=int(shades[0, 0]))

@@ -47,7 +47,7 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     )
     notes = posed.notes + placing.notes() + split_notes + points_notes
     notes += [Note(line, harmless=True) for line in frame.offset_lines()] + _copies_held_out(photos)
-    notes += name_them("without any SfM point", [photo.name for photo in photos if not len(seen.get(photo.name, [0]))])
+    notes += name_them("without any SfM point", [photo.name for photo in photos if photo.name in seen and not len(photo.points)])
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
     notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
     collection = Collection(root.resolve().name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes))

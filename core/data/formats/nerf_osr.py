@@ -74,7 +74,7 @@ def _matrix(folder: Path, place: Path) -> np.ndarray:
     """The (4, 4) matrix in the text file of the photo with this relative path; Fault if it holds none."""
     path = folder / place.with_suffix(".txt")
     try:
-        numbers = np.array(path.read_text(encoding="utf-8").split(), dtype=np.float64)
+        numbers = np.array(path.read_text(encoding="utf-8-sig").split(), dtype=np.float64)
     except OSError:
         raise Fault(f"without a text file in {folder.name}/") from None
     except ValueError:

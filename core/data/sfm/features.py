@@ -5,6 +5,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -44,10 +45,8 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
     cameras = {}
     for number, (photo, camera) in enumerate(posed, 1):
         name = f"{number:06d}.jpg"
-        try:
+        with suppress(BadInput):
             cameras[name] = photo, write_picture(photo, camera, work, name)
-        except BadInput:
-            continue
         report.progress("Photos", number, len(posed))
     return cameras
 

@@ -1,5 +1,6 @@
 """NeRF-OSR folders: the cameras of the model that they were made from, their splits and masks, and what is wrong with them."""
 
+import codecs
 import os
 import shutil
 
@@ -35,6 +36,13 @@ def test_cameras_are_those_of_the_model(tmp_path, scene):
     for photo in found.photos:
         pixels = photo.camera.in_world(found.frame).project(shown)[0]
         assert np.abs(pixels - SmallScene().seen(int(photo.name[6]))).max() < 1e-6  # float64 through text
+
+
+def test_texts_as_windows_programs_save_them(scene):
+    before = load_collection(scene)
+    for path in (scene / "final").rglob("*.txt"):
+        path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert [photo.camera.numbers() for photo in load_collection(scene).photos] == [photo.camera.numbers() for photo in before.photos]
 
 
 @pytest.mark.parametrize("place", ["final_clean", "."])

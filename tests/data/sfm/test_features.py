@@ -7,10 +7,13 @@ import numpy as np
 import pycolmap
 import pytest
 
+from core.data.collection import Photo
 from core.data.sfm import features
-from core.data.sfm.features import DATABASE, PHOTOS, extract, match
+from core.data.sfm.features import DATABASE, PHOTOS, extract, match, write_pictures
 from core.report import QUIET
+from core.scene.camera import Camera
 from tests.data.room_corner import cameras, take_photo, textures
+from tests.heard import Heard
 
 NAMES = ["000001.jpg", "000002.jpg"]
 
@@ -23,6 +26,13 @@ def work(tmp_path):
     for name, (rotation, centre) in zip(NAMES, cameras(2), strict=True):
         assert cv2.imwrite(str(tmp_path / PHOTOS / name), take_photo(rotation, centre, pictures))
     return tmp_path
+
+
+def test_photos_that_cannot_be_decoded_count_as_through(work):
+    camera, heard = Camera(np.eye(3), np.zeros(3), 100, 100, 40, 30, 80, 60), Heard()
+    posed = [(Photo(path.name, path, camera, "train"), camera) for path in (work / PHOTOS / NAMES[0], work / "none.jpg")]
+    assert list(write_pictures(posed, work, heard)) == NAMES[:1]
+    assert heard.finished == {"Photos"}
 
 
 def test_a_disk_with_hardly_any_room_is_full_before_pycolmap_ends_the_program(work, monkeypatch):

@@ -87,6 +87,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     # Numba's words if neither its package's folder nor the home folder is writable, as in containers run by another user.
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
+    if isinstance(problem, RuntimeError) and str(problem).startswith("Symlink loop"):  # from Path.resolve, up to Python 3.12
+        return f"{problem}. Choose another path.", 1
     return None
 
 

@@ -53,6 +53,7 @@ def outcome_of(problem: BaseException):
         (MemoryError(), "not enough memory", 1),
         (opencv_error(cv2.Error.StsNoMem), "not enough memory", 1),
         (RuntimeError("cannot cache function 'f': no locator available for file 'f.py'"), "Set NUMBA_CACHE_DIR", 1),
+        (RuntimeError("Symlink loop from '/photos'"), "Symlink loop from '/photos'. Choose another path.", 1),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes"), "not enough memory", 1),
     ],
 )

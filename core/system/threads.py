@@ -69,7 +69,7 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: 
     """Call work(begin, end) for each block of range(total), the last maybe shorter, in any order; wait for all.
 
     On `threads()` threads, or `most` if these are fewer, each with one torch thread and without gradients. Kernels release the
-    interpreter lock. An exception in `work` is raised here, after all threads have stopped.
+    interpreter lock. After an exception in `work`, or Ctrl-C, no block is begun any more; it is raised here when all threads have stopped.
     """
     starts = iter(range(0, total, block))  # next() on it is atomic under the interpreter lock
     extra = min(threads(), most or threads(), -(-total // block)) - 1
@@ -77,8 +77,13 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: 
     def take_turns() -> None:
         torch.set_num_threads(1)  # belongs to the thread that sets it, and so does no_grad
         with torch.no_grad():
-            for begin in starts:
-                work(begin, min(begin + block, total))
+            try:
+                for begin in starts:
+                    work(begin, min(begin + block, total))
+            except BaseException:
+                for _ in starts:  # so that the other threads find no block either
+                    pass
+                raise
 
     with one_torch_thread():
         others = [_pool().submit(take_turns) for _ in range(extra)]

@@ -85,6 +85,28 @@ def test_an_exception_comes_out_when_the_other_threads_have_stopped(threads):
     assert len(written) == 1
 
 
+@pytest.mark.parametrize("threads", [2], indirect=True)
+@pytest.mark.parametrize("fails", ["the caller", "another thread"])
+def test_no_block_is_begun_after_an_exception(threads, fails):
+    """Or Ctrl-C would wait until the other threads have decoded all photos, or matched all pairs."""
+    both_begun, raised, finished = threading.Barrier(2), threading.Event(), []
+
+    def work(begin: int, end: int) -> None:
+        if begin >= 2:
+            finished.append(begin)
+            return
+        both_begun.wait(60)
+        if (threading.current_thread() is threading.main_thread()) == (fails == "the caller"):
+            raised.set()
+            raise KeyboardInterrupt
+        assert raised.wait(60)
+        time.sleep(0.1)
+
+    with pytest.raises(KeyboardInterrupt):
+        in_parallel(work, 1000, 1)
+    assert finished == []
+
+
 @pytest.mark.parametrize("with_gradients", [True, False])
 def test_beside_gives_the_result_from_one_torch_thread_with_the_callers_gradients(threads, with_gradients):
     started = threading.Event()

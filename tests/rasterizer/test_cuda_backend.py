@@ -180,7 +180,14 @@ def test_more_than_kernels_can_count_are_refused_at_every_entry(degree, most):
 
 def test_as_many_as_kernels_can_count_are_drawn(monkeypatch, splats):
     monkeypatch.setattr(backend, "MOST_NUMBERS", splats.sh.numel() + 1)
-    assert backend.CudaRasterizer().render(splats, VIEW).any()
+    assert backend.CudaRasterizer().render(splats, VIEW.cropped(7, 5, 6, 7)).any()  # a picture of fewer numbers
+
+
+def test_a_picture_of_more_numbers_than_kernels_can_count_is_refused(splats):
+    """Before there is any room for it: kernels would write beside it."""
+    view = camera(26_755, 26_755)
+    with pytest.raises(BadInput, match="26755x26755 px is larger than the cuda rasterizer can count"):
+        backend.CudaRasterizer().render(splats, view)
 
 
 def test_what_is_missing_is_one_line(monkeypatch):

@@ -25,7 +25,7 @@ from core.system.device import sent
 BYTES_A_PAIR = 43 + 4 * layout.SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
-MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, as kernels find their place with 32 bits
+MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, or in a picture, as kernels find their place with 32 bits
 
 
 class Room(NamedTuple):
@@ -196,6 +196,9 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, know
     count, device = len(parameters[0]), parameters[0].device
     view = view_for_kernels(camera, device) if known is None else known.view
     width, height = (camera.width, camera.height) if known is None else (known.width, known.height)
+    if 3 * width * height >= MOST_NUMBERS:
+        what = f"A picture of {width}x{height} px is larger than the cuda rasterizer can count."
+        raise BadInput(what, "Use smaller photos (-r 10000: 10,000 px wide).")
     footprints = torch.empty(count, layout.FOOTPRINT_COLUMNS, device=device)
     depths = torch.empty(count, device=device)
     tile_counts = torch.empty(count, dtype=torch.int32, device=device)

@@ -68,11 +68,11 @@ def blended(light, alpha):
     light is negative once its pixel is finished (or lies outside the picture), so that it then fails the test against STOP
     for good.
     """
-    left = 1.0 - alpha
-    rest = light * left  # not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers
-    goes_on = rest >= STOP
+    let_through = 1.0 - alpha
+    left_over = light * let_through  # not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers
+    goes_on = left_over >= STOP
     shown = tl.where(goes_on, alpha, 0.0)
-    return shown, shown * light, tl.where(goes_on, rest, negative(tl.abs(light))), left
+    return shown, shown * light, tl.where(goes_on, left_over, negative(tl.abs(light))), let_through
 
 
 @triton.jit

@@ -41,7 +41,7 @@ def blend_backward(
     behind += tl.load(image + 3 * place + 1, mask=inside, other=0.0) * v_green
     behind += tl.load(image + 3 * place + 2, mask=inside, other=0.0) * v_blue
     entry, end = tl.load(tile_starts + tile), tl.load(tile_ends + tile)
-    pull = v_red, v_green, v_blue
+    v = v_red, v_green, v_blue
     this, other = splat_of(entry_splats, entry, end), splat_of(entry_splats, entry + 1, end)
     shape, colour = read_splat(footprints, this, entry < end)
     while entry < end:
@@ -49,37 +49,37 @@ def blend_backward(
         slot, other_slot = tl.load(entry_slots + entry), tl.load(entry_slots + entry + 1, mask=other_exists, other=0)
         other_shape, other_colour = read_splat(footprints, other, other_exists)
         this = splat_of(entry_splats, entry + 2, end)
-        total, light, behind = sums_of(shape, colour, pull, light, behind, x, y, lane)
+        total, light, behind = sums_of(shape, colour, v, light, behind, x, y, lane)
         tl.store(slot_gradients + slot * SLOT_COLUMNS + column, total, mask=stores)
         tl.store(blended_slots + slot, 1)
         shape, colour = read_splat(footprints, this, entry + 2 < end)
         other = splat_of(entry_splats, entry + 3, end)
-        total, light, behind = sums_of(other_shape, other_colour, pull, light, behind, x, y, lane)
+        total, light, behind = sums_of(other_shape, other_colour, v, light, behind, x, y, lane)
         tl.store(slot_gradients + other_slot * SLOT_COLUMNS + column, total, mask=stores & other_exists)
         tl.store(blended_slots + other_slot, 1, mask=other_exists)
         entry += 2
 
 
 @triton.jit
-def sums_of(shape, colour, pull, light, behind, x, y, lane):
-    """A splat's sums over the pixels, as `over_pixels` has them; the light behind it, and what of the picture lies behind it times its gradient.
+def sums_of(shape, colour, v, light, behind, x, y, lane):
+    """A splat's sums over the pixels, as `over_pixels` has them; the light behind it, and S of what lies behind it.
 
-    pull: the picture's gradient.
+    v: the picture's gradient. behind: S before the splat.
     """
     unclamped, e, dy = coverage(shape, x, y)
     alpha = tl.minimum(unclamped, ALPHA_MAX)
-    shown, weight, light, left = blended(light, alpha)
-    wanted = pull[0] * colour[0]
-    wanted += pull[1] * colour[1]
-    wanted += pull[2] * colour[2]
-    behind -= weight * wanted
+    shown, weight, light, let_through = blended(light, alpha)
+    pull = v[0] * colour[0]
+    pull += v[1] * colour[1]
+    pull += v[2] * colour[2]
+    behind -= weight * pull
     # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. A division takes eight instructions, most of them
     # for what lies beyond 1e-38 and 1e38.
-    inverse_root = tl.rsqrt(left)
-    g = weight * wanted - behind * shown * (inverse_root * inverse_root)
+    inverse_root = tl.rsqrt(let_through)
+    g = weight * pull - behind * shown * (inverse_root * inverse_root)
     g = tl.where(unclamped <= ALPHA_MAX, g, 0.0)
     ge, gy = g * e, g * dy
-    return over_pixels(g, ge, ge * e, gy, gy * e, gy * dy, weight * pull[0], weight * pull[1], weight * pull[2], lane), light, behind
+    return over_pixels(g, ge, ge * e, gy, gy * e, gy * dy, weight * v[0], weight * v[1], weight * v[2], lane), light, behind
 
 
 @triton.jit

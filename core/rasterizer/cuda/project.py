@@ -25,7 +25,7 @@ BLOCK, WARPS = 32, 1  # Gaussians a program, one a thread
 
 @triton.jit
 def extent(a, b, c, determinant, level):
-    """The SLOPE, HALF_HEIGHT, HALF_WIDTH and LEAN of footprint's ellipses."""
+    """The SLOPE, HALF_HEIGHT, HALF_WIDTH and LEAN of the ellipses, ENLARGED for the tile lists."""
     inverse_c = 1.0 / c
     enlarged = level * footprint.ENLARGED
     half_height, half_width = tl.sqrt_rn(enlarged * c), tl.sqrt_rn(enlarged * (determinant * inverse_c))

@@ -23,6 +23,7 @@ def rounded_up(count, to):
     return (count + to - 1) // to * to
 
 
+# As kernels call them.
 _rounded_up, _encoded_size, _room_for = part(rounded_up), part(encoded_size), part(room_for)
 
 

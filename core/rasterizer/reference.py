@@ -267,7 +267,7 @@ def blend_weights(
     alphas = torch.where(unfinished, alphas, 0)
     behind = torch.cumprod(1 - alphas, dim=1)
     before = torch.cat([torch.ones_like(pixels[:, :1]), behind], dim=1)
-    return alphas * before[:, :-1], before[:, -1].clone()
+    return alphas * before[:, :-1], before[:, -1]
 
 
 def coverage(

@@ -58,7 +58,7 @@ class SceneFrame:
 
     @staticmethod
     def from_json(values: dict) -> "SceneFrame":
-        """The inverse of `to_json`; raises KeyError or ValueError for what is no frame."""
+        """The inverse of `to_json`; raises KeyError, TypeError, ValueError or OverflowError for what is no frame."""
         centre, radius = np.asarray(values["centre"], dtype=np.float64).reshape(3), float(values["radius"])
         if not (np.isfinite(centre).all() and 0 < radius < np.inf):
             raise ValueError(f"no frame: centre {values['centre']}, radius {values['radius']}")

@@ -231,6 +231,13 @@ def test_results_without_refinement_with_lpips_and_of_an_exact_render(tmp_path):
     assert written["lpips"] == "alex" and written["refinement"] is None and written["mask_iou"] is None
 
 
+def test_figures_of_a_poisoned_render_are_spelled_out(tmp_path):
+    one = ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(math.nan, math.inf, None)}}, None)
+    results(one).save(tmp_path)
+    means, (view,) = (json.loads((tmp_path / name).read_text(), parse_constant=pytest.fail) for name in ("results.json", "per_view.json"))
+    assert means["means"] == view["scores"] == {"photo": {"zero_shot": {"psnr": "nan", "ssim": "inf", "lpips": None}}}
+
+
 def test_what_some_photos_lack_is_averaged_over_the_others():
     figures = ((10.0, 0.5, None, None), (30.0, None, None, 0.25))  # PSNR, SSIM, LPIPS; overlap of masks
     views = [ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(*scores)}}, overlap) for *scores, overlap in figures]

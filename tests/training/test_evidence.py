@@ -218,12 +218,3 @@ def test_figures_do_not_change_from_call_to_call(tmp_path):
     collection = known_collection(tmp_path, crowded, photos=12)
     photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
     assert gather_evidence(collection.points, photos) == gather_evidence(collection.points, photos)
-
-
-def test_invalid_pixels_are_not_looked_at(tmp_path):
-    collection = known_collection(tmp_path, plain, photos=6)
-    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
-    valid = np.ones((120, 160), bool)
-    valid[:, :80] = False
-    half = [replace(photo, valid=valid) for photo in photos]
-    assert find_sightings(collection.points, half).pixel[:, 0].min() * np.hypot(160, 120) >= 80

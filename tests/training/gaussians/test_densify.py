@@ -10,10 +10,11 @@ from tests.small import small_settings
 
 def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gaussians):
     solid, sky = gaussians.solid, gaussians.sky
-    gaussians.parameters["logit_opacities"][0] = -20
-    gaussians.parameters["log_scales"][1] = 5
-    gaussians.parameters["means"][2] = float("nan")
-    densify.prune(gaussians, small_settings())
+    opacities, scales, means = (gaussians.parameters[name] for name in ("logit_opacities", "log_scales", "means"))
+    opacities[:2] = torch.logit(torch.tensor([0.019, 0.021]))
+    scales[2:4, 1] = torch.tensor([0.51, 0.49]).log()
+    means[4, 2] = float("nan")
+    densify.prune(gaussians, small_settings(prune_opacity=0.02, largest_scale=0.5))
     assert (gaussians.solid, gaussians.sky) == (solid - 3, sky)
     assert all(len(tensor) == len(gaussians) for tensor in gaussians.tensors().values())
 
@@ -141,3 +142,11 @@ def test_points_closer_together_than_most_allow_as_much_around_them_as_others():
     points[:, 0] = [*np.linspace(0, 1e-3, 5), *range(10, 20)]  # most have their fourth neighbour at 2
     means = torch.tensor([[0.0, 3.9, 0.0], [0.0, 4.1, 0.0]])
     assert densify.Surroundings(points, reach=2.0).outside(means).tolist() == [False, True]
+
+
+def test_points_that_coincide_allow_as_much_around_them_as_those_apart_and_anything_where_all_do():
+    points = np.zeros((12, 3))
+    points[7:, 0] = range(10, 15)  # of these, most have their fourth neighbour at 3
+    means = torch.tensor([[0.0, 2.9, 0.0], [0.0, 3.1, 0.0]])
+    assert densify.Surroundings(points, reach=1.0).outside(means).tolist() == [False, True]
+    assert not densify.Surroundings(points[:7], reach=1.0).outside(1e6 * means).any()

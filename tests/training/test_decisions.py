@@ -209,7 +209,7 @@ def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_pat
     tensors = checkpoint.load(checkpoint.newest(trainer.folder)).tensors
     assert tensors["gaussians.parameters.sh"].shape[1:] == tensors["gaussians.first.sh"].shape[1:] == (1, 3)
     parts = {name.partition(".")[0] for name in tensors}
-    assert parts == {"gaussians", "model", "random"}
+    assert parts == {"gaussians", "model", "random"} and "gaussians.parameters.latents" not in tensors
     neutral = trainer.settings.embedding_size + 1  # the mean look, zeros, and how many entered it
     assert sum(t.numel() for name, t in tensors.items() if name.startswith("model.")) <= neutral
 

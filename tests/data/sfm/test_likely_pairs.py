@@ -2,11 +2,12 @@
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 import torch
 
 from core.data.sfm import likely_pairs as module
-from core.data.sfm.features import extract
+from core.data.sfm.features import DATABASE, extract
 from core.data.sfm.likely_pairs import count_alike, likely_pairs, longest_s, most_pairs
 from core.report import Report
 from tests.data.room_corner import cameras, take_photo, textures
@@ -82,5 +83,11 @@ def test_the_largest_features_of_a_photo_are_taken(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "LARGEST_FEATURES", 50)
     largest = module._largest_features(tmp_path, names)
     assert all(len(part) == 50 and np.array_equal(part, whole[:50]) for part, whole in zip(largest, every, strict=True))
+    with pycolmap.Database.open(tmp_path / DATABASE) as database:
+        number = database.read_image_with_name(names[0]).image_id
+        shapes, descriptors = database.read_keypoints(number)[:, 2:].reshape(-1, 2, 2), database.read_descriptors(number).data
+    areas = np.linalg.det(shapes)  # of features, in px^2
+    taken = (descriptors.astype(np.float32) @ largest[0].T / np.linalg.norm(descriptors, axis=1, keepdims=True)).argmax(axis=0)
+    assert areas[taken] == pytest.approx(np.sort(areas)[:-51:-1], rel=1e-3)
     assert np.linalg.norm(largest[0], axis=1) == pytest.approx(1, abs=1e-5)
     assert count_alike(*largest) >= 5

@@ -42,10 +42,10 @@ def test_the_share_of_a_picture_is_what_a_gaussian_adds_to_it():
 
 def test_new_cameras_are_no_farther_off_than_others_nor_half_the_way_to_what_they_show():
     for apart, most in ((0.6, 0.6), (6.0, LARGEST_STEP * 5.0)):
-        photos = [looking_ahead(x * apart) for x in range(2)]
+        photos = [looking_ahead(x * apart) for x in (0, 1, 1, 1)]
         beside = cameras_beside(photos, WALL + [apart / 2, 0, 0])
         nearest = [min(np.linalg.norm(camera.centre - photo.centre) for photo in photos) for camera in beside]
-        assert len(beside) == 2 * VIEWS_A_PHOTO and 0.6 * most < max(nearest) <= most
+        assert len(beside) == 4 * VIEWS_A_PHOTO and 0.6 * most < max(nearest) <= most
         assert [camera.numbers() for camera in beside] == [camera.numbers() for camera in cameras_beside(photos, WALL + [apart / 2, 0, 0])]
 
 

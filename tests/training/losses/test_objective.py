@@ -5,7 +5,7 @@ import torch
 
 from core.rasterizer.view import view_of
 from core.training.losses import regularisers
-from core.training.losses.photometric import Target, photometric_of_mask
+from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
 
 
 def recorded(monkeypatch, owner, name: str) -> list[tuple]:
@@ -27,11 +27,15 @@ def test_a_mask_is_taught_from_its_time_on(trainer_of):
     assert taught[:2] == [0, 0] and taught[2] == taught[3] > 0
 
 
-def test_the_papers_mask_is_taught_by_the_pictures_error(trainer_of):
-    trainer = trainer_of(mask_loss="paper", mask_start=0.0, mask_regularisation=0.5)
-    image, target, mask = shown(trainer)
-    expected = photometric_of_mask(image, target, target.to_pixels(mask), trainer.settings.ssim_weight) + 0.5 * ((1 - mask) ** 2).mean()
-    torch.testing.assert_close(trainer.objective.mask(image, target, mask, 0.0), expected)
+def test_the_papers_mask_hides_as_in_the_paper_and_is_taught_by_the_pictures_error(trainer_of):
+    trainer = trainer_of(mask_loss="paper", mask_start=0.0, mask_apply=0.5, mask_regularisation=0.5)
+    (image, target, _), objective, ssim_weight = shown(trainer), trainer.objective, trainer.settings.ssim_weight
+    mask = torch.rand(1, 9, 12, generator=torch.Generator().manual_seed(0))
+    expected = photometric_of_mask(image, target, target.to_pixels(mask), ssim_weight) + 0.5 * ((1 - mask) ** 2).mean()
+    torch.testing.assert_close(objective.mask(image, target, mask, 0.0), expected)
+    whole, hidden = (objective.picture(image, target, mask, progress, torch.tensor(1.0)) for progress in (0.49, 0.5))
+    torch.testing.assert_close(hidden, photometric_paper(image, target, target.to_pixels(mask), ssim_weight))
+    torch.testing.assert_close(whole, photometric(image, target, None, ssim_weight))
 
 
 def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):

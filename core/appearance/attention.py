@@ -29,7 +29,7 @@ class ChannelAttention(nn.Module):
 
     def __init__(self, channels: int):
         super().__init__()
-        hidden = max(1, channels // REDUCTION)
+        hidden = channels // REDUCTION
         self.shared = nn.Sequential(nn.Linear(channels, hidden), nn.ReLU(), nn.Linear(hidden, channels))
 
     def forward(self, features: Float[Tensor, "1 c h w"]) -> Float[Tensor, "1 c h w"]:

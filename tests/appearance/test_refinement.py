@@ -82,15 +82,15 @@ def test_a_photo_that_is_not_too_large_is_compared_as_it_is():
 
 def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
     """Blocks of four pixels, of which none, one, two or all are invalid and of a colour of their own."""
-    side = 2 * LARGEST_PX
-    picture, valid = torch.full((side, side, 3), 0.25), torch.ones(side, side, dtype=torch.bool)
-    valid[::2, side // 4 :] = False  # two of four
-    valid[1::2, side // 2 :] = False  # all
+    height, width = 2 * LARGEST_PX, LARGEST_PX
+    picture, valid = torch.full((height, width, 3), 0.25), torch.ones(height, width, dtype=torch.bool)
+    valid[::2, width // 4 :] = False  # two of four
+    valid[1::2, width // 2 :] = False  # all
     valid[0, 0] = False  # one
     picture[~valid] = 0.9
     photo = shown(picture, valid)
-    camera, weight, half = photo.camera, photo.weight, side // 2
-    assert (camera.width, camera.height, camera.fx) == (half, half, 250.0) and photo.picture.shape == (half, half, 3)
+    camera, weight, half = photo.camera, photo.weight, width // 2
+    assert (camera.width, camera.height, camera.fx) == (half, LARGEST_PX, 250.0) and photo.picture.shape == (LARGEST_PX, half, 3)
     assert weight[0, 0] == 0.75 and (weight[1:, : half // 4] == 1).all() and (weight[:, half // 4 : half // 2] == 0.5).all()
     assert not weight[:, half // 2 :].any()
     counts = weight > 0
@@ -150,10 +150,10 @@ def test_the_sky_counts_no_more_than_the_place(columns, weight):
     assert (weights[columns:] == 1).all()
 
 
-def test_what_a_photo_does_not_show_is_no_place():
+def test_what_a_photo_does_not_show_is_no_place_and_what_is_half_sky_counts_in_between():
     sky, pixels = torch.zeros(40), torch.full((40,), 64.0)
-    sky[:10], pixels[14:] = 64, 0
-    assert _share_of_cells(sky, pixels)[0] == pytest.approx(0.4)
+    sky[:10], sky[10], pixels[14:] = 64, 32, 0
+    assert _share_of_cells(sky, pixels)[[0, 10, 11]].tolist() == pytest.approx([1 / 3, 2 / 3, 1])
 
 
 def test_an_embedding_stays_where_it_may_go():

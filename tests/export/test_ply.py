@@ -148,9 +148,11 @@ def test_opaque_invisible_and_flat_gaussians_of_converters_are_read(tmp_path):
         (tmp_path / "a.ply").write_bytes(data)
         return read_ply(tmp_path / "a.ply")
 
-    assert torch.sigmoid(converted("opacity", np.inf).logit_opacities)[0] == 1
-    assert torch.sigmoid(converted("opacity", -np.inf).logit_opacities)[0] < 1e-12
-    assert converted("scale_1", -np.inf).log_scales[0, 1].exp() < 1e-12
+    opaque, invisible, flat = converted("opacity", np.inf), converted("opacity", -np.inf), converted("scale_1", -np.inf)
+    assert all(splats.finite_rows().all() for splats in (opaque, invisible, flat))
+    assert torch.sigmoid(opaque.logit_opacities)[0] == 1
+    assert torch.sigmoid(invisible.logit_opacities)[0] < 1e-12
+    assert flat.log_scales[0, 1].exp() < 1e-12
     for name, value in (("opacity", np.nan), ("scale_1", np.nan), ("scale_1", np.inf), ("x", -np.inf)):
         assert converted(name, value).finite_rows().tolist() == [False, True]
 

@@ -76,5 +76,5 @@ def write_view(folder: Path, png: Path, view: ViewPictures) -> None:
 def _mask_picture(mask: Float[np.ndarray, "h4 w4"] | None, size: tuple[int, int]) -> np.ndarray:
     if mask is None:
         return np.full((size[1], size[0], 3), BLANK, dtype=np.uint8)
-    grey = cv2.resize((mask.clip(0, 1) * 255).round().astype(np.uint8), size, interpolation=cv2.INTER_LINEAR)
+    grey = cv2.resize((mask * 255).round().astype(np.uint8), size, interpolation=cv2.INTER_LINEAR)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)

@@ -200,6 +200,10 @@ def test_given_weights_differ_as_widely_as_looks_do():
     model.met_embeddings = torch.randn(4, 6)
     expected = torch.stack([model.sh_transfer.last(embedding) for embedding in model.met_embeddings]).std(dim=0)
     torch.testing.assert_close(model.given_spread, {"last.bias": expected.detach()})
+    table = model_of(embedding="glo", transients="off")
+    table.remember(table.embedding_table[0], 0)
+    expected = table.sh_transfer.last(table.embedding_table).std(dim=0)
+    torch.testing.assert_close(table.given_spread, {"last.bias": expected.detach()})
     for changes in ({"embedding_enters": "input"}, {"appearance": "exposure"}, {"appearance": "off"}):
         other = model_of(**changes)
         other.met_embeddings, other.remembered = torch.randn(4, 6), torch.tensor(4)

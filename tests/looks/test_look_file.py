@@ -11,7 +11,7 @@ import torch
 from core.export.ply import read_ply, sky_of
 from core.looks.find_look import find_look
 from core.looks.look_file import write_look
-from core.looks.pruning import pruner_of
+from core.looks.pruning import Pruned, Pruner, pruner_of
 from core.looks.trained import TrainedRun
 from core.training.tell import next_step
 from core.words import counted
@@ -21,13 +21,12 @@ from tests.small import finished, small_collection, small_settings
 ROW_BYTES = 248  # of a Gaussian in a vanilla .ply
 
 
-@pytest.fixture
-def trained(tmp_path) -> TrainedRun:
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> TrainedRun:
     """A finished run whose photos are gone."""
-    scene, folder = tmp_path / "scene", tmp_path / "run"
-    scene.mkdir()
-    collection = small_collection(scene)
-    trained = finished(collection, small_settings(steps=4), folder)
+    scene, folder = (tmp_path_factory.mktemp(name) for name in ("scene", "run"))
+    torch.manual_seed(0)
+    trained = finished(small_collection(scene), small_settings(steps=4), folder)
     shutil.rmtree(scene)
     return trained
 
@@ -49,6 +48,14 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     assert re.search(r": in no training view does a pixel change by more than 0\.\d\d of 255; `wegs bake --prune off` keeps all$", line)
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
     assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
+
+
+def test_bands_that_no_view_shows_are_left_out_and_named(trained, tmp_path, monkeypatch):
+    pruner, heard = pruner_of(trained, Heard()), Heard()
+    monkeypatch.setattr(Pruner, "__call__", lambda _, baked: Pruned(baked.up_to_degree(0), bands=1, largest=0.25))
+    write_look(trained, find_look(trained, "neutral"), tmp_path / "a.ply", heard, pruner)
+    bound = "in no training view does a pixel change by more than 0.25 of 255; `wegs bake --prune off` keeps all"
+    assert heard.lines == [f"Left out the SH bands above degree 0 (zeros in a .ply): {bound}"]
 
 
 def test_gaussians_that_cannot_be_drawn_are_left_out_and_counted(trained, tmp_path):

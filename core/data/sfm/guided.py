@@ -46,7 +46,7 @@ def guide(work: Path, pairs: Sequence[tuple[str, str]], report: Report) -> None:
 
 
 def _guide_some(database: pycolmap.Database, pairs: list[tuple[int, int]]) -> None:
-    geometries = [(pair, database.read_two_view_geometry(*pair)) for pair in pairs if database.exists_two_view_geometry(*pair)]
+    geometries = [(pair, database.read_two_view_geometry(*pair)) for pair in pairs]  # undefined where there is none
     usable = [(pair, geometry) for pair, geometry in geometries if geometry.config in ON_LINES + AT_POINTS]
     features = {number: _features(database, number) for number in {number for pair, _ in usable for number in pair}}
 

@@ -1,6 +1,7 @@
 """Figures about looks, each against sightings that were made to have a known one."""
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -199,6 +200,8 @@ def test_too_few_points_give_no_figures(tmp_path):
     photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
     few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in photos]
     assert gather_evidence(collection.points, few).colour_spread is None
+    shared = reduce(np.intersect1d, [p.photo.points for p in photos])[:60]
+    assert gather_evidence(collection.points, [replace(p, photo=replace(p.photo, points=shared)) for p in photos]) == Evidence(len(photos))
     none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in photos]
     assert gather_evidence(collection.points, none) == Evidence(len(none))
     assert gather_evidence(collection.points, photos[:1]).colour_spread is None

@@ -4,6 +4,7 @@ import os
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from core.errors import BadInput
 from core.system import lock, outputs
@@ -11,11 +12,12 @@ from core.training.on_disk import checkpoint, run_folders
 from tests.small import small_collection, small_settings
 
 
-def test_the_newest_checkpoint_is_the_one_of_the_highest_step(tmp_path):
-    for name in ("000400", "999999", "1000000"):
-        (tmp_path / f"checkpoint_{name}.safetensors").write_text("")
-    (tmp_path / "checkpoint_of_yesterday.safetensors").write_text("")
-    assert checkpoint.newest(tmp_path).name == "checkpoint_1000000.safetensors"
+def test_the_newest_checkpoint_is_the_one_of_the_highest_step_and_no_file_of_another_name(tmp_path):
+    names = [f"checkpoint_{step}.safetensors" for step in ("000400", "999999", "1000000")]
+    others = "000400 (copy).safetensors", "of_yesterday.safetensors", "99999.safetensors", "2000000.safetensors.part"
+    for name in (*names, *(f"checkpoint_{other}" for other in others)):
+        (tmp_path / name).touch()
+    assert checkpoint.newest(tmp_path).name == names[-1] and {path.name for path in checkpoint.written(tmp_path)} == set(names)
 
 
 def test_a_checkpoint_that_cannot_be_written_says_how_to_go_on(tmp_path, monkeypatch):
@@ -59,6 +61,10 @@ def test_a_checkpoint_comes_back_and_a_broken_or_older_one_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(BadInput, match="not a readable checkpoint"):
         checkpoint.load(path)
+    for foreign in (None, {"format": "pt"}):
+        save_file(saved.tensors, path, metadata=foreign)
+        with pytest.raises(BadInput, match="not a readable checkpoint"):
+            checkpoint.load(path)
     path = checkpoint.save(tmp_path, checkpoint.Checkpoint(saved.tensors, saved.facts | {"version": 1}))
     for read in (checkpoint.load, checkpoint.read_facts):
         with pytest.raises(BadInput, match=f"has version 1, this is version {checkpoint.VERSION}. Train again"):

@@ -127,14 +127,7 @@ def test_the_run_that_is_taken_when_none_is_named(here):
     assert not run_folders.is_default(Path("runs/a"))
     begin(Path("runs/a"), age_s=5)
     begin(Path("elsewhere"))
-    assert run_folders.is_default(here / "runs" / "a") and not run_folders.is_default(Path("elsewhere"))
-
-
-def test_a_copy_of_a_checkpoint_is_not_the_newest(tmp_path):
-    names = ("checkpoint_000100.safetensors", "checkpoint_1000000.safetensors")
-    for name in (*names, COPY, "checkpoint_99999.safetensors", "checkpoint_2000000.safetensors.part"):
-        (tmp_path / name).touch()
-    assert checkpoint.newest(tmp_path).name == names[1] and {path.name for path in checkpoint.written(tmp_path)} == set(names)
+    assert all(map(run_folders.is_default, (here / "runs" / "a", Path("runs/a")))) and not run_folders.is_default(Path("elsewhere"))
 
 
 def test_a_run_of_which_a_kill_left_a_part_when_it_was_replaced_is_replaced_still(tmp_path, collection, monkeypatch):

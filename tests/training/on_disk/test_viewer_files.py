@@ -2,6 +2,8 @@
 
 import json
 from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import plyfile
@@ -24,10 +26,11 @@ def test_cameras_json_leads_back_to_the_world(tmp_path, collection):
     assert (entry["fx"], entry["width"]) == (50.0, 48)
 
 
-def test_cfg_args_is_the_namespace_that_viewers_expect(tmp_path, collection):
-    run_folders.create(tmp_path / "run", collection, small_settings())
+def test_cfg_args_is_the_namespace_that_viewers_expect(tmp_path, collection, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_folders.create(Path("run"), replace(collection, root=Path("scene")), small_settings())
     fields = eval((tmp_path / "run" / "cfg_args").read_text(), {"Namespace": Namespace})
-    assert fields.source_path == str(collection.root.resolve())
+    assert [fields.source_path, fields.model_path] == [str(Path(name).resolve()) for name in ("scene", "run")]
     assert fields.sh_degree == 3  # our files always have 45 f_rest columns, whatever degree was trained
 
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.appearance.attention import ChannelAttention, MaskUNet
+from core.appearance.attention import ChannelAttention, MaskUNet, rectified
 from core.appearance.encoder import CHANNELS, PhotoEncoder, PlainMask, band_colours, shrink
 from core.appearance.mask_table import MaskTable
 from core.errors import BadInput
@@ -99,6 +99,11 @@ def test_channel_attention_is_the_papers_formula():
     logits = sum(second(torch.relu(first(pooled))) for pooled in (average, maximum))
     # Two orders of the same float32 sums of 30 numbers.
     assert torch.allclose(attention(features)[0], torch.sigmoid(logits)[:, None, None] * features[0], atol=1e-6)
+
+
+def test_layers_start_with_as_much_behind_their_relu_as_they_are_given():
+    kept = torch.relu(rectified(torch.nn.Conv2d(32, 32, 3))(torch.randn(1, 32, 60, 60))).square().mean()
+    assert 0.9 < kept < 1.1  # a sixth with PyTorch's own weights
 
 
 def test_unet_sees_fine_and_coarse():

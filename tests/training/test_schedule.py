@@ -13,6 +13,7 @@ def test_schedules_are_fractions_of_the_steps():
     assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until / 2, short.coarse_until)] == [4, 2, 1]
     assert schedule.evenly(4, 100) == {25, 50, 75, 100}
     assert schedule.contribution_steps(whole_settings(steps=101)) == {66, 86} and schedule.settled_step(short) == 85
+    assert [schedule.begun(short, short.mask_apply + later)[-1] for later in (-0.01, 0.0)] == [False, True]
     through = [schedule.time_through(short, step) for step in range(101)]
     times = np.diff(through)
     assert (through[0], through[-1]) == (0.0, pytest.approx(1.0))

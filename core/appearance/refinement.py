@@ -28,7 +28,7 @@ TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 
 GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely these differ between looks: all steps move one by no more than two
 HELD, HOLD = 2000, 0.05  # Gaussians that the photo does not show: as many a step looks at, and the weight of how far they move
 UNSEEN_PX = 1.0  # a Gaussian that makes up less of a photo is not shown by it
-LARGEST_PX = 640  # the longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit
+LONGER_SIDE_PX = 640  # the longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
 FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
 
@@ -82,9 +82,9 @@ class Wanted:
 
     @staticmethod
     def of(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> "Wanted":
-        """The photo, shrunk by area to LARGEST_PX if it is larger. valid: what of it counts; all, if None."""
+        """The photo, shrunk by area to LONGER_SIDE_PX if it is larger. valid: what of it counts; all, if None."""
         weight = torch.ones_like(picture[..., 0]) if valid is None else valid.float()
-        small = camera.shrunk(LARGEST_PX / max(camera.width, camera.height))
+        small = camera.shrunk(LONGER_SIDE_PX / max(camera.width, camera.height))
         if small.width == camera.width and small.height == camera.height:
             return Wanted(camera, picture, weight)
 

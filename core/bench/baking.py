@@ -17,7 +17,7 @@ from core.bench.stopwatch import timed
 from core.data.collection import spread_over
 from core.looks.pruning import pruner_of
 from core.looks.trained import TrainedRun, bake, neutral_look
-from core.rasterizer.views import largest_contributions
+from core.rasterizer.importance import largest_contributions
 from core.report import QUIET, Report
 from core.scene.splats import Splats
 from core.system.atomic import scratch

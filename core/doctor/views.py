@@ -11,7 +11,7 @@ from core.data.posed import Fault, from_camera_to_world
 from core.doctor.finding import Finding, part
 from core.errors import BadInput
 from core.rasterizer.contract import ALPHA_MIN
-from core.rasterizer.views import largest_contributions
+from core.rasterizer.importance import largest_contributions
 from core.report import Report
 from core.scene.camera import LARGEST_PX, LARGEST_SIDE_PX, Camera
 from core.scene.frame import SceneFrame

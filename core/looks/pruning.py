@@ -9,7 +9,7 @@ from torch import Tensor
 
 from core.looks.trained import TrainedRun
 from core.rasterizer import BLACK, Colour, Rasterizer
-from core.rasterizer.views import Progress, largest_contributions, untold
+from core.rasterizer.importance import Progress, largest_contributions, untold
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats

@@ -2,7 +2,7 @@
 
 what all must do  contract; inputs, what kernels check; layout, what they keep; view, a camera as numbers
 the backends      reference, the definition; cpu; cuda
-of many views     views
+of many views     importance
 of many looks     shares
 """
 

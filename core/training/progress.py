@@ -1,7 +1,7 @@
 """The bar of a training: how many steps are done, and what takes its time where the next one is long."""
 
 from core.config import Settings
-from core.rasterizer.views import Progress
+from core.rasterizer.importance import Progress
 from core.report import Report
 from core.training import schedule
 

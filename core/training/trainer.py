@@ -14,7 +14,7 @@ from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
-from core.rasterizer.views import Progress, largest_contributions
+from core.rasterizer.importance import Progress, largest_contributions
 from core.report import QUIET, Report
 from core.scene.camera import Camera
 from core.system import device

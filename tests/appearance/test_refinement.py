@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import LARGEST_PX, LATER_STEPS, LEAST_SKY, STEPS, Wanted, _share_of_cells, refinement, steps_of, without_strangers
+from core.appearance.refinement import LATER_STEPS, LEAST_SKY, LONGER_SIDE_PX, STEPS, Wanted, _share_of_cells, refinement, steps_of, without_strangers
 from core.scene.camera import Camera
 from core.scene.cells import CELL_PX
 from tests.flat_view import FlatView
@@ -75,14 +75,14 @@ def test_what_is_finer_than_a_cell_does_not_move_a_look():
 
 
 def test_a_photo_that_is_not_too_large_is_compared_as_it_is():
-    picture = torch.rand(LARGEST_PX, 240, 3)
+    picture = torch.rand(LONGER_SIDE_PX, 240, 3)
     photo = shown(picture)
-    assert photo.camera.height == LARGEST_PX and photo.picture is picture and (photo.weight == 1).all()
+    assert photo.camera.height == LONGER_SIDE_PX and photo.picture is picture and (photo.weight == 1).all()
 
 
 def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
     """Blocks of four pixels, of which none, one, two or all are invalid and of a colour of their own."""
-    height, width = 2 * LARGEST_PX, LARGEST_PX
+    height, width = 2 * LONGER_SIDE_PX, LONGER_SIDE_PX
     picture, valid = torch.full((height, width, 3), 0.25), torch.ones(height, width, dtype=torch.bool)
     valid[::2, width // 4 :] = False  # two of four
     valid[1::2, width // 2 :] = False  # all
@@ -90,7 +90,7 @@ def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
     picture[~valid] = 0.9
     photo = shown(picture, valid)
     camera, weight, half = photo.camera, photo.weight, width // 2
-    assert (camera.width, camera.height, camera.fx) == (half, LARGEST_PX, 250.0) and photo.picture.shape == (LARGEST_PX, half, 3)
+    assert (camera.width, camera.height, camera.fx) == (half, LONGER_SIDE_PX, 250.0) and photo.picture.shape == (LONGER_SIDE_PX, half, 3)
     assert weight[0, 0] == 0.75 and (weight[1:, : half // 4] == 1).all() and (weight[:, half // 4 : half // 2] == 0.5).all()
     assert not weight[:, half // 2 :].any()
     counts = weight > 0

@@ -9,7 +9,7 @@ from core.bench.differences import differences
 from core.looks.find_look import find_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake
-from core.rasterizer.views import largest_contributions
+from core.rasterizer.importance import largest_contributions
 from core.report import Report
 from tests.rasterizer.scenes import camera, cloud
 

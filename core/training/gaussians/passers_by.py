@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.rasterizer import Rasterizer
-from core.rasterizer.views import shares_of_picture
+from core.rasterizer.importance import shares_of_picture
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training.losses.regularisers import HIDDEN

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.rasterizer import Rasterizer
-from core.rasterizer.views import Progress, largest_shares, untold
+from core.rasterizer.importance import Progress, largest_shares, untold
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from core import rasterizer
-from core.rasterizer.views import largest_shares
+from core.rasterizer.importance import largest_shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training.gaussians.veils import LARGEST_STEP, MOST_VIEWS, VIEWS_A_PHOTO, cameras_beside, veils

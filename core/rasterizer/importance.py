@@ -1,4 +1,4 @@
-"""What many views together say of each Gaussian."""
+"""How much of each Gaussian many views show together: what is worth keeping, and what stands in the way."""
 
 from collections.abc import Callable, Collection
 from functools import partial

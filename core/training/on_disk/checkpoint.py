@@ -66,7 +66,8 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
             os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         fix = f"Free some space, or let the folder be written in, then type: {how_to_go_on(folder)}"
-        raise BadInput(f"{path} could not be written: {error}.", fix) from None
+        reason = getattr(error, "strerror", None) or str(error).rpartition("I/O error: ")[2]  # safetensors puts the system's words last
+        raise BadInput(f"{path} could not be written: {reason}.", fix) from None
     for old in written(folder):
         if old != path:
             old.unlink()

@@ -96,11 +96,11 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
         # A link to nothing takes its name as well; a folder that a killed training left empty does not.
         while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")) and not swept(path, Path.rmdir):
             number += 1
-        check_folder(path)
+        check_folder(path, "Choose another -o.")
         return path
     checkpoint.check_name(output, "Choose another -o.")
     check_named_as_folder(output, (".ply",), "a run is a folder, with a .ply in it")
-    check_folder(output)
+    check_folder(output, "Choose another -o.")
     if output.exists() and files_in(output):
         if not is_run(output):
             raise BadInput(f"{output} holds files that are no run.", "Choose another -o, or empty it yourself.")

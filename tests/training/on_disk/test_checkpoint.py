@@ -4,6 +4,7 @@ import os
 
 import pytest
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import save_file
 
 from core.errors import BadInput
@@ -20,14 +21,23 @@ def test_the_newest_checkpoint_is_the_one_of_the_highest_step_and_no_file_of_ano
     assert checkpoint.newest(tmp_path).name == names[-1] and {path.name for path in checkpoint.written(tmp_path)} == set(names)
 
 
-def test_a_checkpoint_that_cannot_be_written_says_how_to_go_on(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "problem, reason",
+    [
+        (OSError(28, "No space left on device", ".checkpoint.wegs-x"), "No space left on device"),
+        (SafetensorError("Error while serializing: I/O error: No space left on device (os error 28)"), r"No space left on device \(os error 28\)"),
+    ],
+)
+def test_a_checkpoint_that_cannot_be_written_says_why_and_how_to_go_on(problem, reason, tmp_path, monkeypatch):
     def full(*_, **__):
-        raise OSError(28, "No space left on device")
+        raise problem
 
     saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
     checkpoint.save(tmp_path, saved)
     monkeypatch.setattr(checkpoint, "save_file", full)
-    with pytest.raises(BadInput, match="No space left.*or let the folder be written in, then type: wegs train --resume -o"):
+    with pytest.raises(
+        BadInput, match=f"000008.safetensors could not be written: {reason}. Free some space, or let .*, then type: wegs train --resume -o"
+    ):
         checkpoint.save(tmp_path, checkpoint.Checkpoint(saved.tensors, {"step": 8}))
     checkpoint.newest(tmp_path).unlink()
     with pytest.raises(BadInput, match="then type: wegs train --resume -o"):

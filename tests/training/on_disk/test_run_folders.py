@@ -1,6 +1,8 @@
 """The run folder: naming, finding, replacing."""
 
+import errno
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -72,6 +74,16 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
     for name in ("file", "home"):
         with pytest.raises(BadInput, match=name):
             run_folders.choose_folder(Path(name), "plaza", force=True)
+
+
+@pytest.mark.parametrize("output", [None, Path("new")])
+def test_where_no_run_can_be_made_another_place_is_asked_for(output, here, monkeypatch):
+    def refuse(**_):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)  # who runs the tests may be root, who may write nearly anywhere
+    with pytest.raises(BadInput, match=f"The folder {here} may not be written in: Permission denied. Choose another -o."):
+        run_folders.choose_folder(output, "plaza")
 
 
 def test_no_run_gets_a_name_from_which_no_checkpoint_is_read(here):

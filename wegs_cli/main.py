@@ -72,7 +72,10 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         if isinstance(problem, click.NoSuchOption) and problem.option_name == "--memory":
             advice = " It goes before the command: wegs --memory GIB train ..."
         message = problem.format_message().replace("float range", "number").replace("integer range", "whole number")  # click's names of types
-        return " ".join(message.split()) + advice, problem.exit_code
+        if message.startswith("Got unexpected extra argument") and any("--run" in parameter.opts for parameter in context.command.params):
+            advice = f" A run is named by --run.{advice}"
+        stop = "" if message.endswith((".", "?")) else "."
+        return " ".join(message.split()) + stop + advice, problem.exit_code
     if isinstance(problem, (click.Abort, KeyboardInterrupt)):
         # click turns every Ctrl-C into an Abort; the words about what was kept are in its cause.
         first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem

@@ -9,12 +9,12 @@ from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, lacks_photos, 
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import names_wegs
-from core.data.photos.folder import SUFFIXES, VIDEO_SUFFIXES, fuller_below, list_photos, no_photos, take_pictures_out
+from core.data.photos.folder import SUFFIXES, VIDEO_SUFFIXES, list_photos, no_photos, photos_below, take_pictures_out
 from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
 from core.report import Report
-from core.words import Note, counted
+from core.words import Note, counted, list_names
 
 PHOTO_FOLDERS = (".", "images", "input", "photos")
 POSED = {"colmap": read_colmap, "nerfstudio": read_transforms, "blender": read_blender, "nerf-osr": read_nerf_osr}
@@ -123,13 +123,20 @@ def warn_of_others(path: Path, photos: Path, report: Report) -> None:
     """Name the photos in and below `path` that are not used because `photos` is the folder that `find_photos` found there."""
     for folder, count in passed_over(path, photos).items():
         report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
-    if below := fuller_below(path, photos):
-        report.warn(f"{counted(len(list_photos(below)), 'photo')} in {below} not used: subfolders are not searched. Give that folder to use them.")
+    if below := not_searched(path):
+        what = f"{counted(sum(below.values()), 'photo')} in {list_names(list(map(str, below)))} not used: subfolders are not searched."
+        report.warn(f"{what} To use them, put all photos into one folder, or give theirs.")
 
 
 def passed_over(path: Path, photos: Path) -> dict[Path, int]:
     """How many photos are in the other folders with any that `path` may stand for, of which `find_photos` chose `photos`."""
     return {folder: count for folder, count in count_photos(path).items() if count and folder != photos}
+
+
+def not_searched(path: Path) -> dict[Path, int]:
+    """How many photos are in the folders below `path` that it cannot stand for."""
+    places = count_photos(path)
+    return {folder: count for folder, count in photos_below(path).items() if folder not in places}
 
 
 def count_photos(path: Path) -> dict[Path, int]:

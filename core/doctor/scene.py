@@ -10,9 +10,9 @@ import numpy as np
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection, Photo, astray
-from core.data.load import passed_over
+from core.data.load import not_searched, passed_over
 from core.data.photos.file import named_with_fault
-from core.data.photos.folder import fuller_below, list_gone, list_photos, list_unreadable
+from core.data.photos.folder import list_gone, list_photos, list_unreadable
 from core.data.photos.pixels import load_photo
 from core.data.placing import USUAL_FOCAL_LENGTHS, focal_length_of, is_usual
 from core.data.sfm.features import LEAST_PHOTOS
@@ -231,7 +231,8 @@ def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
         Finding("photos elsewhere", f"{count} in {other}, beside the {used} in {folder}", "only one folder is used", "Put all photos into one.")
         for other, count in passed_over(root, folder).items()
     ]
-    if below := fuller_below(root, folder):
-        figure = f"{len(list_photos(below))} in {below}, more than the {used} in {folder}"
-        findings.append(Finding("photos elsewhere", figure, "subfolders are not searched", "Give that folder, or put all photos into one."))
+    if below := not_searched(root):
+        figure = f"{sum(below.values())} in {list_names(list(map(str, below)))}, beside the {used} in {folder}"
+        advice = "Give that folder, or put all photos into one." if max(below.values()) > used else ""  # fewer may be masks, or thumbnails
+        findings.append(Finding("photos elsewhere", figure, "subfolders are not searched", advice))
     return findings

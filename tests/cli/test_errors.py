@@ -165,6 +165,9 @@ def test_a_program_without_a_terminal_works_all_the_same():
     [
         (["tarin", "photos"], "No such command 'tarin'. Did you mean 'train'?"),
         (["quit"], "No such command 'quit'. Try: wegs --help"),
+        (["evla"], "No such command 'evla'. Did you mean 'eval'? Try: wegs --help"),
+        (["eval", "runs/x"], "Got unexpected extra argument (runs/x). A run is named by --run. Try: wegs eval --help"),
+        (["doctor", "runs/x", "runs/y"], "Got unexpected extra argument (runs/y). Try: wegs doctor --help"),
         (["train", "photos", "--memory", "4"], "No such option '--memory'. It goes before the command: wegs --memory GIB train"),
         (["--memory", "much", "train"], "'much' is not a valid number. Try: wegs --help"),
         (["interpolate", "a.jpg", "b.jpg", "--steps", "few"], "'few' is not a valid whole number. Try: wegs interpolate --help"),

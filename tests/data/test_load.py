@@ -153,7 +153,8 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, monkey
     monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
     heard = Heard()
     prepare.prepared(tmp_path / "photos", tmp_path / "made", heard)
-    told = f"! 3 photos in {tmp_path / 'photos' / 'day'} not used: subfolders are not searched. Give that folder to use them."
+    day = tmp_path / "photos" / "day"
+    told = f"! 4 photos in {day}, {day / 'dark'} not used: subfolders are not searched. To use them, put all photos into one folder, or give theirs."
     assert heard.lines == [told]
     monkeypatch.setattr(cameras, "reconstruct", lambda photos, output, report: output)
     cameras.find_cameras(tmp_path / "photos", tmp_path / "scene", heard)

@@ -219,11 +219,10 @@ def test_one_photo_is_too_few_to_find_cameras(tmp_path):
 @pytest.mark.parametrize("place", ["old", "keyframes/images", "sensors/records_data/left"])
 def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place):
     save_photos(tmp_path, 2)
-    save_photos(tmp_path / place, 2)
-    assert "photos elsewhere" not in examined(tmp_path)[0]
-    save_photos(tmp_path / place, 3)
-    found = examined(tmp_path)[0]["photos elsewhere"]
-    assert found.figure == f"3 in {tmp_path / place}, more than the 2 in {tmp_path}" and found.advice.startswith("Give that folder")
+    for count, advice in ((2, ""), (3, "Give that folder, or put all photos into one.")):
+        save_photos(tmp_path / place, count)
+        found = examined(tmp_path)[0]["photos elsewhere"]
+        assert found.figure == f"{count} in {tmp_path / place}, beside the 2 in {tmp_path}" and found.advice == advice
 
 
 def test_photos_beside_the_folder_that_is_used_are_told(tmp_path):

@@ -65,8 +65,8 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
         return BadInput(f"{name} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
     if names_wegs(folder):
         return BadInput(f"{name} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
-    if below := fuller_below(folder, folder):
-        inner = below.relative_to(folder)
+    if below := photos_below(folder):
+        inner = max(below, key=below.get).relative_to(folder)
         return BadInput(f"{name} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
     if runs := sorted(path for path in folder.iterdir() if names_wegs(path)):
         return BadInput(f"{name} holds {what}, but runs such as {runs[0]}.", "Give the folder that holds your photos.")
@@ -82,11 +82,10 @@ def take_pictures_out(video: Path) -> str:
     return f"Take pictures out of it: mkdir photos; {command('ffmpeg', '-i', video, '-vf', 'fps=2', 'photos/%04d.png')}"
 
 
-def fuller_below(folder: Path, than: Path) -> Path | None:
-    """The folder up to LEVELS below `folder` with the most photos, if it holds more than the folder `than`; what wegs wrote does not count."""
-    found = {path: len(list_photos(path)) for path in (than, *_folders_below(folder, LEVELS))}
-    fullest = max(found, key=found.get)  # the first of equals
-    return None if fullest == than else fullest
+def photos_below(folder: Path) -> dict[Path, int]:
+    """How many photos are in each folder up to LEVELS below `folder` that holds any; what wegs wrote does not count."""
+    counts = {path: len(list_photos(path)) for path in _folders_below(folder, LEVELS)}
+    return {path: count for path, count in counts.items() if count}
 
 
 def _folders_below(folder: Path, levels: int) -> Iterator[Path]:

@@ -310,7 +310,7 @@ DECIDABLE = (  # what may be left to the data
 # What each preset changes. Command line beats preset beats default.
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
-    "quick": {"steps": 1200, "max_gaussians": 20_000, "scale_rate": 5.6e-2},  # core/TRIED.md, "Learning rates"
+    "quick": {"steps": 1200, "max_gaussians": 20_000, "scale_rate": 2.4e-2},  # core/TRIED.md, "Learning rates"
     "paper": {
         "steps": 150_000,
         "max_gaussians": 3_000_000,

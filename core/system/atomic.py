@@ -13,7 +13,7 @@ from typing import Any
 
 from core.errors import BadInput, DiskFull, WegsError, as_disk_full, disk_full
 from core.system.lock import taken
-from core.system.outputs import TEMPORARY, check_file, check_fillable
+from core.system.outputs import TEMPORARY, check_fillable, check_place
 
 KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
 NAME_PART = 58  # characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the usual 255
@@ -46,7 +46,7 @@ def replacing(path: Path) -> Iterator[Path]:
     video and picture writers choose their format.
     Raises DiskFull, and BadInput for a folder that is missing or may not be written.
     """
-    check_file(path)
+    check_place(path)
     with _named(path), temporary_folder(path) as work:
         yield work / path.name
         os.replace(work / path.name, path)

@@ -12,14 +12,20 @@ TEMPORARY = ".wegs-"  # in the names of temporary folders of work in progress
 
 def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
     """Raise BadInput unless `folder` can be written in, or be made; DiskFull. fix: what to do where it is read-only."""
-    above = (path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
-    there = next(above, folder)  # nothing is, of a drive that Windows lacks
-    if not there.is_dir():
-        raise BadInput(f"{there} is not a folder.", "Write to another folder.")
+    there = _nearest(folder)
     try:
         os.rmdir(tempfile.mkdtemp(prefix=TEMPORARY, dir=there))  # permissions do not tell: root has them in /proc, too
     except OSError as problem:
         raise as_disk_full(problem, folder) or BadInput(f"The folder {there} may not be written in: {problem.strerror}.", fix) from None
+
+
+def _nearest(folder: Path) -> Path:
+    """`folder`, or the nearest above it that is there; BadInput if that is no folder."""
+    above = (path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
+    there = next(above, folder)  # nothing is, of a drive that Windows lacks
+    if not there.is_dir():
+        raise BadInput(f"{there} is not a folder.", "Write to another folder.")
+    return there
 
 
 def check_named_as_folder(output: Path, suffixes: tuple[str, ...], what: str) -> None:
@@ -44,9 +50,15 @@ def check_apart(folder: Path, given: Iterable[Path]) -> None:
 
 def check_file(path: Path) -> None:
     """Raise BadInput unless a file can be written as `path`."""
+    check_folder(path.parent)
+    check_place(path)
+
+
+def check_place(path: Path) -> None:
+    """Raise BadInput unless `path` names a file in a folder that is there; whether that may be written in is not tried."""
     if path.is_dir():
         raise BadInput(f"{path} is a folder.", "Give the name of a file.")
-    check_folder(path.parent)
+    _nearest(path.parent)
     if path.parts[0] == "~":
         raise BadInput(f"{path} names no home folder: the shell replaces ~ only at the start of a word.", f"Type: -o {path}, with a space")
     if not path.parent.exists():

@@ -189,6 +189,6 @@ def test_a_temporary_file_that_cannot_be_removed_hides_no_error(tmp_path, monkey
     def refuse(*_, **__):
         raise OSError(errno.EROFS, "Read-only file system")
 
+    monkeypatch.setattr(os, "rmdir", refuse)
     with pytest.raises(BadInput, match="could not be written"), replacing(tmp_path / "a.ply"):
-        monkeypatch.setattr(os, "rmdir", refuse)
         raise OSError(errno.EROFS, "Read-only file system")

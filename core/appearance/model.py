@@ -30,6 +30,10 @@ class Reading:
     embedding: Float[Tensor, " e"]
     mask: Float[Tensor, "1 h w"] | None
 
+    def detached(self) -> "Reading":
+        """The same without a gradient, sharing memory."""
+        return Reading(self.embedding.detach(), None if self.mask is None else self.mask.detach())
+
 
 class AppearanceModel(nn.Module):
     """Everything about looks that is learned, built from the settings; what they switch off does not exist.

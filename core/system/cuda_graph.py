@@ -1,15 +1,18 @@
 """Work whose kernels are the same each time, started as one: a CUDA graph.
 
-A GPU is through with a small kernel sooner than the host has started the next.
+A GPU is through with a small kernel sooner than the host has started the next; and a small kernel leaves room on it for others.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import cycle
 from typing import Generic, TypeVar
 
 import torch
 
 Result = TypeVar("Result")
+
+OTHER_STREAMS = 2
 
 
 def can_record(device: torch.device) -> bool:
@@ -22,6 +25,8 @@ class Recorder:
 
     def __init__(self):
         self.stream = torch.cuda.Stream()
+        self.others = [torch.cuda.Stream() for _ in range(OTHER_STREAMS)]
+        self.turns = cycle(self.others)
         self.last: torch.cuda.CUDAGraph | None = None
 
     @contextmanager
@@ -29,11 +34,30 @@ class Recorder:
         """All work inside, recorded or not, is on that stream: after what was asked for before, and before what is asked for later."""
         outer = torch.cuda.current_stream()
         self.stream.wait_stream(outer)
+        self.turns = cycle(self.others)  # the same streams for the same work: autograd wants to find it where it was
         try:
             with torch.cuda.stream(self.stream):
                 yield
         finally:
             outer.wait_stream(self.stream)
+
+    def beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
+        """Start the kernels of work() beside those of what follows; calling what is returned gives its result, for which what follows then waits.
+
+        Only inside `at_work`. The streams take turns. torch gives memory to another tensor of the stream that it was taken on, whoever else still
+        reads it: so the caller keeps what the work reads until it has the result, and the result to the end of the step.
+        """
+        stream = next(self.turns)
+        stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(stream):
+            result = work()
+            done = stream.record_event()
+
+        def finish() -> Result:
+            torch.cuda.current_stream().wait_event(done)
+            return result
+
+        return finish
 
     def forget(self) -> None:
         """Let the memory of all recordings go with them: none is used any more."""

@@ -1,14 +1,14 @@
 """How the networks learn: encoder, mask, SH transfer and tables, each by Adam at its own rate."""
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from core.config import Settings
-from core.system.threads import beside
 from core.training import guards, schedule
 
 
@@ -36,12 +36,14 @@ def rates_at(optimizer: torch.optim.Adam | None, progress: float) -> list[float]
 
 
 @contextmanager
-def encoder_backward_beside(work: Callable[[], None], embedding: Float[Tensor, " e"]) -> Iterator[None]:
+def encoder_backward_beside(
+    work: Callable[[], None], embedding: Float[Tensor, " e"], beside: Callable[[Callable[[], None]], Callable[[], Any]]
+) -> Iterator[None]:
     """Runs the encoder's backward pass, `work`, in parallel with what remains of the SH transfer's, which is run inside the block.
 
-    embedding: the leaf whose gradient `work` begins with. On a CPU `work` starts on another thread as soon as that gradient is
-    there: others are then still on their way through the SH transfer's hidden layers. At the end of the block it is waited for or,
-    elsewhere and where the embedding gets no gradient, done.
+    embedding: the leaf whose gradient `work` begins with. beside: see `threads.beside`; it is given `work` as soon as that gradient is there:
+    others are then still on their way through the SH transfer's hidden layers. At the end of the block it is waited for or, where the embedding
+    gets no gradient, done.
     """
     started: list[Callable[[], None]] = []
 
@@ -49,7 +51,7 @@ def encoder_backward_beside(work: Callable[[], None], embedding: Float[Tensor, "
         started.append(beside(work))
 
     # Taken off at the end: `work` holds the embedding, which holds the hook, and Python's collector does not see through torch.
-    with embedding.register_post_accumulate_grad_hook(start) if embedding.device.type == "cpu" else nullcontext():
+    with embedding.register_post_accumulate_grad_hook(start):
         yield
     (started[0] if started else work)()
 

@@ -4,7 +4,9 @@ A name in `_later` is a result that is still being computed beside what follows:
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
@@ -14,8 +16,8 @@ from core.config import Settings
 from core.rasterizer import Colour, Rasterizer, Visible
 from core.rasterizer.view import WIDTH, view_of
 from core.scene.camera import Camera
+from core.system import threads
 from core.system.device import sent, sent_together
-from core.system.threads import beside
 from core.training import guards, network_updates, schedule
 from core.training.background import background_of_step
 from core.training.gaussians import densify
@@ -27,6 +29,8 @@ from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
 from core.training.sized_photos import SizedPhotos
 from core.training.transparency import transparent_is_empty
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -47,20 +51,21 @@ class StepInputs:
     """The numbers that differ between two steps, where they are computed.
 
     encoder_input: the photo as the encoder takes it; target: as the picture's; gain: (3,), of the exposure that both are seen in, None for their
-    own. view: the camera, see core.rasterizer.view. largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. rates: of the Gaussians, see
-    `learning_rates`; network_rates: of the networks, see `network_updates`. neutral: (e,), the mean embedding. gauge_rows: see `Objective.gauge`.
+    own. view: the camera, see core.rasterizer.view. rates: of the Gaussians, see `learning_rates`; network_rates: of the networks, see
+    `network_updates`. gauge_rows: see `Objective.gauge`. The others are known when the step before is over: largest_loss: (), see `guards`.
+    mask_mean: (), see `mask_weights`. neutral: (e,), the mean embedding.
     """
 
     encoder_input: Tensor
     target: Target
     gain: Tensor | None
     view: Tensor
-    largest_loss: Tensor
-    mask_mean: Tensor
     rates: dict[str, Tensor]
     network_rates: list[float] | list[Tensor]
-    neutral: Tensor
     gauge_rows: Tensor | None
+    largest_loss: Tensor
+    mask_mean: Tensor
+    neutral: Tensor
 
     @property
     def tensors(self) -> list[Tensor]:
@@ -77,25 +82,21 @@ class StepInputs:
                 found.append(part)
         return found
 
-    def sent(self) -> "StepInputs":
-        """The same on the photo's device: what the host made of them is copied there without waiting."""
-        device = self.encoder_input.device
-        if device.type == "cpu":
-            return self
-        gains = [] if self.gain is None else [self.gain]
-        numbers = [self.largest_loss, self.mask_mean, torch.tensor(self.network_rates), *self.rates.values(), *gains]
-        largest_loss, mask_mean, network_rates, *rates = sent_together(numbers, device)
-        gain = rates.pop() if gains else None
-        return replace(
-            self,
-            gain=gain,
-            view=sent(self.view, device),
-            largest_loss=largest_loss,
-            mask_mean=mask_mean,
-            rates=dict(zip(self.rates, rates, strict=True)),
-            network_rates=list(network_rates.unbind()),
-            gauge_rows=None if self.gauge_rows is None else sent(self.gauge_rows, device),
-        )
+
+@dataclass(frozen=True)
+class DrawnStep:
+    """A step that is yet to be taken, with its random draws. inputs: makes its inputs, given those that the step before leaves, by name."""
+
+    moment: Moment
+    inputs: Callable[..., StepInputs]
+
+
+class Found(NamedTuple):
+    """What the camera of a step shows. shown: how many rows of that are Gaussians, see `regularisers.residual_loss`. complete: whether it is all."""
+
+    visible: Visible
+    shown: Tensor | None = None
+    complete: Tensor | bool = True
 
 
 @dataclass
@@ -110,48 +111,55 @@ class Stepper:
     rasterizer: Rasterizer
     generator: torch.Generator
 
-    def take(self, gaussians: Gaussians, index: int, done: int, usual: float, mask_mean: float) -> tuple[Reading, StepFacts]:
-        """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
-
-        index: the photo's. done: steps before this one. usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights`. Returns
-        what was read in the photo, and the facts, as numbers.
-        """
+    def draw(self, gaussians: Gaussians, index: int, done: int) -> DrawnStep:
+        """Draw a step at random. index: the photo's. done: steps before this one."""
         settings, generator, progress = self.settings, self.generator, done / self.settings.steps
         camera, target = self.photos.target(index, schedule.shrink_factor(settings, progress))
-        inputs = StepInputs(
-            encoder_input=self.photos[index].encoder_input,
-            target=target,
-            gain=draw_gain(settings, generator),
-            view=view_of(camera),
-            largest_loss=torch.tensor(guards.largest_loss(usual)),
-            mask_mean=torch.tensor(mask_mean),
-            rates=learning_rates(settings, progress),
-            network_rates=network_updates.rates_at(self.optimizer, progress),
-            neutral=self.model.mean_embedding,
-            gauge_rows=self.objective.drawn_for_gauge(gaussians, generator),
-        )
+        gain, view, rates = draw_gain(settings, generator), view_of(camera), learning_rates(settings, progress)
+        network_rates = network_updates.rates_at(self.optimizer, progress)
+        gauge_rows = self.objective.drawn_for_gauge(gaussians, generator)
         background = background_of_step(transparent_is_empty(settings), generator)
-        return self._compute(gaussians, inputs.sent(), Moment(index, done, progress, camera, background))
+
+        encoder_input = self.photos[index].encoder_input
+        if (device := encoder_input.device).type != "cpu":  # what the host made is copied there without waiting
+            gains = [] if gain is None else [gain]
+            on_device, *others = sent_together([torch.tensor(network_rates), *rates.values(), *gains], device)
+            network_rates, gain = list(on_device.unbind()), others.pop() if gains else None
+            rates = dict(zip(rates, others, strict=True))
+            view, gauge_rows = sent(view, device), None if gauge_rows is None else sent(gauge_rows, device)
+        inputs = partial(StepInputs, encoder_input, target, gain, view, rates, network_rates, gauge_rows)
+        return DrawnStep(Moment(index, done, progress, camera, background), inputs)
+
+    def take(
+        self, gaussians: Gaussians, drawn: DrawnStep, usual: float, mask_mean: float, meanwhile: Callable[[], None]
+    ) -> tuple[Reading, StepFacts]:
+        """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
+
+        usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights`. meanwhile: what the host may do before the step is over,
+        once or more often. Returns what was read in the photo, and the facts, as numbers.
+        """
+        left = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.objective.zero.device)
+        inputs = drawn.inputs(largest_loss=left[0], mask_mean=left[1], neutral=self.model.mean_embedding)
+        return self._compute(gaussians, inputs, drawn.moment, meanwhile)
 
     def forget(self) -> None:
         """Keep nothing of the Gaussians: they are about to grow in number, to be removed or replaced."""
 
-    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]) -> tuple[Reading, StepFacts]:
         """The step from here on, by its inputs."""
 
-        def find_visible() -> tuple[Visible, None]:
-            return self.rasterizer.visible(gaussians.splats, moment.camera), None
+        def find_visible() -> Found:
+            return Found(self.rasterizer.visible(gaussians.splats, moment.camera))
 
         reading, facts = self._learn(gaussians, inputs, moment, find_visible)
         return reading, StepFacts(*facts.cpu().tolist())
 
-    def _learn(
-        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, find_visible: Callable[[], tuple[Visible, Tensor | None]]
-    ) -> tuple[Reading, Tensor]:
-        """The step itself; its facts are one tensor, in the order of StepFacts.
+    def _beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
+        """See `threads.beside`."""
+        return threads.beside(work)
 
-        find_visible: gives what the camera shows, and how many rows of that are Gaussians, see `regularisers.residual_loss`.
-        """
+    def _learn(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, find_visible: Callable[[], Found]) -> tuple[Reading, Tensor]:
+        """The step itself; its facts are one tensor, in the order of StepFacts."""
         model, objective, progress = self.model, self.objective, moment.progress
         if self.optimizer is not None:
             self.optimizer.zero_grad()
@@ -161,29 +169,29 @@ class Stepper:
             encoder_input, target = jittered(inputs.encoder_input, inputs.target, inputs.gain)
             return model.read(encoder_input, moment.index), target.over(moment.background)
 
-        read_later = beside(read_photo)
-        gauge_loss_later = beside(lambda: objective.gauge(gaussians, inputs.gauge_rows, inputs.neutral))
-        visible, shown = find_visible()
+        read_later = self._beside(read_photo)
+        gauge_loss_later = self._beside(lambda: objective.gauge(gaussians, inputs.gauge_rows, inputs.neutral))
+        visible, shown, complete = find_visible()
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
 
         # The visible Gaussians in that look, and their picture. Gradients end in embedding, leaves and probe: zeros added to the centres (px).
         embedding = reading.embedding.detach().requires_grad_()
         sh, residual = model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
-        residual_loss_later = beside(lambda: objective.residual(residual, shown))
+        residual_loss_later = self._beside(lambda: objective.residual(residual, shown))
         splats = splats_of(leaves).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
         image = self.rasterizer.render(splats, moment.camera, moment.background, probe, visible.known)
 
         # What the step minimises.
-        mask_loss_later = beside(lambda: objective.mask(image, target, reading.mask, progress))
+        mask_loss_later = self._beside(lambda: objective.mask(image, target, reading.mask, progress))
         picture_loss = objective.picture(image, target, reading.mask, progress, inputs.mask_mean)
         transient_loss = objective.transient(splats, moment.camera, inputs.view, visible.known, reading.mask, progress, moment.done)
         rendered_loss = picture_loss + transient_loss
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()
-        sound = guards.sound(loss, picture_loss.detach(), inputs.largest_loss)
+        sound = complete & guards.sound(loss, picture_loss.detach(), inputs.largest_loss)
 
         # The gradients, then the updates.
         def teach_encoder() -> None:
@@ -191,7 +199,7 @@ class Stepper:
 
         taken = learned = sound
         if not guards.refused(sound):
-            with network_updates.encoder_backward_beside(teach_encoder, embedding):
+            with network_updates.encoder_backward_beside(teach_encoder, embedding, self._beside):
                 backward((rendered_loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
@@ -201,6 +209,7 @@ class Stepper:
                 gaussians.step(visible.rows, leaves, inputs.rates, taken)
             learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if the encoder's gradient overflows
 
-        shown_share = objective.zero if reading.mask is None else reading.mask.detach().mean()
+        reading = reading.detached()  # which lets autograd's graph go
+        shown_share = objective.zero if reading.mask is None else reading.mask.mean()
         facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
         return reading, torch.stack([fact.double() for fact in facts])

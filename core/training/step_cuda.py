@@ -6,8 +6,9 @@ of one step are recorded, and replayed with other numbers for those that follow.
 """
 
 import math
+from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -19,7 +20,7 @@ from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
 from core.training.guards import StepFacts
 from core.training.losses.canvas import TargetOnCanvas
-from core.training.step import Moment, StepInputs, Stepper
+from core.training.step import Found, Moment, Result, StepInputs, Stepper
 
 MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # than one photo shows there is room for: others show more
 
@@ -49,14 +50,16 @@ class StepperOnGpu(Stepper):
         if self.recorder is not None:
             self.recorder.forget()
 
-    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]) -> tuple[Reading, StepFacts]:
         if not can_record(inputs.encoder_input.device):
-            return self._compute_with_room(gaussians, inputs, moment)
+            return self._compute_with_room(gaussians, inputs, moment, meanwhile)
         self.recorder = self.recorder or Recorder()
         with self.recorder.at_work():
-            return self._compute_with_room(gaussians, inputs, moment)
+            return self._compute_with_room(gaussians, inputs, moment, meanwhile)
 
-    def _compute_with_room(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, StepFacts]:
+    def _compute_with_room(
+        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
+    ) -> tuple[Reading, StepFacts]:
         """The step, with as much room as it needs: with too little it is not taken, but tells how much that is."""
         situation = self._situation(inputs, moment)
         if situation != self.situation:
@@ -72,6 +75,7 @@ class StepperOnGpu(Stepper):
             else:
                 reading, facts = self._run(gaussians, inputs, moment)
             self.ran.add(looks_at_front)
+            meanwhile()
             *facts, shown, pairs = facts.cpu().tolist()
             if shown <= self.room.gaussians and pairs <= self.room.pairs:
                 return reading, StepFacts(*facts)
@@ -88,11 +92,18 @@ class StepperOnGpu(Stepper):
 
     def _run(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
         """The step, and its facts, behind which it says how much room it needs."""
-        visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, inputs.target.planes.shape[1:], self.room)
-        fits = (needed[0] <= self.room.gaussians) & (needed[1] <= self.room.pairs)
-        inputs = replace(inputs, largest_loss=torch.where(fits, inputs.largest_loss, -math.inf))
-        reading, facts = self._learn(gaussians, inputs, moment, lambda: (visible, needed[0]))
+        needed: Tensor
+
+        def find_visible() -> Found:
+            nonlocal needed
+            visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, inputs.target.planes.shape[1:], self.room)
+            return Found(visible, needed[0], (needed[0] <= self.room.gaussians) & (needed[1] <= self.room.pairs))
+
+        reading, facts = self._learn(gaussians, inputs, moment, find_visible)
         return reading, torch.cat([facts, needed.double()])
+
+    def _beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
+        return super()._beside(work) if self.recorder is None else self.recorder.beside(work)
 
     def _can_be_replayed(self, inputs: StepInputs) -> bool:
         """Whether nothing but numbers differs between this step and another of its kind in the same situation."""
@@ -109,6 +120,9 @@ class StepperOnGpu(Stepper):
                 self._drop_recordings()
                 return self._run(gaussians, inputs, moment)
         recording, own = self.recordings[looks_at_front]
-        for dtype in {tensor.dtype for tensor in own.tensors}:  # those of one type are copied at once
-            torch._foreach_copy_(*([tensor for tensor in given.tensors if tensor.dtype == dtype] for given in (own, inputs)))
+        copies: dict[torch.dtype, list[tuple[Tensor, Tensor]]] = {}
+        for pair in zip(own.tensors, inputs.tensors, strict=True):
+            copies.setdefault(pair[0].dtype, []).append(pair)
+        for pairs in copies.values():  # those of one type are copied at once
+            torch._foreach_copy_(*map(list, zip(*pairs)))
         return recording.replay()

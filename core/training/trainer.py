@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,7 +32,7 @@ from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
 from core.training.progress import within_step
 from core.training.sized_photos import SizedPhotos, Sizes
-from core.training.step import Stepper
+from core.training.step import DrawnStep, Stepper
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
 
 SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
@@ -39,6 +40,15 @@ HELD_OUT_PHOTOS = 4  # that a check of quality looks at
 MASK_MEAN_SHARE = 0.05  # of one photo's mask in the running mean of all
 FIRST_BUDGET = 0.25  # of max_gaussians; what growth may reach rises from there to all of it
 REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
+
+
+@dataclass(frozen=True)
+class Draw:
+    """The next step as it was drawn, and the state from which it would be drawn again: photos to come, and random numbers."""
+
+    step: DrawnStep
+    order: list[int]
+    random_state: Tensor
 
 
 @dataclass(frozen=True)
@@ -105,6 +115,7 @@ class Trainer:
         self.done = 0
         self.seconds = 0.0
         self.order: list[int] = []
+        self.ahead: Draw | None = None
         self.mask_mean = 1.0
         self.last_losses: list[float | None] = [None] * len(self.photos)
         self.skipped = 0
@@ -154,21 +165,20 @@ class Trainer:
             return self._step()
 
     def _step(self) -> StepReport:
-        progress = self.done / self.settings.steps
-        index, usual = self._next_photo(), guards.usual_loss(self.last_losses)
-        before = self.generator.get_state()
+        progress, usual = self.done / self.settings.steps, guards.usual_loss(self.last_losses)
+        draw, self.ahead = self.ahead or self._draw(self.done), None
+        index = draw.step.moment.index
         try:
-            reading, facts = self.stepper.take(self.gaussians, index, self.done, usual, self.mask_mean)
+            reading, facts = self.stepper.take(self.gaussians, draw.step, usual, self.mask_mean, self._draw_ahead)
         except Exception:  # of a step for which there is no room: what is saved then goes on with this very step
-            self.order.append(index)
-            self.generator.set_state(before)
+            self._go_back_to(draw.order, draw.random_state)
             raise
         self.done += 1
         fault = guards.fault(facts, usual)
         if fault is None:
             self.skipped_in_a_row = 0
             self.last_losses[index] = facts.picture_loss
-            self.model.remember(reading.embedding.detach(), index)
+            self.model.remember(reading.embedding, index)
             messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, progress)
         else:
             messages = [self._skip(index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
@@ -211,11 +221,36 @@ class Trainer:
             )
         return f"Step {self.done} {outcome}: its {fault} (photo {name})."
 
-    def _next_photo(self) -> int:
-        """The photo that the next step takes off `order`."""
-        if not self.order:
-            self.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
-        return self.order.pop()
+    def _draw(self, done: int) -> Draw:
+        """The step after `done` others, of the photo that it takes off `order`."""
+        order, random_state = list(self.order), self.generator.get_state()
+        try:
+            if not self.order:
+                self.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
+            return Draw(self.stepper.draw(self.gaussians, self.order.pop(), done), order, random_state)
+        except Exception:  # there may be no room for the photo
+            self._go_back_to(order, random_state)
+            raise
+
+    def _draw_ahead(self) -> None:
+        """Draw the step after the one that a GPU is at, which does not need the host meanwhile."""
+        if self.ahead is None and self.done + 1 < self.settings.steps:
+            with suppress(Exception):  # it will be met again when that step is due
+                self.ahead = self._draw(self.done + 1)
+
+    def _put_back(self) -> None:
+        """Undo what was drawn ahead, before the state of the run is looked at, or the Gaussians change in number."""
+        if self.ahead is not None:
+            self._go_back_to(self.ahead.order, self.ahead.random_state)
+
+    def _go_back_to(self, order: list[int], random_state: Tensor) -> None:
+        self.order, self.ahead = order, None
+        self.generator.set_state(random_state)
+
+    def _forget(self) -> None:
+        """Let nothing remain that was prepared for these Gaussians, which are about to change in number or to be replaced."""
+        self._put_back()
+        self.stepper.forget()
 
     # --- density, quality, checkpoints
 
@@ -232,7 +267,7 @@ class Trainer:
 
     def control_density(self) -> None:
         """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
-        self.stepper.forget()
+        self._forget()
         densify.prune(self.gaussians, self.settings, self.surroundings)
         now = sum(step <= self.done for step in self.grow_at) / len(self.grow_at)
         allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
@@ -240,13 +275,13 @@ class Trainer:
 
     def prune_by_contribution(self) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
-        self.stepper.forget()
+        self._forget()
         largest = largest_contributions(self.gaussians.splats, self.photos.cameras, self.rasterizer, self._told("pruning"))
         densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
 
     def clear_the_view(self) -> None:
         """Remove what stands in the way of whoever looks from elsewhere: see `gaussians.veils` and `gaussians.passers_by`."""
-        self.stepper.forget()
+        self._forget()
         splats, in_the_way = self.gaussians.splats, torch.zeros(len(self.gaussians), dtype=torch.bool, device=self.device)
         if self.settings.remove_veils:
             in_the_way |= veils(splats, self.photos.cameras, self.collection.points, self.rasterizer, self._told("veils"))
@@ -276,6 +311,7 @@ class Trainer:
 
     def save(self) -> Path:
         """Write a checkpoint that `resume` continues from bit for bit."""
+        self._put_back()
         parts = {"gaussians": self.gaussians.tensors(), "model": self.model.state_dict(), "random": {"generator": self.generator.get_state()}}
         if self.optimizer is not None:
             parts["optimizer"] = checkpoint.optimizer_tensors(self.optimizer)
@@ -294,7 +330,7 @@ class Trainer:
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:
             raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
-        self.stepper.forget()
+        self._forget()
         self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:

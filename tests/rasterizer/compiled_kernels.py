@@ -19,18 +19,22 @@ from core.appearance import positional_encoding_cuda
 from core.kernels import chosen_rows_cuda
 from core.kernels.triton_launch import FUSED, UNFUSED
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
+from core.rasterizer.cuda.backend import MOST_PARTS
 from core.training.gaussians import adam_cuda, density_statistics_cuda
 from core.training.losses import photometric_cuda, residual_cuda
 
 PLAIN = {"COEFFICIENTS": 1, "PROBED": False}  # a look of degree 0, drawn and not trained
+DIVIDED = {"PARTS": MOST_PARTS, "NOTES": True}  # the tiles of a small picture
 KERNELS = [  # with the options that they are launched with, and what differs from CONSTANTS
     (project.find_visible, {"num_warps": project.WARPS, **UNFUSED}, {}),
     (project.project, {"num_warps": project.WARPS, **UNFUSED}, {}),
     (project.project, {"num_warps": project.WARPS, **UNFUSED}, PLAIN),
     (bin.list_tiles, {"num_warps": bin.WARPS, **UNFUSED}, {}),
-    (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS, **UNFUSED}, {}),
-    (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS, **UNFUSED}, {"RECORD": True}),
+    (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS[1], **UNFUSED}, {}),
+    (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS[1], **UNFUSED}, {"RECORD": True}),
+    (blend_forward.blend_forward, {"num_warps": blend_forward.WARPS[MOST_PARTS], **UNFUSED}, DIVIDED),
     (blend_backward.blend_backward, {"num_warps": blend_backward.WARPS, **FUSED}, {}),
+    (blend_backward.blend_backward, {"num_warps": blend_backward.WARPS, **FUSED}, DIVIDED),
     (blend_backward.add_up, {"num_warps": 1, **UNFUSED}, {}),
     (project_backward.project_backward, {"num_warps": project_backward.WARPS, **UNFUSED}, {}),
     (project_backward.project_backward, {"num_warps": project_backward.WARPS, **UNFUSED}, PLAIN),
@@ -46,10 +50,10 @@ KERNELS = [  # with the options that they are launched with, and what differs fr
 ]
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
-    **dict.fromkeys(("count", "columns", "width", "height", "size", "solid"), "i32"),
+    **dict.fromkeys(("count", "sections", "columns", "width", "height", "size", "solid"), "i32"),
     **dict.fromkeys(("background_red", "background_green", "background_blue", "share", "weight"), "fp32"),
     **dict.fromkeys(("sources", "copies", "values", "first", "second", "gradients"), ("*fp32",) * 6),  # of each parameter
-    **dict.fromkeys(("order", "slot_starts", "tile_starts", "tile_ends", "entry_slots", "rows", "shown"), "*i64"),
+    **dict.fromkeys(("order", "slot_starts", "tile_starts", "part_ends", "entry_slots", "rows", "shown"), "*i64"),
     **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts", "visible"), "*i32"),
     "slot_tiles": "*i16",
     "blended_slots": "*u8",
@@ -61,6 +65,8 @@ CONSTANTS = {
     "FREE": (0, 0, 0, 0, 3, 16),
     "ROWS": adam_cuda.ROWS,
     "OCTAVES": 4,
+    "PARTS": 1,
+    "NOTES": False,
     "PROBED": True,
     "RECORD": False,
 }

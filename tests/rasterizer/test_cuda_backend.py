@@ -99,6 +99,27 @@ def test_pairs_that_are_known_change_nothing(splats):
         assert torch.equal(rasterizer.contributions(seen, VIEW, room), largest)
 
 
+@pytest.mark.parametrize("programs", [4, 36, 200])
+def test_a_small_picture_whose_tiles_are_divided_is_the_same(monkeypatch, programs):
+    """Four tiles: undivided, in few sections, and in as many as there are."""
+    view = camera(30, 27, focal=40.0)
+    splats = cloud(view, 160, seed=51, degree=1, sizes_px=(2.0, 12.0)).map(lambda tensor: tensor.to(DEVICE))
+    splats.logit_opacities[:40] = 4.0  # pixels are finished in different sections
+    render = partial(backend.CudaRasterizer().render, camera=view, background=(0.2, 0.5, 0.1))
+    weight = torch.rand(27, 30, 3, device=DEVICE)
+
+    def results(most: int) -> tuple[torch.Tensor, ...]:
+        monkeypatch.setattr(backend, "PROGRAMS", most)
+        leaves = splats.map(lambda tensor: tensor.detach().requires_grad_())
+        image = render(leaves)
+        return image.detach(), *torch.autograd.grad((image * weight).sum(), list(leaves.tensors().values()))
+
+    (image, *gradients), (divided, *others) = results(1), results(programs)
+    assert torch.equal(image, divided)
+    for gradient, other in zip(gradients, others, strict=True):  # what lies behind a section is a difference of sums, and not one less another
+        torch.testing.assert_close(other, gradient, rtol=1e-4, atol=1e-6 * float(gradient.abs().max()))
+
+
 def test_more_room_than_a_view_needs_changes_nothing(splats):
     """Room for Gaussians is filled with rows of -1, that for pixels with the background."""
     rasterizer = backend.CudaRasterizer()

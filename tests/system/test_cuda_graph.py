@@ -20,6 +20,23 @@ def test_recordings_are_replayed_in_turn_with_other_numbers():
                 assert recording.replay().tolist() == [factor * number] * 5
 
 
+def test_work_beside_other_work_is_recorded_with_it():
+    """It begins after what was there before, and its result is there for what follows."""
+    recorder, given = Recorder(), torch.ones(1000, device="cuda")
+
+    def work():
+        doubled = given * 2
+        later = [recorder.beside(lambda number=number: (doubled + number).cumsum(0)[-1]) for number in range(3)]
+        tripled = doubled + given
+        return torch.stack([tripled[0], *(finish() for finish in later)])
+
+    with recorder.at_work():
+        assert work().tolist() == [3, 2000, 3000, 4000]
+        recording = recorder.record(work)
+        given.fill_(2.0)
+        assert recording.replay().tolist() == [6, 4000, 5000, 6000]
+
+
 def test_work_that_fails_while_it_is_recorded_says_why_and_later_work_goes_on():
     def fails():
         torch.ones(3, device="cuda").add_(1)

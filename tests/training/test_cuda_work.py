@@ -9,6 +9,7 @@ import torch
 
 import core.rasterizer
 from core.system import device
+from core.system.threads import beside
 from core.training import sized_photos
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses.objective import TRANSIENT_EVERY
@@ -98,6 +99,8 @@ class Again:
     """
 
     full, recorded = False, 0
+
+    beside = staticmethod(beside)
 
     def at_work(self):
         return nullcontext()
@@ -214,3 +217,29 @@ def test_what_waits_is_seen():
         assert len(work.waits) == before + 1 and len(work.asked) == 1
         there.cpu()
         assert not work.asked  # what was asked for is there, now that the host has waited for something later
+
+
+@pytest.mark.usefixtures("records")
+def test_what_was_drawn_ahead_leaves_no_trace_in_what_is_saved(trainer):
+    """A checkpoint is that of a run that draws each step when it is due; a draw that fails is met when its step is due."""
+    trainer.step()
+    assert trainer.ahead is not None
+    order, random_state = list(trainer.ahead.order), trainer.ahead.random_state
+    trainer.save()
+    assert trainer.ahead is None and trainer.order == order and torch.equal(trainer.generator.get_state(), random_state)
+
+    trainer.step()
+    order, honest = list(trainer.order), trainer.stepper.draw
+
+    def fails(*_):
+        trainer.generator.manual_seed(7)
+        raise torch.OutOfMemoryError
+
+    trainer.stepper.draw = fails
+    trainer.step()  # it was drawn ahead; the next one is not
+    random_state = trainer.generator.get_state()
+    with pytest.raises(torch.OutOfMemoryError):
+        trainer.step()
+    assert trainer.order == order and torch.equal(trainer.generator.get_state(), random_state)
+    trainer.stepper.draw = honest
+    trainer.step()

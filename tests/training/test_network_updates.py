@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from core.appearance.model import AppearanceModel
+from core.system.threads import beside
 from core.training import network_updates
 from core.training.losses.backward import backward
 from tests.small import small_settings
@@ -31,11 +32,15 @@ def test_every_network_learns_at_its_own_rate(changes, expected):
     assert not rates
 
 
-def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way(monkeypatch):
+def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way():
     handed, taught_with = [], []
-    monkeypatch.setattr(network_updates, "beside", lambda work: handed.append(work) or work)
     embedding = torch.ones(3, requires_grad=True)
-    with network_updates.encoder_backward_beside(lambda: taught_with.append(embedding.grad.clone()), embedding):
+
+    def beside(work):
+        handed.append(work)
+        return work
+
+    with network_updates.encoder_backward_beside(lambda: taught_with.append(embedding.grad.clone()), embedding, beside):
         backward((2 * embedding.sum(), None))
         assert len(handed) == 1 and not taught_with
     assert [gradient.tolist() for gradient in taught_with] == [[2.0] * 3]
@@ -45,6 +50,6 @@ def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_th
 
 def test_without_a_gradient_it_is_taught_at_the_end():
     embedding, taught_with = torch.ones(3, requires_grad=True), []
-    with network_updates.encoder_backward_beside(lambda: taught_with.append(embedding.grad), embedding):
+    with network_updates.encoder_backward_beside(lambda: taught_with.append(embedding.grad), embedding, beside):
         assert not taught_with
     assert taught_with == [None]

@@ -25,6 +25,9 @@ from core.system.device import sent
 BYTES_A_PAIR = 43 + 4 * layout.SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
+# Programs of blending that a GPU has room for. Where a picture has fewer tiles, each is divided, into so many parts and sections at most.
+PROGRAMS = 1 if interpreted() else 8192  # the interpreter runs one after the other
+MOST_PARTS, MOST_SECTIONS = 8, 32
 MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, or in a picture, as kernels find their place with 32 bits
 
 
@@ -111,12 +114,12 @@ class CudaRasterizer:
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         prepared = prepare(self._parameters(splats), None, camera)
         lists = prepared.lists
-        image, tile_ends = draw(prepared, BLACK)
+        drawn = draw(prepared, BLACK, differentiable=True)
         tiles = torch.empty_like(lists.entry_slots)
         tiles[lists.entry_slots] = torch.repeat_interleave(lists.tile_starts.diff())
 
         def colour_gradients(image_gradient: Tensor) -> Tensor:
-            gradients, blended_slots = gradients_of_slots(prepared, tile_ends, image, image_gradient)
+            gradients, blended_slots = gradients_of_slots(prepared, drawn, image_gradient)
             return torch.where(blended_slots[:, None] != 0, gradients[:, layout.SUM_COLOUR], 0)
 
         return shares_of_slots(camera, weight, len(splats), lists.owners, tiles, colour_gradients)
@@ -139,10 +142,11 @@ class _Render(torch.autograd.Function):
     def forward(ctx, camera, background, probe, known, *parameters):
         parameters = [tensor.contiguous() for tensor in parameters]
         prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera, known)
-        image, ctx.tile_ends = draw(prepared, background)
+        drawn = draw(prepared, background, differentiable=any(ctx.needs_input_grad))
         ctx.prepared, ctx.probed = prepared, probe is not None
-        ctx.save_for_backward(image, *parameters)
-        return image
+        ctx.part_ends, ctx.notes = drawn.part_ends, drawn.notes
+        ctx.save_for_backward(drawn.image, *parameters)
+        return drawn.image
 
     @staticmethod
     @once_differentiable
@@ -150,7 +154,8 @@ class _Render(torch.autograd.Function):
         image, *parameters = ctx.saved_tensors
         prepared, lists = ctx.prepared, ctx.prepared.lists
         count, device = len(parameters[0]), image.device
-        of_slots = gradients_of_slots(prepared, ctx.tile_ends, image.detach(), image_gradient.contiguous())
+        drawn = Drawn(image.detach(), ctx.part_ends, ctx.notes)
+        of_slots = gradients_of_slots(prepared, drawn, image_gradient.contiguous())
         sums = torch.empty(count, layout.SLOT_COLUMNS, device=device)
         blend_backward.add_up[blocks(count, blend_backward.BLOCK)](
             lists.order, lists.slot_starts, *of_slots, sums, count, BLOCK=blend_backward.BLOCK, num_warps=1, **UNFUSED
@@ -215,32 +220,49 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, know
     return Prepared(view, width, height, footprints, tile_counts, lists)
 
 
-def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """The picture (height, width, 3) and the tiles' ends, see `blend_forward`.
+class Drawn(NamedTuple):
+    """A picture (height, width, 3), and what the backward pass has to know of how it was blended, see `blend_forward`.
+
+    part_ends: (tiles, parts) int64. notes: (tiles, sections, 4, pixels), None where lists are not divided.
+    """
+
+    image: Tensor
+    part_ends: Tensor
+    notes: Tensor | None
+
+
+def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None, differentiable: bool = False) -> Drawn:
+    """Blend what was prepared. differentiable: whether `gradients_of_slots` is to come.
 
     strongest: zeros (slots,), to become the largest alpha * transmittance of each slot.
     """
     lists, width, height, device = prepared.lists, prepared.width, prepared.height, prepared.footprints.device
+    tiles = len(lists.tile_starts) - 1
     image = torch.empty(height, width, 3, device=device)
-    tile_ends = torch.empty(len(lists.tile_starts) - 1, dtype=torch.int64, device=device)
-    blend_forward.blend_forward[(len(tile_ends),)](
+    parts = MOST_PARTS if strongest is None and MOST_PARTS * tiles <= PROGRAMS else 1
+    sections = max(1, min(MOST_SECTIONS, PROGRAMS // max(tiles, 1))) if differentiable else 1
+    part_ends = torch.empty(tiles, parts, dtype=torch.int64, device=device)
+    notes = torch.empty(tiles, sections, 4, layout.TILE**2, device=device) if sections > 1 else None
+    blend_forward.blend_forward[(part_ends.numel(),)](
         lists.tile_starts, lists.entry_splats, lists.entry_slots, prepared.footprints,
-        image, tile_ends, image if strongest is None else strongest,
-        prepared.columns, width, height, *map(float, background),
-        RECORD=strongest is not None, num_warps=blend_forward.WARPS, **UNFUSED,
+        image, part_ends, image if notes is None else notes, image if strongest is None else strongest,
+        sections, prepared.columns, width, height, *map(float, background),
+        PARTS=parts, NOTES=notes is not None, RECORD=strongest is not None, num_warps=blend_forward.WARPS[parts], **UNFUSED,
     )  # fmt: skip
-    return image, tile_ends
+    return Drawn(image, part_ends, notes)
 
 
-def gradients_of_slots(prepared: Prepared, tile_ends: Tensor, image: Tensor, image_gradient: Tensor) -> tuple[Tensor, Tensor]:
-    """(slots, SLOT_COLUMNS) gradients and (slots,) which of them are set, not 0: see `blend_backward`. tile_ends, image: as `draw` made them."""
-    lists, (height, width, _) = prepared.lists, image.shape
+def gradients_of_slots(prepared: Prepared, drawn: Drawn, image_gradient: Tensor) -> tuple[Tensor, Tensor]:
+    """(slots, SLOT_COLUMNS) gradients and (slots,) which of them are set, not 0: see `blend_backward`. drawn: differentiable."""
+    lists, (image, part_ends, notes) = prepared.lists, drawn
+    (height, width, _), (tiles, parts) = image.shape, part_ends.shape
+    sections = 1 if notes is None else notes.shape[1]
     slot_gradients = torch.empty(len(lists.owners), layout.SLOT_COLUMNS, device=image.device)
     blended_slots = torch.zeros(len(lists.owners), dtype=torch.uint8, device=image.device)
-    blend_backward.blend_backward[(len(tile_ends),)](
-        lists.tile_starts, tile_ends, lists.entry_splats, lists.entry_slots, prepared.footprints,
-        image, image_gradient, slot_gradients, blended_slots, prepared.columns, width, height,
-        num_warps=blend_backward.WARPS, **FUSED,
+    blend_backward.blend_backward[(tiles, sections)](
+        lists.tile_starts, part_ends, image if notes is None else notes, lists.entry_splats, lists.entry_slots, prepared.footprints,
+        image, image_gradient, slot_gradients, blended_slots, sections, prepared.columns, width, height,
+        PARTS=parts, NOTES=notes is not None, num_warps=blend_backward.WARPS, **FUSED,
     )  # fmt: skip
     return slot_gradients, blended_slots
 

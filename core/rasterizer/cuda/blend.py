@@ -3,6 +3,10 @@
 One program blends one tile. Its pixels are a flat tensor of 256, of which every thread holds a few in registers; splats
 are read as scalars, the same for all lanes. Whether all pixels are finished is asked every BATCH splats only.
 
+A small picture has fewer tiles than a GPU has room for programs. There the forward pass divides the pixels of a tile among programs, and the
+backward pass the list of its splats: a section of the list can begin without those in front of it where the forward pass has noted down what
+the pixels were like there.
+
 Splats are blended in pairs, each read while the one before it is blended: a small picture has too few tiles for the waiting of
 one to be hidden by the work of others.
 """
@@ -23,13 +27,24 @@ STOP = tl.constexpr(contract.STOP_TRANSMITTANCE)
 
 
 @triton.jit
-def pixels_of(tile, columns, width, height):
-    """Of the tile's pixels: the centres x, y (px), the place in the picture, and whether they lie inside it."""
-    lane = tl.arange(0, PIXELS)
+def pixels_of(tile, lane, columns, width, height):
+    """Of the tile's pixels `lane`, of 0 to PIXELS - 1: the centres x, y (px), the place in the picture, and whether they lie inside it."""
     column = tile % columns * footprint.TILE + lane % footprint.TILE
     row = tile // columns * footprint.TILE + lane // footprint.TILE
     inside = (column < width) & (row < height)
     return column.to(tl.float32) + 0.5, row.to(tl.float32) + 0.5, row * width + column, inside
+
+
+@triton.jit
+def section_length(entries, sections):
+    """How many entries of a tile's list each section of it has but the last, which may have fewer; whole batches."""
+    return tl.cdiv(tl.cdiv(entries, sections), BATCH) * BATCH
+
+
+@triton.jit
+def note_of(tile, section, sections, lane):
+    """Where the four numbers are noted down that the pixels have at the beginning of a section, light first; each PIXELS behind the last."""
+    return (tile.to(tl.int64) * sections + section) * 4 * PIXELS + lane
 
 
 @triton.jit

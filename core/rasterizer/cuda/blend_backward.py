@@ -4,7 +4,7 @@ import triton
 import triton.language as tl
 
 from core.rasterizer import layout
-from core.rasterizer.cuda.blend import ALPHA_MAX, PIXELS, blended, coverage, pixels_of, read_splat, splat_of
+from core.rasterizer.cuda.blend import ALPHA_MAX, PIXELS, blended, coverage, note_of, pixels_of, read_splat, section_length, splat_of
 
 WARPS = 1  # nine sums over a tile a splat: within one warp they need no barrier
 LANES = tl.constexpr(32)
@@ -20,27 +20,43 @@ SLOTS_AT_ONCE = tl.constexpr(8)  # of each; few touch more tiles
 PADDED_COLUMNS = tl.constexpr(16)  # Triton's tensors have powers of two
 
 
-@triton.jit(do_not_specialize=["columns", "width", "height"])
+@triton.jit(do_not_specialize=["sections", "columns", "width", "height"])
 def blend_backward(
-    tile_starts, tile_ends, entry_splats, entry_slots, footprints, image, image_gradient, slot_gradients, blended_slots,
-    columns, width, height,
+    tile_starts, part_ends, notes, entry_splats, entry_slots, footprints, image, image_gradient, slot_gradients, blended_slots,
+    sections, columns, width, height, PARTS: tl.constexpr, NOTES: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients (slots, SLOT_COLUMNS) of the slots that the forward pass blended, from dL/d(image), and which these are.
+    """Write the gradients (slots, SLOT_COLUMNS) of the slots that the forward pass blended in a section of a tile's list, from dL/d(image), and
+    which these are.
 
-    blended_slots: zeros (slots,) uint8, to become 1 there; the gradients of the others are left as they are.
+    part_ends, notes: as the forward pass left them. blended_slots: zeros (slots,) uint8, to become 1 there; the gradients of the others are left
+    as they are.
     """
-    tile = tl.program_id(0)
-    x, y, place, inside = pixels_of(tile, columns, width, height)
+    tile, section = tl.program_id(0), tl.program_id(1)
+    pixel = tl.arange(0, PIXELS)
+    x, y, place, inside = pixels_of(tile, pixel, columns, width, height)
     lane = tl.arange(0, LANES)
     column, stores = column_of(lane)
-    light = tl.where(inside, 1.0, -1.0)
     v_red = tl.load(image_gradient + 3 * place, mask=inside, other=0.0)
     v_green = tl.load(image_gradient + 3 * place + 1, mask=inside, other=0.0)
     v_blue = tl.load(image_gradient + 3 * place + 2, mask=inside, other=0.0)
     behind = tl.load(image + 3 * place, mask=inside, other=0.0) * v_red
     behind += tl.load(image + 3 * place + 1, mask=inside, other=0.0) * v_green
     behind += tl.load(image + 3 * place + 2, mask=inside, other=0.0) * v_blue
-    entry, end = tl.load(tile_starts + tile), tl.load(tile_ends + tile)
+    entry, end = tl.load(tile_starts + tile), tl.load(part_ends + tile * PARTS)
+    for part in tl.static_range(1, PARTS):
+        end = tl.maximum(end, tl.load(part_ends + tile * PARTS + part))
+    if NOTES:
+        length = section_length(tl.load(tile_starts + tile + 1) - entry, sections)
+        entry += section * length
+        end = tl.minimum(end, entry + length)
+        unfinished = entry < tl.load(part_ends + tile * PARTS + pixel // (PIXELS // PARTS))
+        note = notes + note_of(tile, section, sections, pixel)
+        light = tl.load(note, mask=unfinished, other=-1.0)
+        behind -= tl.load(note + PIXELS, mask=unfinished, other=0.0) * v_red
+        behind -= tl.load(note + 2 * PIXELS, mask=unfinished, other=0.0) * v_green
+        behind -= tl.load(note + 3 * PIXELS, mask=unfinished, other=0.0) * v_blue
+    else:
+        light = tl.where(inside, 1.0, -1.0)
     v = v_red, v_green, v_blue
     this, other = splat_of(entry_splats, entry, end), splat_of(entry_splats, entry + 1, end)
     shape, colour = read_splat(footprints, this, entry < end)

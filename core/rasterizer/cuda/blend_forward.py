@@ -3,31 +3,55 @@
 import triton
 import triton.language as tl
 
-from core.rasterizer.cuda.blend import ALPHA_MAX, BATCH, blended, coverage, pixels_of, read_splat, splat_of
+from core.rasterizer.cuda.blend import (
+    ALPHA_MAX,
+    BATCH,
+    PIXELS,
+    blended,
+    coverage,
+    note_of,
+    pixels_of,
+    read_splat,
+    section_length,
+    splat_of,
+)
 
-WARPS = 2  # four pixels a thread
+WARPS = {1: 2, 8: 1}  # by the parts that a tile is divided into: four pixels a thread, or one
 
 
-@triton.jit(do_not_specialize=["columns", "width", "height"])
+@triton.jit(do_not_specialize=["sections", "columns", "width", "height"])
 def blend_forward(
-    tile_starts, entry_splats, entry_slots, footprints, image, tile_ends, strongest,
-    columns, width, height, background_red, background_green, background_blue, RECORD: tl.constexpr,
+    tile_starts, entry_splats, entry_slots, footprints, image, part_ends, notes, strongest,
+    sections, columns, width, height, background_red, background_green, background_blue,
+    PARTS: tl.constexpr, NOTES: tl.constexpr, RECORD: tl.constexpr,
 ):  # fmt: skip
-    """Write the tile's part of the picture (height, width, 3), and where its list was left.
+    """Write one of PARTS parts of a tile into the picture (height, width, 3), and where its list was left.
 
-    tile_ends: (tiles,) int64, the entry before which all pixels were finished. strongest: (slots,), to become the largest
-    alpha * transmittance of each slot; written if RECORD.
+    part_ends: (tiles, PARTS) int64, the entry before which all pixels were finished. notes: (tiles, sections, 4, PIXELS), light and colours before
+    each section of the list that is reached; written if NOTES. strongest: (slots,), to become the largest alpha * transmittance of each slot;
+    written if RECORD, which goes with one part.
     """
-    tile = tl.program_id(0)
-    x, y, place, inside = pixels_of(tile, columns, width, height)
+    tile, part = tl.program_id(0) // PARTS, tl.program_id(0) % PARTS
+    lane = part * (PIXELS // PARTS) + tl.arange(0, PIXELS // PARTS)
+    x, y, place, inside = pixels_of(tile, lane, columns, width, height)
     light = tl.where(inside, 1.0, -1.0)
     nothing = tl.zeros_like(x)
     red, green, blue = nothing, nothing, nothing
     entry, end = tl.load(tile_starts + tile), tl.load(tile_starts + tile + 1)
     unfinished = entry < end
+    length, note = section_length(end - entry, sections), notes + note_of(tile, 0, sections, lane)
+    next_section = entry
     this, other = splat_of(entry_splats, entry, end), splat_of(entry_splats, entry + 1, end)
     shape, colour = read_splat(footprints, this, unfinished)
     while unfinished:
+        if NOTES:  # noqa: SIM102 - when it is compiled
+            if entry == next_section:
+                tl.store(note, light)
+                tl.store(note + PIXELS, red)
+                tl.store(note + 2 * PIXELS, green)
+                tl.store(note + 3 * PIXELS, blue)
+                note += 4 * PIXELS
+                next_section += length
         stop = tl.minimum(entry + BATCH, end)
         while entry < stop:
             other_shape, other_colour = read_splat(footprints, other, entry + 1 < end)
@@ -44,7 +68,7 @@ def blend_forward(
             entry += 2
         unfinished = (entry < end) & (tl.max(light, axis=0) > 0)
     entry = tl.minimum(entry, end)
-    tl.store(tile_ends + tile, entry)
+    tl.store(part_ends + tl.program_id(0), entry)
     light = tl.abs(light)
     tl.store(image + 3 * place, red + light * background_red, mask=inside)
     tl.store(image + 3 * place + 1, green + light * background_green, mask=inside)

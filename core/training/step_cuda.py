@@ -1,6 +1,6 @@
 """Training steps on a GPU, which is told of a whole step at once.
 
-A step starts some 250 kernels, which takes the host longer than the GPU needs for those of a small scene. But between two rounds of density
+A step starts some 500 kernels, which takes the host longer than the GPU needs for those of a small scene. But between two rounds of density
 control steps differ in nothing but numbers: photos lie on one canvas, and there is room for as many Gaussians as any of them shows. So the kernels
 of one step are recorded, and replayed with other numbers for those that follow.
 """

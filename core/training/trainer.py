@@ -111,6 +111,7 @@ class Trainer:
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.settled_at = schedule.settled_step(settings)
+        self.thicken_at = {*self.grow_at, *self.prune_at, self.settled_at, settings.steps}
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
         self.seconds = 0.0
@@ -255,8 +256,10 @@ class Trainer:
     # --- density, quality, checkpoints
 
     def _change_gaussians(self) -> list[str]:
-        """Grow and prune where the schedule says so; a line if that leaves none."""
+        """Grow, prune and thicken where the schedule says so; a line if that leaves none."""
         before = self.gaussians.solid
+        if self.done in self.thicken_at:
+            densify.thicken(self.gaussians)
         if self.done in self.grow_at:
             self.control_density()
         if self.done in self.prune_at:

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from core.errors import BadInput
+from core.training.gaussians.densify import STIFFEST
 from core.training.gaussians.initialisation import initial_gaussians
 from core.training.on_disk import checkpoint
 from core.training.trainer import Trainer
@@ -63,6 +64,13 @@ def test_veils_are_removed_once_when_gaussians_have_settled(collection, tmp_path
     gaussians = {report.step: report.gaussians for report in trainer.train()}
     assert asked == [(14, len(trainer.photos), len(collection.points))]
     assert gaussians[14] == gaussians[13] - 2
+
+
+def test_no_gaussian_is_left_thinner_than_viewers_can_draw(collection, tmp_path):
+    trainer, _ = run(collection, tmp_path / "run", small_settings(steps=30, scale_rate=0.4))
+    scales = trainer.gaussians.splats.log_scales[: trainer.gaussians.solid]
+    stiffest = float((scales.amax(dim=1) - scales.amin(dim=1)).exp().max())
+    assert stiffest == pytest.approx(STIFFEST, rel=1e-4)  # without the limit some are
 
 
 @pytest.mark.parametrize(

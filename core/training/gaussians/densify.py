@@ -1,5 +1,7 @@
 """Density control under a hard cap (3DGS section 5.2, with a budget in place of a free threshold)."""
 
+import math
+
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
@@ -14,6 +16,9 @@ SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split,
 SPLIT_SHRINK = 1.6  # 3DGS
 LEAST_KEPT = 1 / 4  # of the Gaussians, whatever they contribute: after few steps none are opaque yet
 GRADIENT_THRESHOLD = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
+# Longest axis over the shortest, at most. From near, viewers that form a c - b^2 in float32 draw what is stiffer than 400 wrong; in photos what is
+# thinner than that looks the same, as no splat is less than half a pixel wide.
+STIFFEST = 300.0
 ALL_GONE = (
     "The last Gaussians were removed as faint, large, far from the points or of no use; only the sky is left, if any. "
     "Look at the scene with `wegs doctor`, and at the settings prune_opacity, largest_scale and reach."
@@ -81,6 +86,12 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
     bad |= ~splats.finite_rows()
     bad[gaussians.solid :] = False
     gaussians.keep(~bad)
+
+
+def thicken(gaussians: Gaussians) -> None:
+    """Widen the axes of Gaussians that are shorter than a STIFFEST-th of their longest to that."""
+    log_scales = gaussians.parameters["log_scales"][: gaussians.solid]
+    log_scales.copy_(torch.maximum(log_scales, log_scales.amax(dim=1, keepdim=True) - math.log(STIFFEST)))
 
 
 def prune_by_contribution(gaussians: Gaussians, largest: Tensor, share: float) -> None:

@@ -27,6 +27,19 @@ def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gauss
     assert gaussians.solid == len(points) - 2
 
 
+def test_what_is_too_thin_becomes_thicker_and_nothing_else_changes(gaussians):
+    scales = gaussians.parameters["log_scales"]
+    scales[0] = torch.tensor([1e-9, 0.3, 0.02]).log()
+    scales[1] = torch.tensor([0.3, 0.3 / 250, 1e-7]).log()
+    scales[-1] = torch.tensor([1.0, 1.0, 1e-6]).log()  # of the sky
+    before = {name: tensor.clone() for name, tensor in gaussians.tensors().items()}
+    densify.thicken(gaussians)
+    assert scales[0].exp().tolist() == pytest.approx([0.001, 0.3, 0.02])
+    assert scales[1].exp().tolist() == pytest.approx([0.3, 0.3 / 250, 0.001])
+    before["parameters.log_scales"][:2] = scales[:2]
+    assert all(torch.equal(tensor, before[name]) for name, tensor in gaussians.tensors().items())
+
+
 @pytest.mark.parametrize("reaching", [0.0, 0.1, 0.5, 1.0])
 def test_a_quarter_stays_whatever_it_contributes_and_no_more_than_that_of_the_faint(gaussians, reaching):
     solid, means = gaussians.solid, gaussians.parameters["means"].clone()

@@ -111,7 +111,6 @@ class Trainer:
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
         self.settled_at = schedule.settled_step(settings)
-        self.thicken_at = {*self.grow_at, *self.prune_at, self.settled_at, settings.steps}
         self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
         self.done = 0
         self.seconds = 0.0
@@ -256,16 +255,16 @@ class Trainer:
     # --- density, quality, checkpoints
 
     def _change_gaussians(self) -> list[str]:
-        """Grow, prune and thicken where the schedule says so; a line if that leaves none."""
+        """Grow and prune where the schedule says so, and at the end thicken; a line if that leaves none."""
         before = self.gaussians.solid
-        if self.done in self.thicken_at:
-            densify.thicken(self.gaussians)
         if self.done in self.grow_at:
             self.control_density()
         if self.done in self.prune_at:
             self.prune_by_contribution()
         if self.done == self.settled_at:
             self.clear_the_view()
+        if self.done == self.settings.steps:
+            densify.thicken(self.gaussians)
         return [densify.ALL_GONE] if before and not self.gaussians.solid else []
 
     def control_density(self) -> None:

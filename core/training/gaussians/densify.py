@@ -16,8 +16,8 @@ SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split,
 SPLIT_SHRINK = 1.6  # 3DGS
 LEAST_KEPT = 1 / 4  # of the Gaussians, whatever they contribute: after few steps none are opaque yet
 GRADIENT_THRESHOLD = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
-# Longest axis over the shortest, at most. From near, viewers that form a c - b^2 in float32 draw what is stiffer than 400 wrong; in photos what is
-# thinner than that looks the same, as no splat is less than half a pixel wide.
+# Longest axis over the shortest, at most. From near, viewers that form a c - b^2 in float32 draw what is stiffer than 400 wrong. Photos look the
+# same: in them no splat is less than half a pixel wide.
 STIFFEST = 300.0
 ALL_GONE = (
     "The last Gaussians were removed as faint, large, far from the points or of no use; only the sky is left, if any. "

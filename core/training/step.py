@@ -135,8 +135,8 @@ class Stepper:
     ) -> tuple[Reading, StepFacts]:
         """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
-        usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights`. meanwhile: what the host may do before the step is over,
-        once or more often. Returns what was read in the photo, and the facts, as numbers.
+        usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights`. meanwhile: what the host may do while a GPU is
+        at the step, once or more often; on a CPU it is not called. Returns what was read in the photo, and the facts, as numbers.
         """
         left = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.objective.zero.device)
         inputs = drawn.inputs(largest_loss=left[0], mask_mean=left[1], neutral=self.model.mean_embedding)

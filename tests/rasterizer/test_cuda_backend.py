@@ -29,10 +29,10 @@ def splats() -> Splats:
     return cloud(VIEW, 12, seed=50, degree=2, sizes_px=(0.5, 8.0)).map(lambda tensor: tensor.to(DEVICE))
 
 
-def results(splats, probe=None, known=None):
+def results(splats, probe=None, known=None, view=VIEW):
     """Picture and gradients by all parameters."""
     splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
-    image = backend.CudaRasterizer().render(splats, VIEW, (0.2, 0.5, 0.1), probe, known)
+    image = backend.CudaRasterizer().render(splats, view, (0.2, 0.5, 0.1), probe, known)
     gradients = torch.autograd.grad((image**3).sum(), list(splats.tensors().values()))
     return [image.detach(), *gradients]
 
@@ -99,22 +99,16 @@ def test_pairs_that_are_known_change_nothing(splats):
         assert torch.equal(rasterizer.contributions(seen, VIEW, room), largest)
 
 
-@pytest.mark.parametrize("programs", [4, 36, 200])
+@pytest.mark.parametrize("programs", [12, 36, 200])
 def test_a_small_picture_whose_tiles_are_divided_is_the_same(monkeypatch, programs):
-    """Four tiles: undivided, in few sections, and in as many as there are."""
+    """Four tiles: in three sections, in nine and eight parts, and in as many as there are."""
     view = camera(30, 27, focal=40.0)
     splats = cloud(view, 160, seed=51, degree=1, sizes_px=(2.0, 12.0)).map(lambda tensor: tensor.to(DEVICE))
     splats.logit_opacities[:40] = 4.0  # pixels are finished in different sections
-    render = partial(backend.CudaRasterizer().render, camera=view, background=(0.2, 0.5, 0.1))
-    weight = torch.rand(27, 30, 3, device=DEVICE)
-
-    def results(most: int) -> tuple[torch.Tensor, ...]:
-        monkeypatch.setattr(backend, "PROGRAMS", most)
-        leaves = splats.map(lambda tensor: tensor.detach().requires_grad_())
-        image = render(leaves)
-        return image.detach(), *torch.autograd.grad((image * weight).sum(), list(leaves.tensors().values()))
-
-    (image, *gradients), (divided, *others) = results(1), results(programs)
+    monkeypatch.setattr(backend, "PROGRAMS", 1)
+    image, *gradients = results(splats, view=view)
+    monkeypatch.setattr(backend, "PROGRAMS", programs)
+    divided, *others = results(splats, view=view)
     assert torch.equal(image, divided)
     for gradient, other in zip(gradients, others, strict=True):  # what lies behind a section is a difference of sums, and not one less another
         torch.testing.assert_close(other, gradient, rtol=1e-4, atol=1e-6 * float(gradient.abs().max()))

@@ -1,14 +1,17 @@
-"""What a look shows from where its photo was not taken: the scene in the light of one photo, seen by the cameras of others.
+"""What a look shows from where its photo was not taken: the scene in the light of one photo, seen by other cameras.
 
     python samples/relit.py RUN
 
 RUN (default: the newest) is of samples/plaza, or of another collection that `make_plaza.py` made. The look of each held-out photo is read from
-the whole photo, and refined. It is scored against the empty square, ray-cast in the same light: as the photo's own camera sees it, the three
-cameras that see most alike, and three spread over all others. Prints the PSNR of each photo and a table of the means.
+the whole photo, and refined. It is scored against the empty square, ray-cast in the same light: as the photo's own camera sees it, this camera some
+metres away, where no photo was taken, the three cameras of other photos that see most alike, and three spread over all others. Prints the PSNR of
+each photo and a table of the means.
 """
 
 import json
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
@@ -36,13 +39,24 @@ from core.evaluation.protocols import fit_of, refined
 from core.evaluation.truth import FOLDER
 from core.looks.held_out_views import held_out_view
 from core.looks.trained import TrainedRun
+from core.scene.camera import Camera
 from samples.measurements.opened import opened
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
-CAMERAS = 3  # of each kind but the photo's own
+CAMERAS = 3  # of other photos, of each kind
 TURN_M = 20.0  # metres that tell views apart as much as a turn of 90 degrees
-KINDS = ("its own", "three that see most alike", "three of the others")
+STEPS_M = (3.0, 8.0)  # from the photo's own camera
+WAYS = np.array([(1, 0, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1)])  # right, left, up and forward, as the camera sees it
+KINDS = ("its own", *(f"{step:.0f} m aside, above or ahead" for step in STEPS_M), "three that see most alike", "three of the others")
+
+
+@dataclass(frozen=True)
+class Standpoint:
+    """From where the scene is looked at. camera: in the scene frame; view: the same as it truly is, in metres and at the photo's full size."""
+
+    camera: Camera
+    view: View
 
 
 @click.command(cls=OneLineErrors)
@@ -54,19 +68,19 @@ def main(run_folder: Path | None, grid: int) -> None:
     record = trained.collection.root / FOLDER / "looks.json"
     if not record.is_file():
         raise BadInput(f"{trained.folder} is of a scene whose lights are not known: there is no {record}.", "Take a run of samples/plaza.")
-    known = json.loads(record.read_text())["photos"]
-    taken = {photo.name: known[Path(photo.name).stem] for photo in trained.collection.photos}
+    truth = json.loads(record.read_text())
+    a_metre = truth["model"]["scale"] / trained.collection.frame.radius  # scene units
+    taken = {photo.name: truth["photos"][Path(photo.name).stem] for photo in trained.collection.photos}
     world, scored = World(static_groups()), []
     with Terminal() as terminal:
         for done, photo in enumerate(held_out, 1):
-            look = Look(**taken[photo.name]["look"])
+            light = Look(**taken[photo.name]["look"])
             looks = looks_of(trained, photo.name)
-            kinds = cameras_beside(photo.name, taken)
-            scored.append(
-                [np.mean([scores(trained, looks, name, taken[name]["camera"], look, world, grid) for name in names], axis=0) for names in kinds]
-            )
+            own, *others = ([standpoint(trained, name, taken[name]["camera"]) for name in names] for names in cameras_beside(photo.name, taken))
+            kinds = [own, *(moved(own[0], step, a_metre) for step in STEPS_M), *others]
+            scored.append([np.mean([scores(trained, looks, place, light, world, grid) for place in kind], axis=0) for kind in kinds])
             figures = "; ".join(f"{kind} {zero_shot:.2f}, {refined:.2f}" for kind, (zero_shot, refined) in zip(KINDS, scored[-1], strict=True))
-            terminal.say(f"{photo.name} ({look.kind}), zero-shot and refined, dB: {figures}")
+            terminal.say(f"{photo.name} ({light.kind}), zero-shot and refined, dB: {figures}")
             terminal.progress("Photos", done, len(held_out))
     click.echo("| camera | zero-shot | refined |\n|---|---|---|")
     for kind, figures in zip(KINDS, np.mean(scored, axis=0), strict=True):
@@ -80,7 +94,7 @@ def looks_of(trained: TrainedRun, name: str) -> list[Colouring]:
 
 
 def cameras_beside(name: str, taken: dict) -> list[list[str]]:
-    """The names of the photos whose cameras are each of KINDS. taken: what looks.json says of each photo, by its name."""
+    """The photo's own name, and those of the photos whose cameras see most alike and of some others. taken: what looks.json says of each photo."""
 
     def apart(other: str) -> float:
         first, second = (taken[each]["camera"] for each in (name, other))
@@ -91,11 +105,29 @@ def cameras_beside(name: str, taken: dict) -> list[list[str]]:
     return [[name], others[:CAMERAS], list(spread_over(others[CAMERAS:], CAMERAS))]
 
 
-def scores(trained: TrainedRun, looks: list[Colouring], name: str, known: dict, light: Look, world: World, grid: int) -> list[float]:
-    """PSNR (dB) of the looks against the empty square in that light, as the camera of the photo called `name` sees them. known: its true camera."""
+def standpoint(trained: TrainedRun, name: str, taken: dict) -> Standpoint:
+    """That of the photo called `name`. taken: its camera as looks.json has it."""
     photo = trained.collection.view(name)
-    camera = trained.camera(photo)
-    truth = lit(known, photo.camera.width, photo.camera.height, light, world, grid)
+    centre, turned = (np.array(taken[part]) for part in ("centre", "world_to_camera"))
+    return Standpoint(trained.camera(photo), View(turned, centre, taken["focal_px"], photo.camera.width, photo.camera.height))
+
+
+def moved(place: Standpoint, metres: float, a_metre: float) -> list[Standpoint]:
+    """Those so many metres away in each of WAYS, turned as this one is. a_metre: scene units."""
+    camera, view = place.camera, place.view
+    return [
+        Standpoint(
+            replace(camera, centre=camera.centre + camera.world_to_camera.T @ (way * metres * a_metre)),
+            replace(view, centre=view.centre + view.world_to_camera.T @ (way * metres)),
+        )
+        for way in WAYS
+    ]
+
+
+def scores(trained: TrainedRun, looks: Sequence[Colouring], place: Standpoint, light: Look, world: World, grid: int) -> list[float]:
+    """PSNR (dB) of the looks against the empty square in that light, from there."""
+    camera = place.camera
+    truth = lit(place.view, light, world, grid)
     truth = cv2.resize(truth, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     truth = quantised(torch.from_numpy(truth).to(trained.device))
     seen = trained.seen_by(camera)
@@ -103,9 +135,8 @@ def scores(trained: TrainedRun, looks: list[Colouring], name: str, known: dict, 
         return [psnr(quantised(seen.render(look)), truth) for look in looks]
 
 
-def lit(camera: dict, width: int, height: int, light: Look, world: World, grid: int) -> Float[np.ndarray, "h w 3"]:
-    """The empty square in a light, as `camera`, of looks.json, took it."""
-    view = View(np.array(camera["world_to_camera"]), np.array(camera["centre"]), camera["focal_px"], width, height)
+def lit(view: View, light: Look, world: World, grid: int) -> Float[np.ndarray, "h w 3"]:
+    """The empty square in a light, as a camera of that view would take it."""
     return develop(light, render(world, light, view, grid).radiance)
 
 

@@ -1,5 +1,7 @@
 """Looks seen by cameras other than their photos': the truth is that of the sample, and cameras beside a photo are those that see alike."""
 
+import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +10,7 @@ import torch
 from click.testing import CliRunner
 
 from core.config import preset
+from core.data.load import load_collection
 from core.pipeline import evaluate, train
 from samples import relit
 from samples.measurements.finished import with_split
@@ -25,19 +28,37 @@ def test_a_photos_own_camera_is_scored_as_by_eval_and_others_beside_it(tmp_path,
     train(scene, preset("quick").changed(**small), tmp_path / "run")
     scores = evaluate(tmp_path / "run", "full").to_json()["means"]["clean"]
     monkeypatch.setattr(relit, "CAMERAS", 1)
+    monkeypatch.setattr(relit, "STEPS_M", (0.0, 3.0))
+    monkeypatch.setattr(relit, "WAYS", relit.WAYS[:1])
     told = CliRunner().invoke(relit.main, [str(tmp_path / "run"), "--grid", "1"], catch_exceptions=False).output.splitlines()
-    own, alike, others = ([float(figure) for figure in line.split("|")[2:4]] for line in told[-3:])
+    own, here, away, alike, others = ([float(figure) for figure in line.split("|")[2:4]] for line in told[-5:])
     assert own == pytest.approx([scores[look]["psnr"] for look in ("zero_shot", "refined")], abs=0.3)
-    assert own != alike != others and all(8 < figure < own[1] for figure in (*alike, *others))
+    assert own == here != away != alike != others and all(8 < figure < own[1] for figure in (*away, *alike, *others))
+
+
+def test_a_camera_is_moved_as_its_truth_is():
+    truth = json.loads((PLAZA / "truth" / "looks.json").read_text())
+    model, collection = truth["model"], load_collection(PLAZA)
+    photo = collection.photos[0]
+    taken = truth["photos"][Path(photo.name).stem]["camera"]
+    place = relit.standpoint(SimpleNamespace(collection=collection, camera=lambda photo: photo.camera), photo.name, taken)
+    corners = np.array([(-8.0, 0, 1), (8, 0, 1), (0, 0, 15), (0, 20, 20)])  # metres
+    in_scene = collection.frame.to_scene(model["scale"] * (corners - model["origin"]) @ np.transpose(model["rotation"]))
+    for there in [place, *relit.moved(place, 8.0, model["scale"] / collection.frame.radius)]:
+        np.testing.assert_allclose(there.camera.project(in_scene)[0], there.view.project(corners)[0], atol=2)  # poses are off as real ones are
+    moves = [there.view.centre - place.view.centre for there in relit.moved(place, 8.0, 1.0)]
+    np.testing.assert_allclose(np.linalg.norm(moves, axis=1), 8, rtol=1e-5)
+    assert moves[2][2] > 7 and moves[3] @ place.view.world_to_camera[2] == pytest.approx(8, rel=1e-5)  # above, ahead
 
 
 def test_the_truth_is_where_the_run_is(monkeypatch):
-    photo = SimpleNamespace(camera=ring_camera(0.0))
-    view = SimpleNamespace(render=lambda look: torch.full((photo.camera.height, photo.camera.width, 3), look).to(DEVICE))
-    trained = SimpleNamespace(device=DEVICE, collection=SimpleNamespace(view=lambda _: photo), camera=lambda _: photo.camera, seen_by=lambda _: view)
-    monkeypatch.setattr(relit, "lit", lambda _, width, height, *__: np.zeros((height, width, 3), np.float32))
+    place = relit.Standpoint(ring_camera(0.0), None)
+    height, width = place.camera.height, place.camera.width
+    view = SimpleNamespace(render=lambda look: torch.full((height, width, 3), look).to(DEVICE))
+    trained = SimpleNamespace(device=DEVICE, seen_by=lambda _: view)
+    monkeypatch.setattr(relit, "lit", lambda *_: np.zeros((height, width, 3), np.float32))
     with elsewhere():
-        assert relit.scores(trained, [1.0, 0.1], "photo", {}, None, None, 1) == pytest.approx([0.0, 20.0], abs=0.2)
+        assert relit.scores(trained, [1.0, 0.1], place, None, None, 1) == pytest.approx([0.0, 20.0], abs=0.2)
 
 
 def test_cameras_that_see_most_alike_are_told_from_the_others():

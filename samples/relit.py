@@ -76,8 +76,8 @@ def main(run_folder: Path | None, grid: int) -> None:
         for done, photo in enumerate(held_out, 1):
             light = Look(**taken[photo.name]["look"])
             looks = looks_of(trained, photo.name)
-            own, *others = ([standpoint(trained, name, taken[name]["camera"]) for name in names] for names in cameras_beside(photo.name, taken))
-            kinds = [own, *(moved(own[0], step, a_metre) for step in STEPS_M), *others]
+            (own,), *others = ([standpoint(trained, name, taken[name]["camera"]) for name in names] for names in cameras_beside(photo.name, taken))
+            kinds = [[own], *(moved(own, step, a_metre) for step in STEPS_M), *others]
             scored.append([np.mean([scores(trained, looks, place, light, world, grid) for place in kind], axis=0) for kind in kinds])
             figures = "; ".join(f"{kind} {zero_shot:.2f}, {refined:.2f}" for kind, (zero_shot, refined) in zip(KINDS, scored[-1], strict=True))
             terminal.say(f"{photo.name} ({light.kind}), zero-shot and refined, dB: {figures}")

@@ -14,6 +14,7 @@ from core.data.load import load_collection
 from core.pipeline import evaluate, train
 from samples import relit
 from samples.measurements.finished import with_split
+from samples.plaza_maker.model import to_model
 from tests.elsewhere import DEVICE, elsewhere
 from tests.small import ring_camera
 from tests.test_plaza_sample import PLAZA
@@ -38,13 +39,13 @@ def test_a_photos_own_camera_is_scored_as_by_eval_and_others_beside_it(tmp_path,
 
 def test_a_camera_is_moved_as_its_truth_is():
     truth = json.loads((PLAZA / "truth" / "looks.json").read_text())
-    model, collection = truth["model"], load_collection(PLAZA)
+    collection = load_collection(PLAZA)
     photo = collection.photos[0]
     taken = truth["photos"][Path(photo.name).stem]["camera"]
     place = relit.standpoint(SimpleNamespace(collection=collection, camera=lambda photo: photo.camera), photo.name, taken)
     corners = np.array([(-8.0, 0, 1), (8, 0, 1), (0, 0, 15), (0, 20, 20)])  # metres
-    in_scene = collection.frame.to_scene(model["scale"] * (corners - model["origin"]) @ np.transpose(model["rotation"]))
-    for there in [place, *relit.moved(place, 8.0, model["scale"] / collection.frame.radius)]:
+    in_scene = collection.frame.to_scene(to_model(corners))
+    for there in [place, *relit.moved(place, 8.0, truth["model"]["scale"] / collection.frame.radius)]:
         np.testing.assert_allclose(there.camera.project(in_scene)[0], there.view.project(corners)[0], atol=2)  # poses are off as real ones are
     moves = [there.view.centre - place.view.centre for there in relit.moved(place, 8.0, 1.0)]
     np.testing.assert_allclose(np.linalg.norm(moves, axis=1), 8, rtol=1e-5)

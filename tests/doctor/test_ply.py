@@ -112,7 +112,7 @@ def test_what_counts_as_too_large_or_too_thin(tmp_path, axes, name, count):
     [
         ("invisible", 0.02, {"opacity": -9.0}),
         ("stiff", 0.02, {"scale_0": np.log(0.01 / 500)}),
-        ("needles", 0.3, {"scale_0": np.log(0.01 * 20)}),
+        ("needles", 0.5, {"scale_0": np.log(0.01 * 20)}),
         ("giants", 0.02, {f"scale_{axis}": np.log(0.6) for axis in range(3)}),
         ("colours", 0.02, {"f_dc_1": 9.0}),
     ],

@@ -58,7 +58,7 @@ class Settings:
 
     steps: int = setting(
         UNDECIDED,
-        f"Training steps; every schedule is a fraction of them. auto: {STEPS_PER_PHOTO} per photo, at least {LEAST['steps']} and at most "
+        f"Training steps; every schedule is a fraction of them. auto: {STEPS_PER_PHOTO} per training photo, at least {LEAST['steps']} and at most "
         f"{STEPS_FOR_FEW}; {STEPS_PER_PHOTO_OF_MANY} per photo where that is more.",
         low=1,
         auto=True,
@@ -77,8 +77,8 @@ class Settings:
     all_photos: bool = setting(False, "Train on the held-out photos, too: a better scene, but nothing is left to measure it on.")
     max_gaussians: int = setting(
         UNDECIDED,
-        f"Upper limit on the number of Gaussians, not counting the sky. auto: one per {PIXELS_PER_GAUSSIAN} pixels of all photos "
-        f"together, or {GAUSSIANS_PER_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']}.",
+        f"Upper limit on the number of Gaussians, not counting the sky. auto: one per {PIXELS_PER_GAUSSIAN} pixels of all training "
+        f"photos together, or {GAUSSIANS_PER_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']}.",
         low=1,
         auto=True,
     )

@@ -195,7 +195,7 @@ class Settings:
         auto=True,
     )
     remove_veils: bool = setting(True, "After growth, remove what hardly covers any photo and much of what a camera beside it would see.")
-    remove_passers_by: bool = setting(True, "After growth, remove what masks hide in few photos, if there are 20 photos to learn masks from.")
+    remove_passers_by: bool = setting(True, "After growth, remove what masks hide in few photos, if there are enough photos to learn masks from.")
 
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, at first a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(

@@ -8,6 +8,7 @@ import pytest
 from core import pipeline
 from core.errors import BadInput
 from core.export.pictures import write_png
+from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.training.on_disk import run_config
 from tests.data.small_scene import SmallScene
@@ -54,4 +55,7 @@ def test_a_scene_whose_list_holds_out_every_photo_is_trained_on_and_gone_on_with
     folder = pipeline.train(scene, small_settings(steps=1, all_photos=True), tmp_path / "run")
     shutil.rmtree(folder / "point_cloud")  # as if it had been stopped just before
     pipeline.resume(folder)
-    assert len(load_run(folder).model.photo_names) == 4
+    trained = load_run(folder)
+    assert len(trained.model.photo_names) == 4
+    outside = shutil.copyfile(trained.collection.photos[0].path, tmp_path / "outside.png")
+    assert "where it was taken" in find_look(trained, str(outside)).source

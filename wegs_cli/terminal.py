@@ -107,7 +107,7 @@ class Terminal(Report):
 
     def _advance_bar(self, what: str, done: int, total: int, note: str, share: float) -> None:
         """Begin or move the bar, which counts time and only shows how many parts are through; in a log file it is not drawn."""
-        if self.bar is None or what != self.what:
+        if self.bar is None or what != self.what or share < self.bar.tasks[0].completed:  # the same work on another thing
             self._end_bar()
             name, count = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[count]}", markup=False)
             left = [TextColumn("left"), TimeRemainingColumn()]

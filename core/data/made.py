@@ -65,8 +65,9 @@ def read_mark(path: Path) -> dict:
 def path_from(root: Path, path: Path) -> str:
     """The path relative to `root`, so that both may be moved together: through a link if `root` holds it by one, and through `..` if it lies
     outside. The whole path if there is no other, as on another drive of Windows."""
-    if path.absolute().is_relative_to(root.absolute()) and ".." not in path.parts:
-        return path.absolute().relative_to(root.absolute()).as_posix()
+    inside, home = Path(os.path.abspath(path)), Path(os.path.abspath(root))
+    if inside.is_relative_to(home) and inside.resolve() == path.resolve():  # not where `..` follows a link
+        return inside.relative_to(home).as_posix()
     return way_to(path, root) or path.resolve().as_posix()
 
 

@@ -31,13 +31,12 @@ OFTEN = 0.01  # share of steps that were skipped
 def examine_run(folder: Path, report: Report) -> list[Finding]:
     """Findings about the newest checkpoint of a run. BadInput if it has none, or none that can be read."""
     trained = load_run(folder, on_gpu=False)
-    _, facts = checkpoint.read_newest(folder, checkpoint.read_facts)
     sky, frame = trained.sky, trained.collection.frame
     neutral = bake(trained, neutral_look(trained))
     size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
     findings = [
         Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply", "" if len(neutral) > sky else densify.ALL_GONE),
-        *_progress(trained, facts["trainer"]),
+        *_progress(trained),
         _settings(trained.settings),
         *placed_photos(trained.collection.root),
         odd_focal_lengths(trained.collection.photos),
@@ -49,10 +48,10 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     if len(centres):
         findings.append(views.float32_error(frame.for_files(), centres, cameras))
     findings.append(views.never_seen(neutral, cameras, sky, report))
-    return [*findings, *_looks(trained, facts["trainer"], report)]
+    return [*findings, *_looks(trained, report)]
 
 
-def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
+def _progress(trained: TrainedRun) -> list[Finding]:
     """How far the run got, how many steps were skipped, and whether quality fell."""
     steps, wanted = trained.step, trained.settings.steps
     advice, meaning = "", "what was asked for"
@@ -62,7 +61,7 @@ def _progress(trained: TrainedRun, facts: dict) -> list[Finding]:
         advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
         if steps == wanted:
             meaning += "; the results were not written"
-    skipped = facts["skipped"]
+    skipped = trained.trainer["skipped"]
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
     findings = [
         Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", meaning, advice),
@@ -88,7 +87,7 @@ def _settings(settings: Settings) -> Finding:
     return Finding("settings", ", ".join(changed) or "all defaults", "what differs from this version's defaults: chosen, or decided by the photos")
 
 
-def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
+def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
     """How much the training photos' looks add to the base, and their masks hide."""
     photos = spread_over(trained.collection.split("train"), MOST_PHOTOS)
     names = trained.model.photo_names
@@ -118,7 +117,7 @@ def _looks(trained: TrainedRun, facts: dict, report: Report) -> list[Finding]:
     if added.looks:
         findings += added.findings()
     if masks:
-        findings.append(_masks(masks, facts))
+        findings.append(_masks(masks, trained.trainer["collapse_told"]))
     return findings
 
 
@@ -166,10 +165,10 @@ def _if_all_look_alike(settings: Settings) -> str:
     return "Train with --set appearance=off: plain Gaussians do as well."
 
 
-def _masks(masks: dict[str, float], facts: dict) -> Finding:
+def _masks(masks: dict[str, float], collapse_told: bool) -> Finding:
     name, least = min(masks.items(), key=lambda item: item[1])
     mean = sum(masks.values()) / len(masks)
-    collapsed = facts["collapse_told"] or mean < COLLAPSED
+    collapsed = collapse_told or mean < COLLAPSED
     advice = "Look at masks/ in the run; raise mask_regularisation if they hide the place itself." if collapsed else ""
     figure = f"{mean:.2f} (mean), {least:.2f} (least: {name})"
     meaning = f"share of a photo that counts as static; with a mean below {COLLAPSED} masks have collapsed and are held there"

@@ -117,7 +117,7 @@ def find_view(trained: TrainedRun, word: str | None) -> Photo:
 
 
 def _left_out(trained: TrainedRun, word: str) -> Path | None:
-    """The file called `word`, with or without suffix, that structure from motion was given but could not place."""
+    """The file called `word`, with or without suffix, that is not in the scene made of it and others."""
     return next((path for path in originals.left_out(trained.collection.root) if Path(word).name in (path.name, path.stem)), None)
 
 

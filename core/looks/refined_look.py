@@ -70,7 +70,7 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path)) is not None:
         return kept
-    collection = load_collection(trained.collection.read_from)
+    collection = load_collection(trained.collection.read_from, trained.settings.all_photos)
     if not collection.in_world_of(trained.collection):
         raise BadInput(f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again.")
     names = set(trained.model.photo_names)

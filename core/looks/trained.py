@@ -36,8 +36,9 @@ class TrainedRun:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
-    seconds: spent on training. photo_embeddings: (k, e), row i of `model.photo_names[i]`: from the GLO table, or from the encoder as it was at the
-    end of training; None for an encoder whose training is unfinished, and without looks. It is a Subject of core.evaluation.
+    trainer: what the trainer noted at the checkpoint, such as its seconds and skipped steps. photo_embeddings: (k, e), row i of
+    `model.photo_names[i]`: from the GLO table, or from the encoder as it was at the end of training; None for an encoder whose training is
+    unfinished, and without looks. It is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -45,12 +46,17 @@ class TrainedRun:
     settings: Settings
     collection: Collection
     step: int
-    seconds: float
+    trainer: dict
     splats: Splats
     sky: int
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
     photo_embeddings: Float[Tensor, "k e"] | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Spent on training."""
+        return self.trainer["seconds"]
 
     def sized_photo(self, photo: Photo) -> SizedPhoto:
         """A photo of the collection at its training size, with its camera and the encoder's input.
@@ -164,11 +170,11 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
         if encoded:
             model.meet_as_finished(encoded["masked"], encoded["unmasked"])
-        step, seconds = saved.facts["step"], saved.facts["trainer"]["seconds"]
+        step, trainer = saved.facts["step"], saved.facts["trainer"]
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
     photo_embeddings = encoded.get("masked") if model.embedding_table is None else model.embedding_table
-    return TrainedRun(folder, identity, settings, collection, step, seconds, splats, gaussians.sky, gaussians.latents, model, photo_embeddings)
+    return TrainedRun(folder, identity, settings, collection, step, trainer, splats, gaussians.sky, gaussians.latents, model, photo_embeddings)
 
 
 def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:

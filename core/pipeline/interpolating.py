@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import UInt8
+
 from core.data.made import FADE, is_of_wegs
 from core.data.photos.folder import SUFFIXES
 from core.errors import BadSetting, WegsError
@@ -9,9 +12,10 @@ from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
 from core.looks.find_look import check_known, find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
-from core.looks.trained import bake, blend, drawn
+from core.looks.trained import Look, TrainedRun, bake, blend, drawn
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
+from core.scene.camera import Camera
 from core.system.atomic import filling
 from core.system.outputs import check_apart, check_fillable, check_named_as_folder, holds_others
 from core.words import counted
@@ -52,22 +56,13 @@ def interpolate(
         check_known(trained, word)
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
     ends = looks[first], looks[last]
-    camera = trained.camera(photo)
     report.say(f"{trained.folder}{trained.on_device_in_words}: {steps} steps, seen from {photo.name}")
     for which, end in zip(("from", "to"), ends, strict=True):
         report.say(f"  {which} {end.source}")
     if not trained.has_looks:
         report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
-        pruner = pruner_of(trained, report) if ply else None
-        frames, digits = [], max(3, len(str(steps - 1)))
-        for step in range(steps):
-            look = blend(*ends, step / (steps - 1))
-            if ply:
-                write_look(trained, look, work / f"step_{step:0{digits}d}.ply", report if step == 0 else QUIET, pruner)
-            frames.append(to_8_bit(drawn(trained, bake(trained, look), camera)))
-            write_png(work / f"frame_{step:0{digits}d}.png", frames[-1])
-            report.progress("Frames", step + 1, steps)
+        frames = _write_frames(trained, ends, steps, trained.camera(photo), ply, work, report)
         write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))
         try:
             write_video(work / "video.mp4", frames)
@@ -80,6 +75,22 @@ def interpolate(
         files.append("video.mp4")
     report.say(f"{output}: {', '.join(files)}")
     return output
+
+
+def _write_frames(
+    trained: TrainedRun, ends: tuple[Look, Look], steps: int, camera: Camera, ply: bool, folder: Path, report: Report
+) -> list[UInt8[np.ndarray, "h w 3"]]:
+    """Draw the looks from one end to the other, and write them as pictures and, with `ply`, as files; returns the pictures."""
+    pruner = pruner_of(trained, report) if ply else None
+    frames, digits = [], max(3, len(str(steps - 1)))
+    for step in range(steps):
+        look = blend(*ends, step / (steps - 1))
+        if ply:
+            write_look(trained, look, folder / f"step_{step:0{digits}d}.ply", report if step == 0 else QUIET, pruner)
+        frames.append(to_8_bit(drawn(trained, bake(trained, look), camera)))
+        write_png(folder / f"frame_{step:0{digits}d}.png", frames[-1])
+        report.progress("Frames", step + 1, steps)
+    return frames
 
 
 def _short(word: str) -> str:

@@ -18,7 +18,7 @@ from core.looks.pruning import pruner_of
 from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
 from core.system import device
-from core.system.outputs import check_apart
+from core.system.outputs import check_apart, check_folder
 from core.training.interrupt import StopRequest
 from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders, viewer_files
 from core.training.on_disk.claim import held, new_run
@@ -77,6 +77,7 @@ def _go_on(folder: Path, report: Report) -> Path:
         report.say(f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.")
         report.say(f"For more steps, train a new run. To use this one: {next_step(folder, settings, clouds[0])}")
         return folder
+    check_folder(folder, "Make it writable, or copy the run and name the copy by -o.")
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
     if not before.root.is_dir():
@@ -100,8 +101,8 @@ def _go_on(folder: Path, report: Report) -> Path:
 def _check_same_photos(folder: Path, before: Collection, changed: list[str]) -> None:
     """Raise BadInput if any photos have changed since the run in `folder` began. before: its collection, as it was then."""
     if changed:
-        what = f"The photos in {before.root} are not those that {folder} began with; changed, split otherwise or gone: {list_names(changed)}"
-        raise BadInput(f"{what}.", "Put them back as they were, or train a new run.")
+        what = f"The photos in {before.root}, or their masks, are not those that {folder} began with; changed, split otherwise or gone: "
+        raise BadInput(f"{what}{list_names(changed)}.", "Put them back as they were, or train a new run.")
 
 
 def _train(trainer: Trainer, report: Report) -> Path:

@@ -27,15 +27,25 @@ _REFUSED = (
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Turn what the system refuses while `path` is written into an error that names it."""
+    """Turn what the system refuses while `path` is written into an error that names it; what is read meanwhile keeps its own."""
     try:
         yield
     except OSError as problem:
+        if not _may_be_of(problem.filename, path):
+            raise
         if full := as_disk_full(problem, path):
             raise full from None
         if problem.errno in _REFUSED:
             raise BadInput(f"{path} could not be written: {problem.strerror}.", "Write to another folder.") from None
         raise
+
+
+def _may_be_of(file: str | bytes | int | None, path: Path) -> bool:
+    """Whether a file that the system refused, None if it did not tell which, belongs to the writing of `path`."""
+    if not isinstance(file, str):
+        return True
+    refused = Path(file).absolute()
+    return TEMPORARY in file or refused.is_relative_to(path.absolute()) or path.absolute().is_relative_to(refused)
 
 
 @contextmanager

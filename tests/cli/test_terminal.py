@@ -61,6 +61,14 @@ def test_a_full_bar_stays_above_what_is_said_after_it_and_another_goes_on(done):
             assert (watched.bar is None) == (done == 2)
 
 
+def test_the_same_work_on_another_thing_gets_a_bar_of_its_own():
+    with Terminal() as watched:
+        watched.console = Console(file=io.StringIO(), force_terminal=True, width=120)
+        for done in (1, 2, 1):
+            watched.progress("Refinement", done, 2)
+        assert not watched.bar.finished and watched.bar.tasks[0].finished_time is None
+
+
 @pytest.mark.parametrize("width", [40, 79, 80])
 def test_a_narrow_terminal_gets_what_is_done_and_the_time_left(width):
     screen = io.StringIO()

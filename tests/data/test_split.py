@@ -3,6 +3,7 @@
 import pytest
 
 from core.data import load_collection
+from core.data.photos.names import rows_that_mean
 from core.data.split import split_photos
 from core.data.split_table import read_split_table
 from core.errors import BadInput
@@ -27,6 +28,12 @@ def test_every_eighth_by_name_is_held_out_without_a_list(tmp_path):
     splits, notes = split(tmp_path)
     assert [name for name in NAMES if splits[name] == "test"] == ["a.jpg", "i.jpg", "q.jpg"]
     assert set(splits) == set(NAMES) and "every 8th photo" in notes[0]
+
+
+def test_which_of_two_rows_means_a_photo_does_not_depend_on_their_order():
+    rows = ["A.jpg", "a.jpg"]
+    meant = [rows_that_mean(["a.JPG"], dict.fromkeys(order).keys())[0] for order in (rows, rows[::-1])]
+    assert meant[0] == meant[1] and len(meant[0]) == 1
 
 
 def test_one_photo_is_trained_on(tmp_path):

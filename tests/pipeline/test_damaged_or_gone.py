@@ -82,3 +82,16 @@ def test_a_photo_in_whose_place_another_lies_is_told_and_no_run_goes_on_with_it(
     shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
     with pytest.raises(BadInput, match="are not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"):
         pipeline.resume(folder)
+
+
+def test_no_run_goes_on_with_masks_that_were_drawn_anew(small_scene, tmp_path):
+    (tmp_path / "masks").mkdir()
+    for number in range(5):
+        cv2.imwrite(str(tmp_path / "masks" / f"photo_{number}.png"), np.full((HEIGHT, WIDTH), 255, np.uint8))
+    folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run", masks=tmp_path / "masks")
+    shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
+    redrawn = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    redrawn[::2, ::3] = 0
+    cv2.imwrite(str(tmp_path / "masks" / "photo_1.png"), redrawn)
+    with pytest.raises(BadInput, match="or their masks, are not those that .* changed, split otherwise or gone: photo_1.png. Put them back"):
+        pipeline.resume(folder)

@@ -1,5 +1,6 @@
 """Train, stop and go on; and what is refused on the way."""
 
+import errno
 import shutil
 import signal
 from dataclasses import replace
@@ -93,6 +94,19 @@ def test_a_run_is_not_resumed_without_a_photo_that_was_damaged_since(small_scene
     photo.path.write_bytes(photo.path.read_bytes()[:100])
     with pytest.raises(BadInput, match="changed, split otherwise or gone: photo_1.png. Put them back"):
         pipeline.resume(tmp_path / "run")
+
+
+def test_a_run_that_may_not_be_written_in_does_not_go_on(trained, tmp_path, monkeypatch):
+    folder = shutil.copytree(trained[0], tmp_path / "run")
+    shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
+
+    def refuse(*_, **__):
+        raise PermissionError(errno.EACCES, "Permission denied", str(folder))
+
+    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    monkeypatch.setattr(training, "Trainer", None)  # which decodes the photos
+    with pytest.raises(BadInput, match="may not be written in: Permission denied. Make it writable, or copy the run and name the copy by -o"):
+        pipeline.resume(folder)
 
 
 @pytest.mark.parametrize("fact", ["photos", "trainer"])

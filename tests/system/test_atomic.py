@@ -42,6 +42,16 @@ def test_what_the_system_refuses_is_named(tmp_path, number, kind, words):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("write", [replacing, atomic.replacing_folder, lambda path: filling(path, ("*",), False)])
+def test_a_file_that_cannot_be_read_meanwhile_is_not_taken_for_the_output(tmp_path, write):
+    missing = tmp_path / "photos" / "a.jpg"
+    with pytest.raises(FileNotFoundError) as raised, write(tmp_path / "out"):
+        missing.read_bytes()
+    assert raised.value.filename == str(missing) and list(tmp_path.iterdir()) == []
+    with pytest.raises(BadInput, match="out could not be written"), write(tmp_path / "out") as work:
+        (work / "missing" / "a.png").write_bytes(b"")
+
+
 def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
     path = tmp_path / ("ö" * 125 + ".json")
     write_json(path, {})

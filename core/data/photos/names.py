@@ -45,7 +45,7 @@ def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, st
 
 def _rows_spelt_alike(names: Iterable[str], listed: set[str], spelt: Callable[[str], str]) -> tuple[dict[str, str], dict[str, list[str]]]:
     """As `rows_that_mean`, where names are equal if `spelt` makes the same of them."""
-    exact = {spelt(row): row for row in listed}
+    exact = {spelt(row): row for row in sorted(listed)}
     longer: dict[str, list[str]] = {}
     for form, row in exact.items():
         for end in _ends(form.replace("\\", "/")):  # some were written on Windows

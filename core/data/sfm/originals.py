@@ -52,7 +52,7 @@ def placed_of(scene: Path) -> tuple[int, int, int] | None:
 
 
 def left_out(scene: Path) -> list[Path]:
-    """The files that structure from motion was given but could not place; none for a scene that wegs did not make."""
+    """The files of a scene's photos that are not in it: not placed, unreadable, or copies of others; none for a scene that wegs did not make."""
     names, placed = read_mark(scene / NAMES), lenses_of(scene)
     return [Path(path) for path in read_mark(scene / MADE_OF) if names and names.get(path) not in placed]
 

@@ -22,14 +22,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.errors import BadInput
+from core.evaluation.metrics import C1, C2, SIGMA, WINDOW
 from core.rasterizer import Colour
 from core.system.device import CPU, sent
 
-WINDOW = 11  # px
 RADIUS = WINDOW // 2
-SIGMA = 1.5  # px
-C1 = 0.01**2
-C2 = 0.03**2
 
 
 @cache

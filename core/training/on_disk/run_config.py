@@ -44,7 +44,7 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     facts["scene"]["from_run"] = way_to(collection.read_from, folder)
     size_of = dict(zip(files, sizes, strict=True))
     for photo, values in zip(collection.photos, facts["photos"], strict=True):
-        values["bytes"] = size_of.get(photo.path)
+        values |= {"bytes": size_of.get(photo.path), "mask_bytes": size_of.get(photo.mask)}
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
@@ -83,10 +83,19 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
 
 
 def changed_files(folder: Path, collection: Collection) -> list[str]:
-    """The names of photos in whose place lies another file than the run in `folder` began with, as far as sizes tell. Missing ones do not count."""
-    began_with = {values["name"]: values.get("bytes") for values in read_mark(folder / CONFIG)["photos"]}
-    there = [photo for photo in collection.photos if began_with.get(photo.name) and is_file(photo.path)]
-    return [photo.name for photo in there if photo.path.stat().st_size != began_with[photo.name]]
+    """The names of photos in whose place, or in that of whose masks, lies another file than the run in `folder` began with, as far as sizes tell.
+    Missing ones do not count."""
+    began_with = {values["name"]: values for values in read_mark(folder / CONFIG)["photos"]}
+
+    def is_another(path: Path | None, size: int | None) -> bool:
+        return bool(path and size and is_file(path)) and path.stat().st_size != size
+
+    changed = []
+    for photo in collection.photos:
+        then = began_with.get(photo.name, {})
+        if is_another(photo.path, then.get("bytes")) or is_another(photo.mask, then.get("mask_bytes")):
+            changed.append(photo.name)
+    return changed
 
 
 def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:

@@ -72,6 +72,8 @@ def _sees(taken: Taken, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track]:
     """Tracks of three and more on the landmark and the square."""
     tracks = []
+    contrasts = [cv2.Laplacian(cv2.cvtColor(taken.photo, cv2.COLOR_RGB2GRAY), cv2.CV_32F) for taken in photos]
+    alive = [np.clip(np.abs(contrast).mean() / 12, 0.35, 1) for contrast in contrasts]  # a dark or hazy photo matches less
     for number, taken in enumerate(photos):
         pixels = _features(taken)
         points = _lifted(taken, pixels)
@@ -85,9 +87,7 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
             away = points - witness.view.centre
             cosine = (towards * away).sum(1) / (np.linalg.norm(towards, axis=1) * np.linalg.norm(away, axis=1))
             ratio = witness.view.focal_px / np.linalg.norm(away, axis=1) / size
-            contrast = cv2.Laplacian(cv2.cvtColor(witness.photo, cv2.COLOR_RGB2GRAY), cv2.CV_32F)
-            alive = np.clip(np.abs(contrast).mean() / 12, 0.35, 1)  # a dark or hazy photo matches less
-            chance = 0.55 * alive * np.clip((cosine - 0.6) / 0.3, 0, 1) * np.exp(-((np.log2(ratio) / 1.1) ** 2))
+            chance = 0.55 * alive[other] * np.clip((cosine - 0.6) / 0.3, 0, 1) * np.exp(-((np.log2(ratio) / 1.1) ** 2))
             for index in np.flatnonzero(seen & (rng.random(len(points)) < chance)):
                 own[index].append((other, where[index]))
         tracks += [track for track in own if len(track) >= 3]

@@ -19,7 +19,7 @@ LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
 # zero-shot: the encoder then knows its photos by heart, as where Sacre-Coeur's 8 are seen 750 times each instead of 375 (- 0.2 / - 0.6 dB).
 STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
 # 76 steps and 506 Gaussians per photo instead of 38 and 253, with twice the embedding and the transfer's width, gained on held-out ones of
-# 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 592 photos gain as much over a third of both (README, "More photos").
+# 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 592 photos gain 0 / 0.5 / 0.04 over a third of both (README).
 # 2.6 times as many Gaussians per pixel gained nothing on 65 photos of Liberty at full size.
 STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
 # Where there are looks, they are learned first: otherwise dark or bright Gaussians before single cameras explain the light.

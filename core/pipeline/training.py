@@ -18,7 +18,7 @@ from core.looks.pruning import pruner_of
 from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
 from core.system import device
-from core.system.outputs import check_apart, check_folder
+from core.system.outputs import check_apart
 from core.training.interrupt import StopRequest
 from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders, viewer_files
 from core.training.on_disk.claim import held, new_run
@@ -77,7 +77,7 @@ def _go_on(folder: Path, report: Report) -> Path:
         report.say(f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.")
         report.say(f"For more steps, train a new run. To use this one: {next_step(folder, settings, clouds[0])}")
         return folder
-    check_folder(folder, "Make it writable, or copy the run and name the copy by -o.")
+    run_folders.check_writable(folder, "-o")
     if settings.device == "cuda" and not device.can_use_gpu():
         raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
     if not before.root.is_dir():

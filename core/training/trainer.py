@@ -100,7 +100,7 @@ class Trainer:
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
         self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)
-        self.photos.transparent_is_empty = self.transparent_is_empty
+        self.photos.transparent_is_empty = self.transparent_is_empty  # opaque ones, which may have been empty, share a canvas after all
         self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty)
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
         if self.model.encoder is not None:  # on the CPU, for every device: the signs of principal components turn with the last digit

@@ -69,11 +69,16 @@ def _sees(taken: Taken, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return inside & close & ~taken.transient[rows, columns], pixels
 
 
+def _alive(taken: Taken) -> float:
+    """How readily a photo matches, 0.35 to 1: a dark or hazy one does less."""
+    contrast = cv2.Laplacian(cv2.cvtColor(taken.photo, cv2.COLOR_RGB2GRAY), cv2.CV_32F)
+    return np.clip(np.abs(contrast).mean() / 12, 0.35, 1)
+
+
 def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track]:
     """Tracks of three and more on the landmark and the square."""
     tracks = []
-    contrasts = [cv2.Laplacian(cv2.cvtColor(taken.photo, cv2.COLOR_RGB2GRAY), cv2.CV_32F) for taken in photos]
-    alive = [np.clip(np.abs(contrast).mean() / 12, 0.35, 1) for contrast in contrasts]  # a dark or hazy photo matches less
+    alive = [_alive(taken) for taken in photos]
     for number, taken in enumerate(photos):
         pixels = _features(taken)
         points = _lifted(taken, pixels)

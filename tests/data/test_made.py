@@ -1,5 +1,7 @@
 """Paths that are kept relative to the folder they are moved with."""
 
+from pathlib import Path
+
 import pytest
 
 from core.data.made import path_from
@@ -20,8 +22,7 @@ def scene(tmp_path, monkeypatch):
 
 
 def test_a_path_is_the_same_however_the_folder_is_spelt(scene, tmp_path):
-    up = scene.relative_to(tmp_path)
-    for root in (scene, tmp_path / "link", *(type(scene)("..") / name for name in (up, "link"))):
+    for root in (scene, tmp_path / "link", Path("../scene"), Path("../link")):
         assert [path_from(root, root / "images" / name) for name in ("a.jpg", "b.jpg")] == ["images/a.jpg", "images/b.jpg"]
         assert path_from(root, root / "sparse" / ".." / "images" / "a.jpg") == "images/a.jpg"
         assert path_from(root, tmp_path / "data" / "a.jpg") == "../data/a.jpg"

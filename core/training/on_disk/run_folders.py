@@ -109,9 +109,12 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     return output
 
 
-def check_writable(folder: Path) -> None:
-    """Raise BadInput unless `folder`, a run or one in it, can be written in: what belongs there can be put nowhere else by an option."""
-    check_folder(folder, "Make it writable, or copy the run and name the copy by --run.")
+def check_writable(folder: Path, option: str = "--run") -> None:
+    """Raise BadInput unless `folder`, a run or one in it, can be written in: what belongs there can be put nowhere else by an option.
+
+    option: by which the command takes a run.
+    """
+    check_folder(folder, f"Make it writable, or copy the run and name the copy by {option}.")
 
 
 def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:

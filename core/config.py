@@ -10,9 +10,9 @@ from typing import Any
 
 from core.errors import BadSetting
 
-AUTO = "auto"  # decided from the photos before training (core.training.decisions)
+AUTO = "auto"  # decided before training: DECIDABLE ones by core.training.decisions, others where they are used
 UNDECIDED = -1  # the same, for a setting that is a number
-AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels a photo at -r auto: what a step can afford there
+AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels per photo at -r auto: what a step can afford there
 LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
 # 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left) and Liberty (65 left),
 # 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB
@@ -123,9 +123,7 @@ class Settings:
 
     # The sizes that a look has were chosen by the table in core/TRIED.md, "Capacity of a look".
     embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024, section="Sizes")
-    latent_size: int = setting(
-        16, "Learned numbers a Gaussian brings to the SH transfer, on top of SH and position; 0: none (paper).", low=0, high=1024
-    )
+    latent_size: int = setting(16, "Learned numbers per Gaussian for the SH transfer, on top of SH and position; 0: none (paper).", low=0, high=1024)
     embedding_enters: str = setting(
         "output",
         "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).",
@@ -159,7 +157,7 @@ class Settings:
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0, high=1_000_000)
 
     mean_rate: float = setting(
-        8e-4, "Learning rate of centres, decaying to a hundredth; scene units a step.", low=0, high=1, section="Learning rates (Adam)"
+        8e-4, "Learning rate of centres, decaying to a hundredth; scene units per step.", low=0, high=1, section="Learning rates (Adam)"
     )
     quaternion_rate: float = setting(2e-3, "Learning rate of quaternions.", low=0, high=1)
     scale_rate: float = setting(8e-3, "Learning rate of log scales.", low=0, high=1)

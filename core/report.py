@@ -1,4 +1,12 @@
-"""How the engine tells what it does. Imports nothing, so that every layer may speak."""
+"""How the engine tells what it does. Imports nothing of the engine, so that every layer may speak."""
+
+from collections.abc import Callable
+
+Told = Callable[[int, int], None]  # called with the parts of some work that are done, and their number
+
+
+def unheard(done: int, total: int) -> None:
+    """A Told that nobody hears of."""
 
 
 class Report:

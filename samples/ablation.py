@@ -120,10 +120,10 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
 
 
 def csv_of(runs: dict[str, list[dict]]) -> str:
-    """A row for each run, protocol, thing compared with, and embedding."""
+    """A row for each run, protocol, thing compared with, and look."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(("variant", "seed", "protocol", "against", "embedding", *METRICS, "mask_iou", "bytes", "training_seconds"))
+    rows.writerow(("variant", "seed", "protocol", "against", "look", *METRICS, "mask_iou", "bytes", "training_seconds"))
     for name, group in runs.items():
         for one in group:
             for protocol, result in one["results"].items():

@@ -52,7 +52,7 @@ def main(scene: Path, preset_name: str, resolution: int, output: Path, seeds: in
 
 
 def table(runs: dict[str, list[dict]]) -> str:
-    """Markdown: PSNR / SSIM / LPIPS against each truth there is, for the embedding as it is and refined. runs: one entry a seed."""
+    """Markdown: PSNR / SSIM / LPIPS against each truth there is, for the look as it is read and refined. runs: one entry a seed."""
     protocols = list(next(iter(runs.values()))[0]["results"])
     against = list(runs["wegs"][0]["results"][protocols[0]]["means"])
     lines = [

@@ -4,10 +4,10 @@
     python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
     python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg      # without its photos
 
-lights.jpg (without -o or --style): six looks. styles.jpg, or the file of -o: a row for each style photo (photo | neutral | its look | truth if it
-is known), and below them the looks between the first style (or neutral) and the last. If the truth is known, the script also prints how close the
-look comes to it in PSNR (dB), beside the nearest look of a training photo and the look fitted to the truth itself. With --renders: a row for each
-view, with the neutral look and each style's, but no photos, whose licences may not allow it.
+lights.jpg (without -o or --style): six looks, each with its photo in a corner. styles.jpg, or the file of -o: a row for each style photo (photo |
+neutral | its look | truth if it is known), and below them the looks between the first style (or neutral) and the last. If the truth is known, the
+script also prints how close the look comes to it in PSNR (dB), beside the nearest look of a training photo and the look fitted to the truth itself.
+With --renders: a row for each view, with the neutral look and each style's, but no photos, whose licences may not allow it.
 """
 
 import sys
@@ -24,6 +24,8 @@ import click
 import cv2
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from core.data.collection import Photo
 from core.data.photos.pixels import read_pixels
@@ -32,8 +34,10 @@ from core.evaluation import metrics
 from core.export.pictures import to_8_bit
 from core.looks.find_look import check_known, find_look, look_of_photo
 from core.looks.refined_look import refined
-from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run
-from core.report import QUIET, Report
+from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run, neutral_look
+from core.report import Report
+from core.scene.camera import Camera
+from core.scene.splats import Splats
 from core.system.atomic import write_bytes
 from core.system.outputs import check_replaceable
 from core.training.on_disk import run_folders
@@ -43,7 +47,8 @@ from wegs_cli.terminal import Terminal
 
 PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
 PLAZA_VIEWS = "0006.jpg", "0040.jpg"  # held out; of lights.jpg and of styles.jpg
-TILE_PX = 180  # height of each picture of the sheet
+TILE_PX, LARGE_PX = 180, 240  # height of each picture of the sheet, and of lights.jpg
+INSET, FRAME_PX = 0.3, 2  # height of a photo within its look, as a share of that, and its white frame
 FRAMES = 6  # of the strip
 QUALITY = 88  # of JPEG
 
@@ -73,30 +78,31 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
         seen_from = [trained.collection.view(view) for view in views or (None,)]
         for style in styles:
             check_known(trained, style)
+            if not (renders or Path(style).is_file()):
+                raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
+        words = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
+        looks = {word: find_look(trained, word, report=terminal) for word in words}  # each takes seconds
         if lights is not None:
             from_left = trained.collection.view(PLAZA_VIEWS[0])
-            looks = [find_look(trained, word, report=terminal) for word in PLAZA_LOOKS]
-            shots = [tile(rendered(trained, look, from_left), 240) for look in looks]
+            shots = [tile(rendered(trained, looks[word], from_left), LARGE_PX) for word in PLAZA_LOOKS]
+            shots = [shot if word == "neutral" else with_inset(shot, source(trained, word)) for word, shot in zip(PLAZA_LOOKS, shots, strict=True)]
             write_jpeg(lights, [shots[:3], shots[3:]], terminal)
+        neutral, in_styles = looks["neutral"], {style: looks[style] for style in styles}
         if renders:
-            looks = [find_look(trained, word, report=terminal) for word in ("neutral", *styles)]
-            rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in looks] for photo in seen_from]
+            drawn_looks = neutral, *in_styles.values()
+            rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in drawn_looks] for photo in seen_from]
         else:
-            rows = sheet(trained, styles, seen_from[0], terminal)
+            rows = sheet(trained, neutral, in_styles, seen_from[0])
         write_jpeg(output, rows, terminal)
-        for style in styles:
-            if line := nearness(trained, style, terminal):
+        for style, look in in_styles.items():
+            if line := nearness(trained, style, look):
                 terminal.say(line)
 
 
-def sheet(trained: TrainedRun, styles: tuple[str, ...], photo: Photo, report: Report = QUIET) -> list[list[np.ndarray]]:
-    """Rows of pictures: one for each style, then a strip of looks from the first to the last."""
-    for style in styles:
-        if not Path(style).is_file():
-            raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
-    neutral, *looks = (find_look(trained, word, report=report) for word in ("neutral", *styles))
-    rows = []
-    for style, look in zip(styles, looks, strict=True):
+def sheet(trained: TrainedRun, neutral: Look, in_styles: dict[str, Look], photo: Photo) -> list[list[np.ndarray]]:
+    """Rows of pictures: one for each style photo and its look, then a strip of looks from the first to the last."""
+    looks, rows = list(in_styles.values()), []
+    for style, look in in_styles.items():
         row = [read_pixels(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]
         truth = truths(trained, style).get(photo.name)
         rows.append([tile(picture, TILE_PX) for picture in (row if truth is None else [*row, read_pixels(truth)])])
@@ -119,6 +125,20 @@ def tile(picture: np.ndarray, height: int) -> np.ndarray:
     return cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
 
 
+def source(trained: TrainedRun, word: str) -> np.ndarray:
+    """The photo of a look: one of the run, by name, or a file."""
+    photo = trained.collection.called(word)
+    return read_pixels(Path(word) if photo is None else photo.path)
+
+
+def with_inset(picture: np.ndarray, photo: np.ndarray) -> np.ndarray:
+    """The picture with the photo, small and framed in white, in its lower left corner."""
+    small = np.pad(tile(photo, round(INSET * len(picture))), ((FRAME_PX,) * 2, (FRAME_PX,) * 2, (0, 0)), constant_values=255)
+    shown = picture.copy()
+    shown[-len(small) :, : small.shape[1]] = small
+    return shown
+
+
 def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None:
     """Write the rows below each other; shorter ones are filled up with white."""
     width = max(sum(picture.shape[1] for picture in row) for row in rows)
@@ -136,31 +156,39 @@ def truths(trained: TrainedRun, style: str) -> dict[str, Path]:
     return {known[path.stem]: path for path in sorted(folder.glob("*.png")) if path.stem in known}
 
 
-def nearness(trained: TrainedRun, style: str, report: Report = QUIET) -> str | None:
+def nearness(trained: TrainedRun, style: str, own: Look) -> str | None:
     """How close the look of a style photo comes to the true pictures in its light, in words; None if these are unknown."""
-    known = truths(trained, style)
-    if not known:
+    true = {name: true_view(trained, name, path) for name, path in truths(trained, style).items()}
+    if not true:
         return None
-    own = find_look(trained, style, report=report)
     seen = {photo.name: look_of_photo(trained, photo, refine=False) for photo in trained.collection.split("train")}
+    looks = {"own": own, "neutral": neutral_look(trained)} | seen
     found: dict[str, list[float]] = {}
-    for name, path in known.items():
-        camera = trained.camera(trained.collection.view(name))
-        pixels = cv2.resize(read_pixels(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-        truth = torch.from_numpy(pixels).to(trained.device).float() / 255
-        looks = {"own": own, "neutral": find_look(trained, "neutral")} | seen
-        if trained.has_looks:
-            looks["fitted"] = refined(trained, own, camera, truth, None)
-        for which, look in looks.items():
-            picture = metrics.quantised(drawn(trained, bake(trained, look), camera))
-            found.setdefault(which, []).append(metrics.psnr(picture, truth))
+    for which, look in looks.items():
+        baked = bake(trained, look)
+        found[which] = [decibels(trained, baked, *view) for view in true.values()]
+    if trained.has_looks:
+        fitted = (bake(trained, refined(trained, own, *view, None)) for view in true.values())
+        found["fitted"] = [decibels(trained, baked, *view) for baked, view in zip(fitted, true.values(), strict=True)]
     means = {which: sum(values) / len(values) for which, values in found.items()}
     nearest = max(seen, key=means.__getitem__)
     return (
-        f"{Path(style).name}: {means['own']:.2f} dB from the truth in {counted(len(found['own']), 'view')}; the nearest of "
+        f"{Path(style).name}: {means['own']:.2f} dB from the truth in {counted(len(true), 'view')}; the nearest of "
         f"{counted(len(seen), 'look')} of training photos ({nearest}) {means[nearest]:.2f}, neutral {means['neutral']:.2f}, "
         f"fitted to the truth {means.get('fitted', means['own']):.2f}"
     )
+
+
+def true_view(trained: TrainedRun, name: str, path: Path) -> tuple[Camera, Float[Tensor, "h w 3"]]:
+    """The camera of the photo called `name`, and the true picture that it sees."""
+    camera = trained.camera(trained.collection.view(name))
+    pixels = cv2.resize(read_pixels(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    return camera, torch.from_numpy(pixels).to(trained.device).float() / 255
+
+
+def decibels(trained: TrainedRun, baked: Splats, camera: Camera, truth: Float[Tensor, "h w 3"]) -> float:
+    """PSNR of the run in a look that is baked, as the camera sees it."""
+    return metrics.psnr(metrics.quantised(drawn(trained, baked, camera)), truth)
 
 
 if __name__ == "__main__":

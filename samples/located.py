@@ -46,12 +46,12 @@ def main(run_folder: Path | None) -> None:
     collection = load_collection(trained.collection.read_from)
     landmarks = landmarks_of_run(trained, QUIET)
     rows = []
-    for photo in [collection.view(photo.name) for photo in held_out]:
+    for photo in held_out:
         found = locate(photo.path, landmarks, QUIET)
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue
-        off, decibels = off_px(found.camera, photo, collection), scores(trained, photo, found.camera)
+        off, decibels = off_px(found.camera, collection.view(photo.name), collection), scores(trained, photo, found.camera)
         agree = f"{found.agreeing} of {found.matched} features agree"
         click.echo(f"{photo.name}: {agree}, {off:.2f} px of {WIDTH_PX} off; {FIGURES.format(*decibels)}")
         rows.append((off, *decibels))
@@ -73,7 +73,7 @@ def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
 @torch.no_grad()
 def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
     """PSNR (dB) of the right half in the look of the left one: as encoded, refined with the camera found, and with the known one."""
-    view = held_out_view(trained, trained.collection.view(photo.name))
+    view = held_out_view(trained, photo)
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
     looks = [Colouring(fits[0].start), *(refined(trained, fit) for fit in fits)]
     scored = fits[0].scored

@@ -32,7 +32,7 @@ from plaza_maker.rays import World
 from plaza_maker.square import static_groups
 
 from core.appearance.colouring import Colouring
-from core.data.collection import spread_over
+from core.data.collection import Photo, spread_over
 from core.errors import BadInput
 from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refined
@@ -75,7 +75,7 @@ def main(run_folder: Path | None, grid: int) -> None:
     with Terminal() as terminal:
         for done, photo in enumerate(held_out, 1):
             light = Look(**taken[photo.name]["look"])
-            looks = looks_of(trained, photo.name)
+            looks = looks_of(trained, photo)
             (own,), *others = ([standpoint(trained, name, taken[name]["camera"]) for name in names] for names in cameras_beside(photo.name, taken))
             kinds = [[own], *(moved(own, step, a_metre) for step in STEPS_M), *others]
             scored.append([np.mean([scores(trained, looks, place, light, world, grid) for place in kind], axis=0) for kind in kinds])
@@ -87,9 +87,9 @@ def main(run_folder: Path | None, grid: int) -> None:
         click.echo(f"| {kind} | {figures[0]:.2f} | {figures[1]:.2f} |")
 
 
-def looks_of(trained: TrainedRun, name: str) -> list[Colouring]:
+def looks_of(trained: TrainedRun, photo: Photo) -> list[Colouring]:
     """The look of a held-out photo, as it is read and as it is refined."""
-    fit = fit_of(trained, held_out_view(trained, trained.collection.view(name)), "full")
+    fit = fit_of(trained, held_out_view(trained, photo), "full")
     return [Colouring(fit.start), refined(trained, fit)]
 
 

@@ -123,7 +123,7 @@ def test_the_program_writes_tables_and_figures(small_scene, tmp_path, monkeypatc
     assert (tmp_path / f"{small_scene.name}.md").read_text().strip() in result.output
     with (tmp_path / f"{small_scene.name}.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert {(row["variant"], row["seed"], row["embedding"]) for row in rows} == {
+    assert {(row["variant"], row["seed"], row["look"]) for row in rows} == {
         (name, seed, whose) for name in (FULL, "no mask") for seed in "01" for whose in ("zero_shot", "refined")
     }
 

@@ -58,4 +58,4 @@ def test_a_scene_whose_list_holds_out_every_photo_is_trained_on_and_gone_on_with
     trained = load_run(folder)
     assert len(trained.model.photo_names) == 4
     outside = shutil.copyfile(trained.collection.photos[0].path, tmp_path / "outside.png")
-    assert "where it was taken" in find_look(trained, str(outside)).source
+    assert "its camera could not be located" in find_look(trained, str(outside)).source

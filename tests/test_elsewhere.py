@@ -71,7 +71,7 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
     assert any("lit unlike any photo of the place (darker" in line for line in heard.lines)
     pipeline.interpolate(folder, "night", "kept", 3, tmp_path / "dawn")
     pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
-    monkeypatch.setattr(lpips, "load", lambda: Lpips("alex", made_weights("alex")))
+    monkeypatch.setattr(lpips, "load", lambda: Lpips(made_weights()))
     monkeypatch.setattr("core.appearance.refinement.STEPS", 2)
     monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 2)
     scores = pipeline.evaluate(folder, protocol="full").views[0].scores["photo"]

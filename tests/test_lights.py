@@ -49,7 +49,7 @@ def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
     live = load_run(folder)
     photo = live.collection.view("photo_5.png")
     frame = lights.rendered(live, find_look(live, styles[1]), photo)
-    shown = lights.sheet(live, tuple(styles), photo)[-1]
+    shown = lights.sheet(live, find_look(live, "neutral"), {style: find_look(live, style) for style in styles}, photo)[-1]
     np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
 
 
@@ -111,8 +111,9 @@ def test_nearness_to_a_truth(folder):
         path.mkdir(parents=True)
     style.write_bytes((root / "photo_2.png").read_bytes())  # a held-out photo, its own truth
     (known / "photo_2.png").write_bytes(style.read_bytes())
-    words = lights.nearness(live, str(style))
+    look = find_look(live, str(style))
+    words = lights.nearness(live, str(style), look)
     assert words.startswith("own.png: ") and "in 1 view; the nearest of 4 looks of training photos" in words
     own, fitted = (float(words.split(mark)[1].split()[0]) for mark in ("own.png: ", "fitted to the truth "))
     assert fitted >= own - 0.1  # fitted by L1, told in dB
-    assert len(lights.sheet(live, (str(style),), live.collection.view("photo_2.png"))[0]) == 4  # the truth beside it
+    assert len(lights.sheet(live, find_look(live, "neutral"), {str(style): look}, live.collection.view("photo_2.png"))[0]) == 4  # the truth beside it

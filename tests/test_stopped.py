@@ -152,11 +152,11 @@ def test_what_was_measured_before_a_run_went_on_is_named(scene, tmp_path):
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
     heard = Heard()
     pipeline.resume(tmp_path / "run", heard)
-    assert f"Of an earlier step: results_full.json. To measure again, type: wegs eval --run {tmp_path / 'run'}" in heard.lines
+    assert f"Of an earlier run or step: results_full.json. To measure again, type: wegs eval --run {tmp_path / 'run'}" in heard.lines
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
     shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been stopped just before its last file
     pipeline.resume(tmp_path / "run", heard := Heard())
-    assert not any("Of an earlier step" in line for line in heard.lines)
+    assert not any("Of an earlier run or step" in line for line in heard.lines)
 
 
 def test_a_run_without_a_checkpoint_begins_anew_as_it_was_set(scene, tmp_path):

@@ -70,8 +70,8 @@ def test_a_look_comes_with_a_way_to_look_at_it(trained, tmp_path):
 def test_the_looks_of_a_fade_have_a_line_each(trained, tmp_path):
     heard = Heard()
     pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, view="photo_1")
-    assert heard.lines[0].endswith("small: 2 steps, seen from photo_1.png")
-    assert heard.lines[1:3] == ["  from the mean of the training photos", "  to training photo photo_0.png, refined"]
+    assert heard.lines[0].endswith("small: 2 frames, seen from photo_1.png")
+    assert heard.lines[1:3] == ["  from the neutral look (mean of the training photos)", "  to training photo photo_0.png, refined"]
 
 
 def test_that_all_looks_are_one_is_said_only_where_it_is_true(trained, tmp_path):

@@ -2,7 +2,7 @@
 
 import click
 
-from wegs_cli.options import InputPath, OutputPath
+from wegs_cli.options import DEFAULT_RUN, InputPath, OutputPath
 
 
 @click.command(short_help="Write the scene in the look of a photo, as a .ply.")
@@ -13,7 +13,7 @@ from wegs_cli.options import InputPath, OutputPath
     help="A photo file, the name of a photo of the scene, a saved look, or `neutral`.",
 )
 @click.option("-o", "--output", required=True, type=OutputPath(), help="The .ply to write.")
-@click.option("--run", "run_folder", type=InputPath(), help="Folder of the run.  [default: the newest]")
+@click.option("--run", "run_folder", type=InputPath(), help=f"Folder of the run.  {DEFAULT_RUN}")
 @click.option("--force", is_flag=True, help="Overwrite the .ply, and a look saved under that name.")
 @click.option("--mask", type=InputPath(), help="Mask for PHOTO: white = use.")
 @click.option("--no-refine", is_flag=True, help="Take the look as the encoder reads it, also where the camera of PHOTO is known or found.")

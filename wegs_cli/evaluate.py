@@ -4,7 +4,7 @@ import click
 
 from core.errors import BadSetting
 from core.evaluation import PROTOCOLS
-from wegs_cli.options import InputPath
+from wegs_cli.options import DEFAULT_RUN, InputPath
 
 
 @click.command("eval", short_help="Measure a run on its held-out photos.")
@@ -13,7 +13,7 @@ from wegs_cli.options import InputPath
     "run_folders",
     type=InputPath(),
     multiple=True,
-    help="Folder of the run; with --curve, repeatable.  [default: the newest]",
+    help=f"Folder of the run; with --curve, repeatable.  {DEFAULT_RUN}",
 )
 @click.option(
     "--protocol",
@@ -21,7 +21,7 @@ from wegs_cli.options import InputPath
     help="half: read the look from the left half of a test photo, score the right half; full: the whole photo for both.  "
     "[default: half; with --curve, both]",
 )
-@click.option("--no-refine", is_flag=True, help="Skip refinement: score the encoder's embedding only.")
+@click.option("--no-refine", is_flag=True, help="Score only the look as the encoder reads it (zero-shot).")
 @click.option("--pictures", is_flag=True, help="Keep every render and photo as PNG, in the run's pictures/.")
 @click.option("--curve", is_flag=True, help="Instead, plot quality over time, of training and of refinement.")
 def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:

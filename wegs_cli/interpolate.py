@@ -2,7 +2,7 @@
 
 import click
 
-from wegs_cli.options import InputPath, OutputPath
+from wegs_cli.options import DEFAULT_RUN, InputPath, OutputPath
 
 
 @click.command(short_help="Fade from one look to another.")
@@ -13,7 +13,7 @@ from wegs_cli.options import InputPath, OutputPath
 @click.option("--no-refine", is_flag=True, help="Take looks as the encoder reads them; see `wegs bake`.")
 @click.option("--ply", is_flag=True, help="Also write one .ply per frame.")
 @click.option("-o", "--output", type=OutputPath(), help="Folder of the frames.  [default: FIRST-to-LAST]")
-@click.option("--run", "run_folder", type=InputPath(), help="Folder of the run.  [default: the newest]")
+@click.option("--run", "run_folder", type=InputPath(), help=f"Folder of the run.  {DEFAULT_RUN}")
 @click.option("--force", is_flag=True, help="Replace the frames that OUTPUT holds.")
 def interpolate(first, last, steps, view, no_refine, ply, output, run_folder, force) -> None:
     """Fade from one look to another: frames, a contact sheet and a video. FIRST and LAST are as in `wegs bake`.

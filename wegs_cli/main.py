@@ -22,14 +22,15 @@ COMMANDS = {
     "doctor": "wegs_cli.doctor:doctor",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
+STOPS = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP is none of Windows'
 INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
 class OneLineErrors(click.Command):
     """A command that ends with one line and an exit code, not a traceback, where the user can mend what went wrong."""
 
-    def main(self, args=None, prog_name=None, **extra):
-        """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C."""
+    def main(self, args=None, prog_name=None, at_end=lambda: None, **extra):
+        """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C. at_end: called before the one line."""
         try:
             code = super().main(args, prog_name, **(extra | {"standalone_mode": False}))
         except click.exceptions.NoArgsIsHelpError as help_wanted:
@@ -41,6 +42,7 @@ class OneLineErrors(click.Command):
             answer = explain(problem)
             if answer is None:
                 raise
+            at_end()
             line, code = answer
             line = f"wegs: {on_one_line(line)}"
             click.echo(line if os.environ.get("NO_COLOR") else click.style(line, fg="red"), err=True)
@@ -84,6 +86,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         return str(error), 1
     if isinstance(problem, OSError) and problem.errno in UNUSABLE and problem.filename:
         return f"{problem.filename}: {problem.strerror}. Choose another path, or change who may use this one.", 1
+    if isinstance(problem, OSError) and problem.errno == errno.EIO and problem.filename:
+        return f"{problem.filename}: {problem.strerror}. Check its disk, or choose another path.", 1
     if isinstance(problem, UnicodeEncodeError):
         words = ascii(problem.object[max(0, problem.start - 60) : problem.end])
         return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
@@ -127,7 +131,7 @@ def wegs(memory: float | None) -> None:
     """From tourist photos to a 3D Gaussian scene whose look follows any photo.
 
     \b
-    wegs train photos/                            # minutes on two cores
+    wegs train photos/                            # minutes to hours on two cores
     wegs bake --appearance dusk.jpg -o dusk.ply   # opens in every 3DGS viewer
     """
     if memory is not None:
@@ -140,6 +144,13 @@ def _hang_up(number: int, frame: FrameType | None) -> None:
     """Treat a closed terminal as one Ctrl-C: its shell and the system both send the signal."""
     signal.signal(number, signal.SIG_IGN)
     signal.default_int_handler(number, frame)
+
+
+def _ignore_stops() -> None:
+    """What has an answer ends with it: a second Ctrl-C would put a traceback in its place."""
+    for name in STOPS:
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
 
 
 def run() -> None:
@@ -163,4 +174,4 @@ def run() -> None:
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
         signal.signal(signal.SIGHUP, _hang_up)
     prepare()
-    wegs(prog_name="wegs")
+    wegs(prog_name="wegs", at_end=_ignore_stops)

@@ -17,6 +17,7 @@ FLAGS = (
     "steps", "resolution", "all_photos", "max_gaussians", "sh_degree", "appearance", "transients", "seed", "device", "backend",
 )  # fmt: skip
 SHORT = {"resolution": ("-r",)}
+DEFAULT_RUN = "[default: the current folder if it is a run, else the newest in runs/]"
 
 
 class InputPath(click.Path):

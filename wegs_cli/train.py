@@ -11,8 +11,14 @@ from wegs_cli.options import InputPath, OutputPath, settings_from, settings_opti
 
 @click.command(epilog=settings_table(), short_help="Photos in, a run out.")
 @click.argument("scene", type=InputPath(), required=False)
-@click.option("-o", "--output", type=OutputPath(), help="Folder of the run.  [default: runs/SCENE]")
-@click.option("--masks", type=InputPath(), help="Folder of masks, one per photo with the photo's name; white = use.")
+@click.option(
+    "-o", "--output", type=OutputPath(), help="Folder of the run.  [default: runs/NAME, NAME being the scene's folder; NAME-2, NAME-3 ... if taken]"
+)
+@click.option(
+    "--masks",
+    type=InputPath(),
+    help="Folder of masks, one per photo with the photo's name; white = use. wegs' own masks still apply; --transients off turns those off.",
+)
 @settings_options
 @click.option("--resume", is_flag=True, help="Go on with the run in -o (default: the newest), with its own settings.")
 @click.option("--force", is_flag=True, help="Replace the run that -o holds.")
@@ -58,4 +64,4 @@ def _refuse_what_resuming_ignores(scene: Path | None, output: Path | None) -> No
         fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
         raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
     if given:
-        raise BadSetting(f"A resumed run keeps its scene and settings; {given[0]} changes them.", "Leave it out, or train a new run.")
+        raise BadSetting(f"{given[0]} has no effect on a resumed run, which keeps its scene and settings.", "Leave it out, or train a new run.")

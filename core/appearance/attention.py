@@ -22,7 +22,7 @@ def rectified(layer: nn.Module) -> nn.Module:
 
 
 class ChannelAttention(nn.Module):
-    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F, a weight a channel; the two-layer MLP is shared.
+    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F, one weight per channel; the two-layer MLP is shared.
 
     The paper writes the attention map as C x 1 x H'; pooling over space leaves C x 1 x 1.
     """

@@ -12,7 +12,7 @@ from core.config import Settings
 from core.errors import BadInput
 from core.system.threads import one_torch_thread
 
-CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms a photo on one core
+CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms per photo on one core
 WEAK_COMPONENT = 0.4  # of the strongest: what varies less between photos is amplified less
 UNSEEN = 1e-6  # weight of a cell that the mask hides altogether: a band of such cells has a colour, too
 ALIKE = 0.01  # of the mean feature: what varies less is no light; photos of real collections vary by 0.1 and more
@@ -69,7 +69,7 @@ def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4
 
 
 class Enc2(nn.Module):
-    """l = Enc2(F'' + F): three convolutions, the average over space, one linear layer to the embedding.
+    """l = Enc2(M * F' + F, I, M): three convolutions, the average over space, one linear layer to the embedding.
 
     Beside those averages the linear layer sees the photo's colours from top to bottom (`band_colours`). Features that are
     learned know a collection's few photos by heart; where the sky is how bright, and the ground beneath it, is no such thing.
@@ -145,7 +145,7 @@ class PhotoEncoder(nn.Module):
     def attend(
         self, photo: Float[Tensor, "3 h w"], masked: bool
     ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, "1 1 h4 w4"], Float[Tensor, "1 1 h4 w4"] | None]:
-        """F'' + F, the M that it was made with, and the mask."""
+        """M * F' + F, the M that it was made with, and the mask."""
         features = self.enc1(photo)
         if not self.attends:
             return features, torch.ones_like(features[:, :1]), None

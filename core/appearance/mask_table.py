@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from core.appearance.attention import LAST_LAYER_GAIN, STATIC_LOGIT, rectified
 from core.appearance.positional_encoding import encode, encoded_size
 
-PHOTO_SIZE = 32  # learned numbers a photo
+PHOTO_SIZE = 32  # learned numbers per photo
 WIDTH = 64
 OCTAVES = 6  # of the pixel's position; the finest is 1/32 of the picture, about the mask's own pixels
 

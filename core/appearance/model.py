@@ -39,9 +39,9 @@ class AppearanceModel(nn.Module):
     """Everything about looks that is learned, built from the settings; what they switch off does not exist.
 
     photo_names: the photos that tables (GLO embeddings, MLP masks) have rows for, in the order of those rows.
-    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: a row a
-    training photo, the last one remembered, or the very first for photos not met yet; two rows a photo after `meet_as_finished`; none unless an
-    encoder gives embeddings.
+    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: one row per
+    training photo, the last one remembered, or the very first for photos not met yet; none unless an encoder gives embeddings.
+    finished_embeddings: those of `meet_as_finished`, two rows per training photo; None before. They are no part of the state.
     """
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
@@ -69,6 +69,7 @@ class AppearanceModel(nn.Module):
         self.register_buffer("mean_embedding", torch.zeros(settings.embedding_size))
         rows = len(self.photo_names) if with_appearance and settings.embedding == "encoder" else 0
         self.register_buffer("met_embeddings", torch.zeros(rows, settings.embedding_size))
+        self.register_buffer("finished_embeddings", None, persistent=False)
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
     def _apply(self, function, recurse: bool = True) -> "AppearanceModel":
@@ -92,7 +93,7 @@ class AppearanceModel(nn.Module):
             if self.encoder is not None:
                 embedding, mask = self.encoder(picture)
                 if embedding is not None and row is None:
-                    embedding = self.reach.nearest(embedding)
+                    embedding = self.reach().nearest(embedding)
             if self.embedding_table is not None and row is not None:
                 embedding = self.embedding_table[row]
             if isinstance(self.mask_network, PlainMask):
@@ -124,8 +125,8 @@ class AppearanceModel(nn.Module):
         return torch.stack(masked), torch.stack(unmasked)
 
     def meet_as_finished(self, masked: Float[Tensor, "k e"], unmasked: Float[Tensor, "k e"]) -> None:
-        """Let `met_embeddings` be what `encoded` gave at the end of training, so that `reach` takes in these photos read either way."""
-        self.met_embeddings = torch.cat([masked, unmasked])
+        """Know the training photos by what `encoded` gave at the end of training, so that `reach` takes in these photos read either way."""
+        self.finished_embeddings = torch.cat([masked, unmasked])
 
     def transfer(
         self,
@@ -151,7 +152,6 @@ class AppearanceModel(nn.Module):
         """Whether `transfer` adds something to the base, which can be regularised."""
         return self.sh_transfer is not None and (self.settings.appearance != "full" or self.settings.residual)
 
-    @property
     def given_spread(self) -> Weights:
         """How widely the weights that embeddings give differ between the training photos; see SHTransfer.given_spread."""
         with one_torch_thread():  # more would round differently
@@ -181,13 +181,14 @@ class AppearanceModel(nn.Module):
 
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:
-        """Those of the training photos, from the table or as last met: none without appearance, and before the first photo is met."""
+        """Those of the training photos, as finished, from the table, or as last met: none without appearance, and before the first photo is met."""
+        if self.finished_embeddings is not None:
+            return self.finished_embeddings
         known = self.met_embeddings if self.embedding_table is None else self.embedding_table.detach()
         return known if self.remembered else known[:0]
 
-    @property
     def reach(self) -> Reach:
-        """Where looks may lie: everywhere if there are none yet."""
+        """Where looks may lie: everywhere if there are none yet. It takes a singular value decomposition of what is known."""
         return Reach.of(self.known_embeddings)
 
     @torch.no_grad()

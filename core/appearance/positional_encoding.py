@@ -33,7 +33,7 @@ def encode(values: Float[Tensor, "n d"], octaves: int) -> Float[Tensor, "n e"]:
 def contract(means: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
     """Centres in the scene frame -> [-1, 1]: x inside the unit ball, (2 - 1/|x|) x/|x| outside; then halved.
 
-    Only exactly rounded operations a row (no library reduction), so a row's result does not depend on its place.
+    Only exactly rounded operations per row (no library reduction), so a row's result does not depend on its place.
     """
     x, y, z = means.unbind(1)
     norm = (x * x + y * y + z * z).sqrt().clamp_min(1.0)[:, None]

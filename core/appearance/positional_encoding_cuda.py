@@ -10,7 +10,7 @@ from torch import Tensor
 from core.appearance.positional_encoding import encoded_size
 from core.kernels.triton_launch import FUSED, blocks
 
-BLOCK = 128  # Gaussians a program, one a thread
+BLOCK = 128  # Gaussians per program, one per thread
 PI = tl.constexpr(math.pi)
 
 

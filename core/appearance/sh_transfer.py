@@ -20,11 +20,11 @@ MIXING_GAIN = 0.25  # one embedding moves every weight of the output layer; from
 
 
 class SHTransfer(nn.Module):
-    """delta = bound * tanh(G(gamma(sh), gamma(mu), l) / bound): the paper's eq. for Delta sh_jk, an MLP.
+    """delta = bound * tanh(G(gamma(sh), z, gamma(mu), l) / bound), an MLP: the paper's eq. for Delta sh_jk; sh' itself where `residual` is off.
 
     gamma(sh): the coefficients, with `sh_octaves` octaves. gamma(mu): centres contracted into [-1, 1], with
-    `position_octaves` octaves. An optional latent of `latent_size` numbers a Gaussian is a further input. The view
-    direction is none: only so can a look be baked into a file.
+    `position_octaves` octaves. z: a latent of `latent_size` numbers per Gaussian, if that is not 0. The view direction is no
+    input: only so can a look be baked into a file.
 
     `embedding_enters` "input": l is an input of the first layer, as in the paper; its share of that layer is the same for
     all Gaussians and computed once. "output": the hidden layers do not know the photo, and l gives the weights of

@@ -1,4 +1,4 @@
-"""The tone of a photo whose light no look holds: one gain of the sky and one of the place, a channel each.
+"""The tone of a photo whose light no look holds: one gain of the sky and one of the place, per channel.
 
 In training the encoder saw every photo in other exposures and white balances, and its target with it. So a gain may be taken off a
 photo before it is encoded, and put on the Gaussians of the look that comes of it: colours are linear in their coefficients. Sky and
@@ -28,7 +28,7 @@ def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:
 def tone_between(shares: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "bands 3"]) -> Float[Tensor, "2 3"]:
     """The tone in which what place and sky add to the mean colours of the bands, their shares, comes nearest to those wanted.
 
-    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 a channel, LEAST_GAIN <= g <= LARGEST_GAIN, by coordinate descent.
+    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 per channel, LEAST_GAIN <= g <= LARGEST_GAIN, by coordinate descent.
     """
     place, sky = shares.double()
     wanted = wanted.double()

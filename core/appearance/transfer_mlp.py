@@ -103,10 +103,11 @@ def blockwise_mlp(
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on core.system.threads.threads() threads; of the learned input the latents are the last columns.
+    """`plain_mlp` for float32 on the CPU, on core.system.threads.threads() threads. The latents are the last columns of the learned input.
 
-    output_layer: makes the output layer, first for its values alone, then in the graph, when the hidden ones are there: autograd goes
-    back in the reverse order of creation, so what it is made of has its gradient before the backward pass through them begins.
+    output_layer: makes the output layer. It is called twice: first for its values alone, and then, once the hidden layers are in the graph, to be
+    part of the graph as well. Autograd goes back in the reverse order of creation. So what the output layer is made of has its gradient before the
+    backward pass through the hidden layers begins.
     """
     inputs = _inputs_of(learned, latents, means, octaves, bound)
     keeps = torch.is_grad_enabled()
@@ -164,7 +165,7 @@ def _evaluated(inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: Outpu
     """All layers; onto `base` unless that is empty."""
     weights = [_with_padding(weight) for weight in (*_transposed(hidden_layers), *_transposed(output_layer))]
     rows = len(inputs.learned)
-    # Kept for the backward pass: 4 * layers * width bytes a Gaussian. Computing it again instead took 15 % more of a step.
+    # Kept for the backward pass: 4 * layers * width bytes per Gaussian. Computing it again instead took 15 % more of a step.
     shape = 1 + len(hidden_layers.hidden_weights), rounded_up(rows, STRIP) if keeps else 0, weights[0].shape[1]
     # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake. Large blocks, so that two threads seldom meet
     # in a page that is not there yet: both would fill it.

@@ -10,7 +10,7 @@ from core.bench.drawing import draw_png
 from core.bench.figure import Figure, Point
 from core.errors import BadInput
 from core.report import Report
-from core.system.atomic import write_bytes, write_json, write_text
+from core.system.atomic import adding, write_bytes, write_json, write_text
 from core.system.outputs import check_folder, check_named_as_folder
 
 SUFFIXES = (".csv", ".json", ".png")
@@ -47,17 +47,11 @@ def show(figure: Figure, report: Report) -> None:
 
 def save(figure: Figure, folder: Path) -> list[Path]:
     """Write NAME.csv, NAME.json and NAME.png into `folder`, which is made if it is not there; all of them or none."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written: list[Path] = []
-    try:
-        for suffix, write, content in zip(SUFFIXES, (write_text, write_json, write_bytes), (csv_of, json_of, draw_png), strict=True):
-            write(path := folder / (figure.name + suffix), content(figure))
-            written.append(path)
-    except BaseException:  # a part of a figure would be in the way of the next call
-        for path in written:
-            path.unlink()
-        raise
-    return written
+    names = [figure.name + suffix for suffix in SUFFIXES]
+    with adding(folder) as work:  # a part of a figure would be in the way of the next call
+        for name, write, content in zip(names, (write_text, write_json, write_bytes), (csv_of, json_of, draw_png), strict=True):
+            write(work / name, content(figure))
+    return [folder / name for name in names]
 
 
 def figure_files(folder: Path, names: tuple[str, ...]) -> list[Path]:

@@ -72,8 +72,8 @@ class Choice:
 
 
 @torch.no_grad()
-def rendering_figure(splats: Splats, cameras: list[Camera], name: str, title: str, seed: int, report: Report, budget: float) -> Figure:
-    """All backends on a CPU and levers on these splats (float32) and cameras. budget: see `stopwatch.timed`."""
+def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int, report: Report, budget: float) -> Figure:
+    """All backends on a CPU and levers on `what`, these splats (float32) and cameras. budget: see `stopwatch.timed`."""
     exact = [draw(splats, camera, Levers(sh_degree=splats.degree)) for camera in cameras]
     unthresholded = [draw(splats, camera, UNTHRESHOLDED) for camera in cameras]
     chosen = list(choices(splats, cameras))
@@ -87,7 +87,8 @@ def rendering_figure(splats: Splats, cameras: list[Camera], name: str, title: st
             measured[choice.way] = values
         points.append(Point(choice.curve, choice.label, measured[choice.way], choice.is_default))
         report.progress("Rendering", number + 1, len(chosen), f"{choice.curve}: {choice.label}")
-    return Figure(name, title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
+    title = f"Rendering {what}: {len(splats)} Gaussians of degree {splats.degree}, {cameras[0].width} x {cameras[0].height} px"
+    return Figure("rendering", title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
 
 
 def choices(splats: Splats, cameras: list[Camera]) -> Iterator[Choice]:

@@ -1,6 +1,6 @@
 """Which figures are drawn, of what, and where they go: what `wegs bench` and `wegs eval --curve` do."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from torch import Tensor
@@ -20,8 +20,6 @@ from core.evaluation import PROTOCOLS
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.pipeline.opened import open_run
 from core.report import Report
-from core.scene.camera import Camera
-from core.scene.splats import Splats
 from core.system.atomic import room_in, scratch
 from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
@@ -188,21 +186,15 @@ def _follows_a_look(trained: TrainedRun, report: Report) -> bool:
 
 
 def _fixed_rendering(size: Size, report: Report) -> Figure:
-    splats, cameras = small_scene.rendering_scene()
-    title = f"Rendering the built-in scene: {_words(splats, cameras)}"
-    return rendering_figure(splats, cameras, "rendering", title, 0, report, size.budget)
+    return rendering_figure("the built-in scene", *small_scene.rendering_scene(), 0, report, size.budget)
 
 
 def _rendering_of(trained: TrainedRun, size: Size, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
-    title = f"Rendering {trained.folder.resolve().name}: {_words(splats, cameras)}"
-    return rendering_figure(splats, cameras, OF_RUN, title, trained.settings.seed, report, size.budget)
-
-
-def _words(splats: Splats, cameras: list[Camera]) -> str:
-    return f"{len(splats)} Gaussians of degree {splats.degree}, {cameras[0].width} x {cameras[0].height} px"
+    figure = rendering_figure(trained.folder.resolve().name, splats, cameras, trained.settings.seed, report, size.budget)
+    return replace(figure, name=OF_RUN)
 
 
 # --- what is trained

@@ -59,9 +59,11 @@ def _how_to_check(folder: Path) -> str:
     _, settings, collection = read_config(folder)
     saved = checkpoint.read_newest(folder, checkpoint.read_facts)
     step = saved[1]["step"] if saved else 0
-    if step < settings.steps and settings.held_out_checks and collection.split("test"):
+    if not (settings.held_out_checks and collection.split("test")):
+        return "Train without --all-photos on a scene with test photos, and with held_out_checks > 0."
+    if step < settings.steps:
         return f"Its first check is to come; type: {checkpoint.how_to_go_on(folder)}"
-    return "Train without --all-photos on a scene with test photos, and with held_out_checks > 0."
+    return "It was removed or damaged after the training, or no held-out photo could be read: train the run again."
 
 
 def _points(course: Course) -> Iterator[Point]:

@@ -5,9 +5,9 @@ Collection of that. `placing` fits cameras to the photos, `split` and `split_tab
 photos, `given_masks` adds masks.
 
 What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `kept_cameras` with `reconstruct` (`usable`, `features`,
-`likely_pairs`, `guided`, `mapping`; `kept_matches` lets a stopped search go on; `originals` remembers the photos as they were), points by
-`kept_points` with `triangulate`. `made` recognises what was made before. A photo from outside is found by `locate` among the `landmarks` of a
-collection.
+`likely_pairs`, `guided`, `mapping`, `upright`; `kept_matches` lets a stopped search go on; `originals` remembers the photos as they were), points by
+`kept_points` with `triangulate`; `room` asks whether the disk has any. `made` recognises what was made before. A photo from outside is found by
+`locate` among the `landmarks` of a collection.
 
 From a photo to pixels, in `photos`: `folder` lists files, `names` says what else they may be called, `lookalikes` tells which are one
 picture, `file` reads headers, `stored` decodes, `pixels` turns, undistorts (`distortion`) and fills holes (`fill`). `pycolmap_loaded` keeps that

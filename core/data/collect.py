@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.data.collection import FAR, Collection, Photo, astray
+from core.data.collection import CHECK_POSES, FAR, SHOWN, Collection, Photo, astray, looks_away
 from core.data.given_masks import with_masks_by_name
 from core.data.photos.folder import copies_among
 from core.data.placing import Placing
@@ -13,7 +13,7 @@ from core.data.posed import Points, Posed
 from core.data.split import none_held_out, split_photos
 from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
-from core.words import Note, name_them
+from core.words import Note, counted, name_them
 
 NO_POINTS = "No points are given with the cameras: `wegs train` triangulates them from the photos."
 UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos need cannot be judged by their colours."
@@ -50,10 +50,12 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     notes += name_them("without any SfM point", [photo.name for photo in photos if photo.name in seen and not len(photo.points)])
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
     notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
-    collection = Collection(root.resolve().name, root, posed.kind, photos, frame.to_scene(points.positions), points.colours, frame, tuple(notes))
+    positions = frame.to_scene(points.positions)
+    notes += _contradicted(photos, positions)
+    collection = Collection(root.resolve().name, root, posed.kind, photos, positions, points.colours, frame, tuple(notes))
+    collection = collection.undivided() if all_photos else collection
     masks = {name: photo.mask for name, photo in named.items() if photo.mask is not None}
-    collection = with_masks_by_name(collection, masks, posed.source) if masks else collection
-    return collection.undivided() if all_photos else collection
+    return with_masks_by_name(collection, masks, posed.source) if masks else collection
 
 
 def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[Note] = ()) -> BadInput:
@@ -67,6 +69,13 @@ def _points(posed: Posed) -> tuple[Points, list[Note]]:
     if posed.points is None:
         return Points(np.zeros((0, 3)), np.zeros((0, 3), np.float32), None), [Note(NO_POINTS, harmless=True)]
     return posed.points, [Note(UNSEEN_POINTS, harmless=True)] if posed.points.seen is None else []
+
+
+def _contradicted(photos: Sequence[Photo], points: np.ndarray) -> list[Note]:
+    """A note if most cameras do not see the points (P, 3) that their photos are said to see."""
+    away = sum(looks_away(photo, points) for photo in photos if len(photo.points))
+    what = f"{away} of {counted(len(photos), 'camera')} see less than {SHOWN:.0%} of the points said to be theirs: expect a poor scene"
+    return [Note(f"{what}. {CHECK_POSES}")] if 2 * away > len(photos) else []
 
 
 def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:

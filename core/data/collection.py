@@ -16,7 +16,10 @@ from core.words import Note, counted, list_names
 
 Item = TypeVar("Item")
 
-ROUNDING = 1e-6  # relative, of numbers that are written and read again; of positions, over the scene's radius
+ROUNDING = 1e-6  # relative, of numbers that are written and read again; of positions, in the scene frame
+SHOWN = 0.5  # share of a photo's own points that its camera should see
+SAMPLE = 10_000  # of the points, where nobody says who sees which: a million take 0.7 s a photo
+CHECK_POSES = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
 FAR = 100.0  # times the median camera's distance from the scene's centre
 
 
@@ -89,9 +92,9 @@ class Collection:
 
     def in_world_of(self, before: "Collection") -> bool:
         """Whether the photos of both have the same cameras in world units. Cameras that were found anew are in another world frame."""
-        now = {photo.name: photo.camera.in_world(self.frame).numbers() for photo in self.photos}
-        then = {photo.name: photo.camera.in_world(before.frame).numbers() for photo in before.photos if photo.name in now}
-        return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING * before.frame.radius) for name in then)
+        now = {photo.name: photo.camera.in_world(self.frame).in_scene(before.frame).numbers() for photo in self.photos}
+        then = {photo.name: photo.camera.numbers() for photo in before.photos if photo.name in now}
+        return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING) for name in then)
 
     def called(self, name: str) -> Photo | None:
         """The only photo that may be called `name`."""
@@ -129,6 +132,13 @@ class Collection:
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
     """`count` of the items (photos, cameras), evenly spread from the first to the last; all of them if there are fewer."""
     return items if len(items) <= count else [items[row] for row in np.linspace(0, len(items) - 1, count).astype(int).tolist()]
+
+
+def looks_away(photo: Photo, points: np.ndarray) -> bool:
+    """Whether the camera sees less than SHOWN of the points (P, 3) that are the photo's own; if it has none, whether it sees none of all."""
+    if len(photo.points):
+        return float(photo.camera.shows(points[photo.points])[0].mean()) < SHOWN
+    return not photo.camera.shows(points[:: max(1, len(points) // SAMPLE)])[0].any()
 
 
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:

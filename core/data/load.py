@@ -5,11 +5,12 @@ from pathlib import Path
 
 from core.data.collect import collect
 from core.data.collection import Collection
-from core.data.formats.colmap import NERFSTUDIO_FILE, find_model, lacks_photos, read_colmap
+from core.data.formats.colmap import MODEL_FOLDERS, NERFSTUDIO_FILE, find_model, lacks_photos, read_colmap
+from core.data.formats.model_file import holds_model, photos_in_model
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import names_wegs
-from core.data.photos.folder import SUFFIXES, VIDEO_SUFFIXES, list_photos, no_photos, photos_below, take_pictures_out
+from core.data.photos.folder import SUFFIXES, VIDEO_SUFFIXES, folders_below, list_photos, no_photos, photos_below, take_pictures_out
 from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
@@ -120,12 +121,19 @@ def find_photos(path: Path) -> Path:
 
 
 def warn_of_others(path: Path, photos: Path, report: Report) -> None:
-    """Name the photos in and below `path` that are not used because `photos` is the folder that `find_photos` found there."""
+    """Name what is in and below `path` and not used: photos, because `photos` is the folder that `find_photos` found there, and a model."""
     for folder, count in passed_over(path, photos).items():
         report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
     if below := not_searched(path):
         what = f"{counted(sum(below.values()), 'photo')} in {list_names(list(map(str, below)))} not used: subfolders are not searched."
         report.warn(f"{what} To use them, put all photos into one folder, or give theirs.")
+    if model := model_elsewhere(path):
+        report.warn(f"{model} holds a COLMAP model, which is not used: move it to {path / MODEL_FOLDERS[0]}.")
+
+
+def model_elsewhere(path: Path) -> Path | None:
+    """The folder in or below `path`, which holds plain photos, of a COLMAP model where none is looked for; of several that of most photos."""
+    return max(filter(holds_model, (path, *folders_below(path))), key=photos_in_model, default=None)
 
 
 def passed_over(path: Path, photos: Path) -> dict[Path, int]:

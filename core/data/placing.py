@@ -15,6 +15,7 @@ from core.scene.lens import Lens
 from core.words import Note, Reasons, counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
+OFF_MIDDLE = 0.25  # of a side: principal points of photos of another size than the intrinsics are for
 USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # in lengths of the longer side: from fisheye to telephoto, mm on a frame 36 mm wide
 
 
@@ -38,6 +39,7 @@ class Placing:
     placed: int = 0
     undistorted: int = 0
     unusual: list[str] = field(default_factory=list)
+    off_middle: list[pycolmap.Camera] = field(default_factory=list)  # of no stated size
     missing: int = 0
 
     def place(self, photo: PosedPhoto) -> Placed | None:
@@ -80,6 +82,9 @@ class Placing:
             self.said.add("turned by EXIF orientation, camera and all", photo.name, harmless=True)
             camera = distortion.turned(camera, orientation)
         self.placed += 1
+        x, y = lens.principal_point_x / lens.width, lens.principal_point_y / lens.height
+        if max(abs(x - 0.5), abs(y - 0.5)) > OFF_MIDDLE and not photo.has_size():
+            self.off_middle.append(lens)
         if not is_usual(lens):
             self.unusual.append(f"{photo.name} ({camera.fx:.3g} px at a width of {camera.width})")
         return Placed(camera, distortion.lens_of(lens, orientation) if distorted else None)
@@ -90,8 +95,17 @@ class Placing:
         few = 2 * len(self.unusual) <= self.placed
         many = f"of {self.placed} with a focal length that no lens has, so expect a poor scene"
         what = "with an unusual focal length, used all the same" if few else many
-        notes = self.said.notes() + name_them(what, self.unusual, harmless=few)
+        notes = self.said.notes() + name_them(what, self.unusual, harmless=few) + self._of_another_size()
         return [*notes, Note(undistorted, harmless=True)] if self.undistorted else notes
+
+    def _of_another_size(self) -> list[Note]:
+        """A note if most photos are, by their principal points, not of the size that their intrinsics are for."""
+        if 2 * len(self.off_middle) <= self.placed:
+            return []
+        lens = self.off_middle[0]
+        meant = f"{2 * lens.principal_point_x:.0f} x {2 * lens.principal_point_y:.0f}"
+        what = f"The intrinsics fit photos of about {meant} px (twice the principal point), the files have {lens.width} x {lens.height}"
+        return [Note(f"{what}: expect a poor scene. Put in photos of that size, or state w and h where the file may (transforms.json).")]
 
 
 def focal_length_of(camera: Camera | pycolmap.Camera) -> float:

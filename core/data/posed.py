@@ -36,6 +36,10 @@ class PosedPhoto:
     split: str | None = None
     mask: Path | None = None
 
+    def has_size(self) -> bool:
+        """Whether the files state the size of the photo that the camera is of."""
+        return self.lens(1, 1).width == self.lens(2, 2).width
+
 
 @dataclass(frozen=True)
 class Points:

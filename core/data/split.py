@@ -5,7 +5,7 @@ from pathlib import Path
 
 from core.data.made import digest, read_mark
 from core.data.photos.names import rows_that_mean
-from core.data.split_table import COLUMNS, columns_of, encoding_of, find_tables, read_split_table
+from core.data.split_table import COLUMNS, columns_of, encoding_of, find_tables, list_files, read_split_table
 from core.system.atomic import write_bytes, write_json
 from core.words import Note, list_names, name_them
 
@@ -19,14 +19,16 @@ COPIED = "lists.json"  # in a scene made of plain photos: the lists that were co
 def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note], Path]:
     """The split of each usable photo ("train" or "test"; photos in neither are left out), notes, and the file that says so, or `model`.
 
-    A .tsv lies in `root`; one of TEST_LISTS there or, as in the original 3DGS, in the folder `model`. names: the usable photos, sorted.
+    A .tsv or one of TEST_LISTS, in any letters, lies in `root`; or, as in the original 3DGS, in the folder `model`; or in a folder between them, such
+    as dense/. names: the usable photos, sorted.
     in_model: all photos of the model, so that a list is not called wrong for naming a photo that is merely missing.
     Raises BadInput for a table that cannot be read.
     """
-    tables, others = find_tables(root)
+    places = dict.fromkeys((root, model, *(folder for folder in model.parents if root in folder.parents)))
+    tables, others = find_tables(*places)
     unlike = f"holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}."
     no_splits = [Note(f"{path.name} {unlike}") for path in others]
-    lists = [path for folder in (root, model) for name in TEST_LISTS if (path := folder / name).is_file()]
+    lists = [path for folder in places for path in _find(folder, *TEST_LISTS)]
     if tables:
         source = tables[0]
         splits, notes = _by_table(source, names, in_model)
@@ -72,7 +74,12 @@ def copy_lists(folders: Iterable[Path], scene: Path) -> None:
 def _lists_in(folder: Path) -> list[Path]:
     """The split tables and the test list in a folder; other tables may be about anything."""
     tables = [path for path in find_tables(folder)[0] if columns_of(path) >= COLUMNS]
-    return [path for path in (*tables, *(folder / name for name in (*TEST_LISTS, TRAINING_LIST))) if path.is_file()]
+    return [*tables, *_find(folder, *TEST_LISTS, TRAINING_LIST)]
+
+
+def _find(folder: Path, *names: str) -> list[Path]:
+    """The files in a folder that have these names, in any letters, in their order."""
+    return [path for name in names for path in list_files(folder) if path.name.lower() == name]
 
 
 def in_both(train: str, test: str, names: Iterable[str]) -> list[Note]:
@@ -85,7 +92,7 @@ def _lists_without_effect(root: Path) -> list[Note]:
     notes = []
     if root.name == "dense" and (tables := find_tables(root.parent)[0]):
         notes.append(Note(f"{tables[0]} is not used: give the folder it is in, {root.parent}, to split by it.", of_split=True))
-    if (root / TRAINING_LIST).is_file():
+    if _find(root, TRAINING_LIST):
         notes.append(Note(f"{TRAINING_LIST} is not used: there is no {TEST_LISTS[1]} beside it.", of_split=True))
     return notes
 
@@ -106,8 +113,8 @@ def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[st
 
 def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note]]:
     held_out, notes = _rows_in(path, in_model.union(names), _lines_of(path))
-    training = path.with_name(TRAINING_LIST)
-    if path.name != TEST_LISTS[1] or not training.is_file():
+    training = next(iter(_find(path.parent, TRAINING_LIST)), None)
+    if path.name.lower() != TEST_LISTS[1] or training is None:
         return {name: "test" if name in held_out else "train" for name in names}, notes
     trained, more = _rows_in(training, in_model.union(names), _lines_of(training))
     listed = held_out.keys() | trained.keys()

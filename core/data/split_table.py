@@ -11,7 +11,7 @@ from core.errors import BadInput
 COLUMNS = {"filename", "id", "split"}
 NO_ID = ("", "nan")  # pandas writes either
 SPLITS = ("train", "test")
-TABLES = ("*.tsv", "nerfw_split.csv")
+TABLES = ("*.tsv", "nerfw_split.csv")  # in any letters
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,17 @@ class SplitTable:
     contradicted: tuple[str, ...]
 
 
-def find_tables(root: Path) -> tuple[list[Path], list[Path]]:
-    """The TABLES in `root`, by name: those that hold a split, and others.
+def list_files(folder: Path) -> list[Path]:
+    """The files in a folder, if it is one, by name, without hidden ones."""
+    return sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")) if folder.is_dir() else []
+
+
+def find_tables(*folders: Path) -> tuple[list[Path], list[Path]]:
+    """The TABLES in the folders, in their order and by name: those that hold a split, and others.
 
     A split's first line names its COLUMNS. If no file has all of them, those with file names count as splits: reading one reports what it lacks.
     """
-    paths = sorted(path for pattern in TABLES for path in root.glob(pattern) if path.is_file() and not path.name.startswith("."))
+    paths = [path for folder in folders for path in list_files(folder) if any(Path(path.name.lower()).match(pattern) for pattern in TABLES)]
     columns = {path: columns_of(path) for path in paths}
     splits = [path for path in paths if columns[path] >= COLUMNS] or [path for path in paths if "filename" in columns[path]]
     return splits, [path for path in paths if path not in splits]

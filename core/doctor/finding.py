@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check. figure: what was found. meaning: why it matters. advice: what to do, empty if nothing needs doing.
+    """The result of a check. figure: what was found. meaning: why it matters, empty if it does not. advice: what to do, if anything.
 
     elsewhere: the advice on a file that wegs did not write, where wegs' own commands and settings are of no use; empty if it is the same.
     """
@@ -20,7 +20,13 @@ class Finding:
     def line(self) -> str:
         """The finding in one line, marked `ok` or `!!`."""
         mark, advice = ("!!", f" {self.advice}") if self.advice else ("ok", "")
-        return f"{mark} {self.name}: {self.figure} - {self.meaning}.{advice}"
+        meaning = f" - {self.meaning}." if self.meaning else ""
+        return f"{mark} {self.name}: {self.figure}{meaning}{advice}"
+
+
+def counting(name: str, count: int, total: int, meaning: str, advice: str = "", elsewhere: str = "") -> Finding:
+    """The finding that `count` of `total` are as its name says; if none are, that needs no explanation."""
+    return Finding(name, part(count, total), meaning, advice, elsewhere) if count else Finding(name, "none", "")
 
 
 def verdict(findings: Sequence[Finding]) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from core.doctor.finding import Finding, part
+from core.doctor.finding import Finding, counting, part
 from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, LOG_SCALE_RANGE
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import SH_0, coefficient_count
@@ -42,7 +42,7 @@ def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Findi
 def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
     count = int(flags.sum())
     advice = "Export the file again; `wegs bake` leaves them out." if count else ""
-    return Finding(name, part(count, len(flags)), meaning, advice, "Remove those rows, or export the file again.")
+    return counting(name, count, len(flags), meaning, advice, "Remove those rows, or export the file again.")
 
 
 def _opacities(splats: Splats) -> list[Finding]:
@@ -52,12 +52,13 @@ def _opacities(splats: Splats) -> list[Finding]:
         return [Finding("opacities", "all from 0 to 1", "stored as they are, so viewers draw them all between 0.5 and 0.73", fix)]
     opacities = torch.sigmoid(logits)
     faint, full = int((opacities < ALPHA_MIN).sum()), int((opacities > ALPHA_MAX).sum())
-    advice = "Remove them." if faint > WASTE * len(splats) else ""
+    advice = "Train with a higher prune_opacity, which removes them." if faint > WASTE * len(splats) else ""
     return [
-        Finding("invisible", part(faint, len(splats)), "opacity below 1/255: never drawn", advice),
-        Finding(
+        counting("invisible", faint, len(splats), "opacity below 1/255: never drawn", advice, "Remove them."),
+        counting(
             "saturated",
-            part(full, len(splats)),
+            full,
+            len(splats),
             f"opacity above {ALPHA_MAX:.2f}: drawn as that, without a gradient; opaque surfaces are like this",
         ),
     ]
@@ -76,15 +77,17 @@ def _shapes(splats: Splats) -> list[Finding]:
             f"longest to shortest {middle:.3g} (median), {high:.3g} (99 %), {most:.3g} (most)",
             f"condition numbers of covariances are the squares, up to {most**2:.1e}",
         ),
-        Finding(
+        counting(
             "stiff",
-            part(stiff, len(splats)),
+            stiff,
+            len(splats),
             f"ratio above {STIFF:.0f}: viewers that form a c - b^2 in float32 draw them wrong from near",
             thicken if stiff > WASTE * len(splats) else "",
         ),
-        Finding(
+        counting(
             "needles",
-            part(needles, len(splats)),
+            needles,
+            len(splats),
             f"longest axis over {NEEDLE:.0f} times the middle one: spikes from new places, if most are like this",
             more if needles > NEEDLES_SHARE * len(splats) else "",
             "Add photos from other sides, or train with a lower learning rate of scales.",
@@ -98,8 +101,10 @@ def _sizes(splats: Splats) -> Finding:
     giants = largest > GIANT
     near = int((giants & (distances < FAR)).sum())
     beyond = int(giants.sum()) - near
+    if not near + beyond:
+        return Finding("giants", "none", "")
     figure = f"{part(near, len(splats))} in the scene, {part(beyond, len(splats))} beyond {FAR:.0f} radii"
-    advice = "Remove them, or train with a smaller largest_scale." if near > WASTE * len(splats) else ""
+    advice = "Train with a smaller largest_scale, which removes them." if near > WASTE * len(splats) else ""
     if near + beyond > len(splats) / 2:
         fix = "Check that they are natural logarithms, in the units of the centres, and export it again."
         return Finding("scales", figure, "longer than half the scene's radius, most of all: nothing but haze", fix)
@@ -112,8 +117,9 @@ def _extent(splats: Splats, frame: SceneFrame) -> Finding:
     x, y, z = frame.centre
     figure = f"50, 97, 100 % within {half:.3g}, {most:.3g}, {farthest:.3g} units of ({x:.6g}, {y:.6g}, {z:.6g})"
     stray = int((distances > STRAY).sum())
-    advice = f"Remove the {stray:,} beyond {STRAY * frame.radius:.3g} units." if stray else ""
-    return Finding("extent", figure, "the centres, which viewers fit into their window", advice)
+    remove = f"the {stray:,} beyond {STRAY * frame.radius:.3g} units."
+    advice = f"Train with a smaller reach above 0, which removes {remove}" if stray else ""
+    return Finding("extent", figure, "the centres, which viewers fit into their window", advice, f"Remove {remove}")
 
 
 def _colours(splats: Splats) -> list[Finding]:
@@ -130,7 +136,7 @@ def _colours(splats: Splats) -> list[Finding]:
         Finding(
             "colours",
             f"{low:.2f} to {high:.2f} (1 to 99 %); {part(burnt, len(dc))} beyond {COLOURS[0]} to {COLOURS[1]}",
-            "without view dependence; what lies outside 0 to 1 is cut or burns",
+            "without view dependence; what lies outside 0 to 1 is clipped",
             "Train with a lower sh_rate." if burnt > BURNT_SHARE * len(dc) else "",
             "Train with a lower learning rate of colours.",
         ),

@@ -9,15 +9,15 @@ from core.config import Settings
 from core.data.collection import spread_over
 from core.data.photos.file import named_with_fault
 from core.doctor import views
-from core.doctor.finding import Finding, part
+from core.doctor.finding import Finding, counting
 from core.doctor.gaussians import look_at_gaussians
 from core.doctor.scene import odd_focal_lengths, placed_photos
 from core.errors import BadInput
-from core.export.ply import BYTES_A_GAUSSIAN
+from core.export.ply import BYTES_PER_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
 from core.training.gaussians import densify
-from core.training.losses.mask_weights import COLLAPSED
+from core.training.losses.mask_weights import LEAST_STATIC
 from core.training.on_disk import checkpoint, history, run_folders
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread
@@ -35,7 +35,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     neutral = bake(trained, neutral_look(trained))
     size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
     findings = [
-        Finding("file", size, f"{len(neutral) * BYTES_A_GAUSSIAN / 1e6:.1f} MB a look as .ply", "" if len(neutral) > sky else densify.ALL_GONE),
+        Finding("file", size, f"{len(neutral) * BYTES_PER_GAUSSIAN / 1e6:.1f} MB per look as .ply", "" if len(neutral) > sky else densify.ALL_GONE),
         *_progress(trained),
         _settings(trained.settings),
         *placed_photos(trained.collection.root),
@@ -65,9 +65,10 @@ def _progress(trained: TrainedRun) -> list[Finding]:
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
     findings = [
         Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", meaning, advice),
-        Finding(
+        counting(
             "skipped steps",
-            part(skipped, steps),
+            skipped,
+            steps,
             "a loss or gradient that was not finite, or a spike",
             slower if skipped > OFTEN * steps else "",
         ),
@@ -168,8 +169,8 @@ def _if_all_look_alike(settings: Settings) -> str:
 def _masks(masks: dict[str, float], collapse_told: bool) -> Finding:
     name, least = min(masks.items(), key=lambda item: item[1])
     mean = sum(masks.values()) / len(masks)
-    collapsed = collapse_told or mean < COLLAPSED
+    collapsed = collapse_told or mean < LEAST_STATIC
     advice = "Look at masks/ in the run; raise mask_regularisation if they hide the place itself." if collapsed else ""
     figure = f"{mean:.2f} (mean), {least:.2f} (least: {name})"
-    meaning = f"share of a photo that counts as static; with a mean below {COLLAPSED} masks have collapsed and are held there"
+    meaning = f"share of a photo that counts as static; with a mean below {LEAST_STATIC} masks have collapsed and are held there"
     return Finding("masks", figure, meaning, advice)

@@ -9,8 +9,9 @@ import numpy as np
 
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
-from core.data.collection import Collection, Photo, astray
-from core.data.load import not_searched, passed_over
+from core.data.collection import CHECK_POSES, SHOWN, Collection, Photo, astray, looks_away
+from core.data.formats.colmap import MODEL_FOLDERS
+from core.data.load import model_elsewhere, not_searched, passed_over
 from core.data.photos.file import named_with_fault
 from core.data.photos.folder import list_gone, list_photos, list_unreadable
 from core.data.photos.pixels import load_photo
@@ -30,8 +31,6 @@ from core.words import Note, counted, list_names
 FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself asks for 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
 ODD_DISTANCE = 10.0  # from the scene's centre, times the median camera's
-SHOWN = 0.5  # share of a photo's own points that its camera should see
-SAMPLE = 10_000  # of the points, where nobody says who sees which: a million take 0.7 s a photo
 ASPECT = 0.05  # by which fx and fy may differ; no real camera exceeds it
 OFF_CENTRE = 0.15  # of a side: the principal point of a photo that was cropped
 FLAT = 3.0  # standard deviation in 8-bit steps; a photo below it shows nothing
@@ -86,8 +85,9 @@ def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:
 
 def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:
     """A finding that counts and names photos."""
-    figure = f"{len(photos)} of {total}" + (f" ({list_names(photos)})" if photos else "")
-    return Finding(name, figure, meaning, advice if photos else "")
+    if not photos:
+        return Finding(name, "none", "")
+    return Finding(name, f"{len(photos)} of {total} ({list_names(photos)})", meaning, advice)
 
 
 def _cameras(collection: Collection) -> list[Finding]:
@@ -96,7 +96,8 @@ def _cameras(collection: Collection) -> list[Finding]:
     squeezed = [name for name, c in cameras.items() if abs(np.log(c.fx / c.fy)) > ASPECT]
     crooked = [name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE]
     far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
-    away = [photo.name for photo in photos if len(collection.points) and _shown(photo, collection.points) < SHOWN]
+    away = [photo.name for photo in photos if len(collection.points) and looks_away(photo, collection.points)]
+    looking = f"see less than {SHOWN:.0%} of the points said to be theirs, or, where nothing says which these are, no point at all"
     lengths = np.array([focal_length_of(camera) for camera in cameras.values()])
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
     return [
@@ -105,15 +106,8 @@ def _cameras(collection: Collection) -> list[Finding]:
         _named("unequal focal lengths", squeezed, total, f"fx and fy over {ASPECT:.0%} apart: squeezed photos", SQUARE),
         _named("principal points", crooked, total, f"over {OFF_CENTRE:.0%} of a side off the middle: crops", CENTRED),
         _named("cameras astray", far, total, f"over {ODD_DISTANCE:.0f} times as far off as the median one", REMOVE),
-        _named("cameras that look away", away, total, "see less than half of the points said to be theirs", REMOVE),
+        _named("cameras that look away", away, total, looking, CHECK_POSES if 2 * len(away) > total else REMOVE),
     ]
-
-
-def _shown(photo: Photo, points: np.ndarray) -> float:
-    """The share of the photo's own points inside its picture; if it has none, 1 or 0: whether any point at all is."""
-    own = points[photo.points] if len(photo.points) else points[:: max(1, len(points) // SAMPLE)]
-    inside, _ = photo.camera.shows(own)
-    return float(inside.mean()) if len(photo.points) else float(inside.any())
 
 
 def _points(collection: Collection) -> list[Finding]:
@@ -210,7 +204,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
 def _cameras_to_come(root: Path, folder: Path, usable: int) -> tuple[str, str]:
     """How the photos in `folder`, so many of them usable, get cameras: what it takes, and what to do first, if anything."""
     if around := scene_around(folder):
-        return f"photos of the {around[1]} scene {around[0]}", "Give that folder to use its cameras."
+        return f"photos within the {around[1]} scene {around[0]}", "Give that folder to use its cameras, if it names these photos."
     if usable < LEAST_PHOTOS:
         needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
         return "photos without cameras", f"Add photos of the same place: {needed}."
@@ -225,12 +219,14 @@ def _in_words(seconds: float) -> str:
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
-    """Findings about folders in and below `root` with photos that are not used, as only those in `folder` are."""
+    """Findings about folders in and below `root` with photos that are not used, as only those in `folder` are, and with cameras."""
     used = len(list_photos(folder))
     findings = [
         Finding("photos elsewhere", f"{count} in {other}, beside the {used} in {folder}", "only one folder is used", "Put all photos into one.")
         for other, count in passed_over(root, folder).items()
     ]
+    if model := model_elsewhere(root):
+        findings.append(Finding("cameras elsewhere", f"{model} holds a COLMAP model", "not used", f"Move it to {root / MODEL_FOLDERS[0]}."))
     if below := not_searched(root):
         figure = f"{sum(below.values())} in {list_names(list(map(str, below)))}, beside the {used} in {folder}"
         advice = "Give that folder, or put all photos into one." if max(below.values()) > used else ""  # fewer may be masks, or thumbnails

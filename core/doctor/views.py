@@ -8,7 +8,7 @@ import torch
 
 import core.rasterizer
 from core.data.posed import Fault, from_camera_to_world
-from core.doctor.finding import Finding, part
+from core.doctor.finding import Finding, counting
 from core.errors import BadInput
 from core.rasterizer.contract import ALPHA_MIN
 from core.rasterizer.importance import largest_contributions
@@ -58,12 +58,12 @@ def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) 
     try:
         largest = largest_contributions(splats, small, rasterizer, lambda done, total: report.progress("Views", done, total))
     except BadInput as problem:  # Gaussians so large that the rasterizer refuses them
-        return Finding("never seen", "not measured", problem.what.rstrip("."), "Remove the giants first.")
+        return Finding("never seen", "not measured", problem.what.rstrip("."), "Train with a smaller largest_scale.", "Remove the giants first.")
     solid = len(splats) - sky
     unseen = int((largest[:solid] < ALPHA_MIN).sum())
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
     meaning = f"below 1/255 of every pixel of {counted(len(cameras), 'camera')}: no photo holds them in place"
-    return Finding("never seen", part(unseen, solid), meaning, advice, "Remove them.")
+    return counting("never seen", unseen, solid, meaning, advice, "Remove them.")
 
 
 def cameras_beside(path: Path) -> list[Camera]:

@@ -6,7 +6,6 @@ come from the whole photo.
 Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
 """
 
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -16,11 +15,10 @@ from numpy import ndarray
 from torch import Tensor
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import Wanted, refinement
 from core.data.photos.fill import fill
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
-from core.evaluation.subject import Subject
+from core.evaluation.subject import Subject, last, refining_to
 from core.evaluation.truth import UNKNOWN, Truth
 from core.export.pictures import to_8_bit
 from core.scene.camera import Camera
@@ -69,13 +67,12 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    wanted = Wanted.of(fit.camera, fit.region, fit.valid)
-    return refinement(subject.seen_by(wanted.camera), Colouring(fit.start), wanted)
+    return refining_to(subject, Colouring(fit.start), fit.camera, fit.region, fit.valid)
 
 
 def refined(subject: Subject, fit: Fit) -> Colouring:
     """The look of the region, refined."""
-    return deque(refining(subject, fit), maxlen=1).pop()
+    return last(refining(subject, fit))
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,9 @@ class Results:
     """The figures of a run, with everything that decides whether they may be compared with others.
 
     run: its identity, as in config.json. gaussians: of the run, with those of the sky. scale: width of the pictures measured / width of
-    the photos on disk. lpips_backbone: a key of lpips.TRUNKS, or None without weights. training_seconds, evaluation_seconds: wall clock.
-    white_background: photos and renders are compared over white, so that transparent pixels are scored; otherwise they are not.
+    the photos on disk. lpips_backbone: lpips.BACKBONE, or None without weights. training_seconds, evaluation_seconds: wall clock.
+    white_background: photos and renders are compared over white, so that transparent pixels are scored; otherwise they are not. has_looks: whether
+    the run has more looks than one.
     """
 
     protocol: str
@@ -43,6 +44,7 @@ class Results:
     training_seconds: float
     evaluation_seconds: float
     white_background: bool = False
+    has_looks: bool = True
 
     def means(self) -> dict[str, dict[str, dict[str, float | None]]]:
         """Means over the photos: [photo | clean | clean_right][zero_shot | refined][psnr | ssim | lpips].
@@ -66,11 +68,13 @@ class Results:
 
     def rows(self) -> list[tuple[str, str]]:
         """The means as rows of a table: (what was compared with, which look; figures)."""
-        rows = []
+        rows, of_lpips = [], "LPIPS {:.3f} (lower is better)"
         for against, by_look in self.means().items():
             for look, figures in by_look.items():
-                words = [f"{name.upper()} {value:.3f}" for name, value in figures.items() if value is not None]
-                rows.append((f"{against}, {WAYS[look]}", "  ".join(words)))
+                forms = {"psnr": "PSNR {:.2f} dB", "ssim": "SSIM {:.3f}", "lpips": of_lpips}
+                words = [form.format(figures[name]) for name, form in forms.items() if figures[name] is not None]
+                rows.append((f"{against}, {WAYS[look]}" if self.has_looks else against, "  ".join(words)))
+                of_lpips = "LPIPS {:.3f}"
         overlap = self.mask_iou()
         return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]
 
@@ -107,9 +111,10 @@ class Results:
         write_json(folder / per_view, _plain([asdict(view) for view in self.views]))
 
 
-def measured_earlier(folder: Path, step: int) -> list[str]:
-    """The names of the results in a run folder that were measured at another step than `step`, the newest."""
-    return [name for name, *_ in EVALUATED.values() if read_mark(folder / name).get("steps", step) != step]
+def measured_earlier(folder: Path, run: str, step: int) -> list[str]:
+    """The names of the results in a run folder that were measured of another run, or at another step than `step`, the newest. run: its identity."""
+    now = {"run": run, "steps": step}
+    return [name for name, *_ in EVALUATED.values() if not now.items() <= (now | read_mark(folder / name)).items()]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

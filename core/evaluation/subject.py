@@ -1,11 +1,15 @@
 """What is evaluated: anything that embeds pictures and renders looks. The protocols know nothing else about it."""
 
+from collections import deque
+from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
 
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import Refinable
+from core.appearance.colouring import Colouring
+from core.appearance.refinement import Refinable, Wanted, refinement, steps_of
+from core.report import Told, unheard
 from core.scene.camera import Camera
 
 
@@ -23,3 +27,27 @@ class Subject(Protocol):
 
     def seen_by(self, camera: Camera) -> Refinable:
         """What the camera sees of it, in any look."""
+
+
+def refining_to(
+    subject: Subject,
+    start: Colouring,
+    camera: Camera,
+    pixels: Float[Tensor, "h w 3"],
+    valid: Bool[Tensor, "h w"] | None,
+    told: Told = unheard,
+) -> Iterator[Colouring]:
+    """The steps of core.appearance.refinement from the look `start` to one in which `camera` sees what a photo shows.
+
+    pixels: the photo, [0, 1]. valid: what of it counts; all, if None. told: of the steps done.
+    """
+    wanted = Wanted.of(camera, pixels, valid)
+    seen = subject.seen_by(wanted.camera)
+    for step, look in enumerate(refinement(seen, start, wanted)):
+        told(step, steps_of(seen))
+        yield look
+
+
+def last(course: Iterator[Colouring]) -> Colouring:
+    """The look with which a refinement ends."""
+    return deque(course, maxlen=1).pop()

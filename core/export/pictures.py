@@ -37,6 +37,20 @@ def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
     write_bytes(path, data.tobytes())  # imwrite would not report a full disk
 
 
+class KeptPictures(Sequence):
+    """The pictures of PNG files, RGB, each read when it is asked for: the frames of a long fade would not fit into memory together."""
+
+    def __init__(self, paths: Sequence[Path]):
+        self.paths = paths
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __getitem__(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
+        data = np.frombuffer(self.paths[number].read_bytes(), np.uint8)  # imread would end the program at a path that is not in UTF-8
+        return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+
 def tile_size(height: int, width: int) -> tuple[int, int]:
     """Width and height (px) of a picture on a sheet: shrunk to a width of TILE_PX if it is wider."""
     share = min(1.0, TILE_PX / width)

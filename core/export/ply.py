@@ -38,7 +38,7 @@ PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
 CENTRE, DC, REST, OPACITY, SCALE, QUATERNION = slice(0, 3), slice(6, 9), slice(9, 54), 54, slice(55, 58), slice(58, 62)  # where they are in a row
 # Converters from 8-bit formats write the logits and logarithms of 0 and 1 as Inf; they are read as this, which no renderer can tell from it.
 ENDLESS = 30.0
-BYTES_A_GAUSSIAN = 4 * len(PROPERTIES)
+BYTES_PER_GAUSSIAN = 4 * len(PROPERTIES)
 
 
 def _undrawable(table: Float32[np.ndarray, "n p"]) -> Bool[np.ndarray, " n"]:

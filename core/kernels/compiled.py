@@ -11,18 +11,46 @@ rounds once; anything more would let LLVM assume that no NaN comes by.
 """
 
 import gc
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from numba import njit
 from numba.core import event
+from numba.core.caching import FunctionCache
 
+from core.errors import DiskFull, as_disk_full
 from core.report import Report
 
 _CONTRACTING = {"fastmath": {"contract"}}
-_KERNEL = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_KERNEL = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 _PART = {"forceinline": True, "error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 
-exact_kernel, kernel = njit(**_KERNEL), njit(**_KERNEL, **_CONTRACTING)
+
+class _Cache(FunctionCache):
+    """Numba's, which says where it found no room."""
+
+    def save_overload(self, sig, data):
+        try:
+            super().save_overload(sig, data)
+        except OSError as problem:
+            if as_disk_full(problem) is None:
+                raise
+            fix = "Free some space, or set NUMBA_CACHE_DIR to a folder on another disk."
+            raise DiskFull(f"The disk is full: compiled kernels could not be kept in {self.cache_path}.", fix) from None
+
+
+def _kept(compiled: Callable) -> Callable:
+    """The decorator `compiled`, of a kernel that is kept on disk, as with cache=True."""
+
+    def decorated(function):
+        dispatcher = compiled(function)
+        dispatcher._cache = _Cache(function)
+        return dispatcher
+
+    return decorated
+
+
+exact_kernel, kernel = _kept(njit(**_KERNEL)), _kept(njit(**_KERNEL, **_CONTRACTING))
 exact_part, part = njit(**_PART), njit(**_PART, **_CONTRACTING)
 
 

@@ -22,6 +22,7 @@ from core.looks.outside import light_in_words, read_from_outside
 from core.looks.refined_look import not_refined, refined_of_collection, refined_outside
 from core.looks.trained import NEUTRAL, Look, TrainedRun, neutral_look
 from core.report import QUIET, Report
+from core.training.sized_photos import SizedPhoto
 
 SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not be told from noise
 
@@ -63,14 +64,18 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
 
 def check_known(trained: TrainedRun, word: str) -> None:
-    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`, a saved look that cannot be read, and a file from outside
-    that is no photo."""
+    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`, a saved look that cannot be read, a photo that a table does
+    not know, and a file from outside that is no photo."""
     if word == NEUTRAL or _saved_as(trained, word):
         find_look(trained, word)  # which is no work
-    elif _of_collection(trained, word) is None:
+        return
+    photo = _of_collection(trained, word)
+    if photo is None:
         if not Path(word).is_file():
             raise _unknown(trained, word)
         probe(Path(word))
+    if photo is None or photo.name not in trained.model.photo_names:
+        _refuse_unknown_to_table(trained, word if photo is None else photo.name)
 
 
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
@@ -131,25 +136,32 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
     row = names.index(photo.name) if photo.name in names else None
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
-    learned = None
-    if row is not None and mask is None and trained.photo_embeddings is not None:
-        learned = named(Colouring(trained.photo_embeddings[row]))
-        if not refine:
-            return learned
-    if mask is not None:
-        photo = _masked_by_user(trained, photo, mask)
+    if row is None or mask is not None or trained.photo_embeddings is None:
+        sized = _sized(trained, photo, mask, report)
+        look = named(Colouring(trained.model.read(sized.encoder_input, row).embedding))
+        return refined_of_collection(trained, look, sized, report) if refine else look
+    learned = named(Colouring(trained.photo_embeddings[row]))
+    if not refine:
+        return learned
     try:
         sized = trained.sized_photo(photo)
     except BadInput as problem:
-        if learned is not None:
-            return not_refined(learned, problem.what)
-        if photo.mask is None or mask is not None:
+        return not_refined(learned, problem.what)
+    return refined_of_collection(trained, learned, sized, report)
+
+
+def _sized(trained: TrainedRun, photo: Photo, mask: Path | None, report: Report) -> SizedPhoto:
+    """The photo to read, with the user's mask if there is one, and else with its own unless that is of no use."""
+    if mask is not None:
+        return trained.sized_photo(_masked_by_user(trained, photo, mask))
+    try:
+        return trained.sized_photo(photo)
+    except BadInput as problem:
+        if photo.mask is None:
             raise
-        whole = look_of_photo(trained, replace(photo, mask=None, mask_lens=None), None, refine, report)
+        whole = trained.sized_photo(replace(photo, mask=None, mask_lens=None))
         report.warn(f"{problem.what} {photo.name} is read without its mask.")
         return whole
-    found = learned or named(Colouring(trained.model.read(sized.encoder_input, row).embedding))
-    return refined_of_collection(trained, found, sized, report) if refine else found
 
 
 def _masked_by_user(trained: TrainedRun, photo: Photo, mask: Path) -> Photo:

@@ -28,17 +28,17 @@ def held_out_view(trained: TrainedRun, photo: Photo) -> HeldOutView:
 def over_views(
     trained: TrainedRun,
     photos: Sequence[Photo],
-    measured: Callable[[HeldOutView], Measured],
+    measure: Callable[[HeldOutView], Measured],
     what: str,
     report: Report,
     left_out: str = "not measured",
 ) -> Iterator[tuple[Photo, Measured]]:
-    """(photo, measured(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
+    """(photo, measure(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
     end; if all do, the last BadInput is raised. what: the work, for its progress bar. left_out: what to say of skipped photos, after "3 photos"."""
     unusable = []
     for number, photo in enumerate(photos, 1):
         try:
-            result = measured(held_out_view(trained, photo))
+            result = measure(held_out_view(trained, photo))
         except BadInput as problem:
             unusable.append(named_with_fault(photo.name, photo.path, problem))
             if len(unusable) == len(photos):

@@ -32,10 +32,10 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> C
     embedding = model.embedding_from_outside(picture)
     if trained.transparent_is_empty or reach.distance(embedding) <= 1:
         return Colouring(reach.nearest(embedding))
-    shares = _shares(trained)
-    whole = tone_between(shares, band_means(picture))
+    layers = _layers(trained)
+    whole = tone_between(layers, band_means(picture))
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
-    embeddings = [model.embedding_from_outside(taken_off(picture, tone, shares)) for tone in tones]
+    embeddings = [model.embedding_from_outside(taken_off(picture, tone, layers)) for tone in tones]
     distances = [reach.distance(embedding) for embedding in embeddings]
     # The largest of equals: all of it for a black photo, which nothing changes.
     nearest = min(range(TRIES), key=lambda number: (distances[number], -number))
@@ -55,14 +55,14 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
     return ", ".join(words)
 
 
-def _shares(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
+def _layers(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
     """What place and sky each contribute to the mean colours of the bands of the training views, in the neutral look."""
     neutral = bake(trained, neutral_look(trained))
     alone = [toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
-    shares = []
+    layers = []
     for photo in spread_over(trained.collection.split("train"), VIEWS):
         camera = trained.camera(photo)
         camera = camera.resized(-(-camera.width // SHRUNK), -(-camera.height // SHRUNK))
         pictures = [trained.rasterizer.render(part, camera).permute(2, 0, 1) for part in alone]
-        shares.append(torch.stack([band_means(picture.clamp(0, 1)) for picture in pictures]))
-    return torch.stack(shares).mean(dim=0)
+        layers.append(torch.stack([band_means(picture.clamp(0, 1)) for picture in pictures]))
+    return torch.stack(layers).mean(dim=0)

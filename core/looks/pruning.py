@@ -9,8 +9,8 @@ from torch import Tensor
 
 from core.looks.trained import TrainedRun
 from core.rasterizer import BLACK, Colour, Rasterizer
-from core.rasterizer.importance import Progress, largest_contributions, untold
-from core.report import Report
+from core.rasterizer.importance import largest_contributions
+from core.report import Report, Told, unheard
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -46,10 +46,10 @@ class Pruner:
         rasterizer: Rasterizer,
         sky: int = 0,
         background: Colour = BLACK,
-        progress: Progress = untold,
+        told: Told = unheard,
     ):
         self.cameras, self.rasterizer, self.background = cameras, rasterizer, background
-        strongest = largest_contributions(splats, cameras, rasterizer, progress)
+        strongest = largest_contributions(splats, cameras, rasterizer, told)
         strongest[~splats.finite_rows()] = torch.inf
         strongest[len(splats) - sky :] = torch.inf
         self.drawn = strongest > 0

@@ -1,13 +1,13 @@
 """Refines a look against the photo it was read from, if its camera is known or can be found."""
 
 from dataclasses import replace
+from functools import partial
 from math import sqrt
 from pathlib import Path
 
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import Wanted, refinement, steps_of
 from core.data import load_collection
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
@@ -15,9 +15,11 @@ from core.data.sfm import landmarks
 from core.data.sfm.landmarks import Landmarks, known_photos, landmarks_of
 from core.data.sfm.locate import locate
 from core.errors import BadInput, WegsError
+from core.evaluation.subject import last, refining_to
 from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
 from core.scene.camera import Camera
+from core.training.on_disk.run_config import check_same_run
 from core.training.sized_photos import SizedPhoto, as_tensors
 from core.words import counted
 
@@ -41,7 +43,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     except BadInput as problem:
         return not_refined(look, problem.what)
     if found is None:
-        return not_refined(look, "where it was taken was not found")
+        return not_refined(look, "its camera could not be located (too few features match the training photos, or agree on a camera)")
     sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
     photo = Photo(path.name, path, found.camera, "test", mask=mask)
     camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
@@ -68,7 +70,7 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     scene cannot be read, has other cameras by now, or does not tell which photo shows which point.
     """
     path = trained.folder / landmarks.FILE
-    if (kept := Landmarks.load(path)) is not None:
+    if (kept := Landmarks.load(path, trained.identity)) is not None:
         return kept
     collection = load_collection(trained.collection.read_from, trained.settings.all_photos)
     if not collection.in_world_of(trained.collection):
@@ -77,14 +79,15 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     collection = replace(collection, photos=tuple(replace(photo, split="train") for photo in collection.photos if photo.name in names))
     if not (known := known_photos(collection)):
         raise BadInput(f"{collection.root} does not tell which photo shows which point.", "Use the COLMAP model with its points.")
-    report.say("Photos are located by the features of the training photos, which are searched for once")
+    report.say("Extracting features of the training photos (first time only), to locate the new photo")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
     if lost := len(names) - len(collection.photos) or len(known) - len(found.counts):
         missing = f"{counted(lost, 'training photo')} of {len(names)} cannot be read now"
         report.warn(f"{missing}. The others serve this time; next time all are searched again.")
         return found
     try:
-        found.save(path)
+        check_same_run(trained.folder, trained.identity)
+        found.save(path, trained.identity)
     except WegsError as problem:
         report.warn(f"{problem} The next photo from outside has them searched for again.")
     return found
@@ -99,8 +102,5 @@ def refined(
     report: Report = QUIET,
 ) -> Look:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]."""
-    photo = Wanted.of(camera, pixels, valid)
-    seen = trained.seen_by(photo.camera)
-    for step, best in enumerate(refinement(seen, look.colouring, photo)):
-        report.progress("Refinement", step, steps_of(seen))
-    return replace(look, colouring=best)
+    course = refining_to(trained, look.colouring, camera, pixels, valid, partial(report.progress, "Refinement"))
+    return replace(look, colouring=last(course))

@@ -56,7 +56,7 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
     path = path_of(folder, look.name)
     path.parent.mkdir(exist_ok=True)
     embedding, tone, changes = look.colouring.detached().to(CPU)
-    facts = {"name": look.name, "run": identity, "step": step, "source": look.source, "embedding": embedding.tolist()}
+    facts = {"run": identity, "step": step, "source": look.source, "embedding": embedding.tolist()}
     if tone is not None:
         facts["tone"] = tone.tolist()
     if changes:
@@ -91,7 +91,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
     if not all(name in like.changes and _fits(change, like.changes[name]) for name, change in changes.items()):
         raise BadInput(f"{path} has changes that do not fit {identity}.", "Save the look again.")
-    return Look(path.stem, str(source), Colouring(found, tone, changes))
+    return Look(path.stem, f"saved look {path.stem} (of {source})", Colouring(found, tone, changes))
 
 
 def _tensor(numbers: list) -> Tensor:

@@ -104,12 +104,12 @@ class TrainedRun:
     @cached_property
     def given_spread(self) -> Weights:
         """How widely the weights that embeddings give differ between its looks."""
-        return self.model.given_spread
+        return self.model.given_spread()
 
     @cached_property
     def reach(self) -> Reach:
         """Where the embeddings of its looks may lie."""
-        return self.model.reach
+        return self.model.reach()
 
     @cached_property
     def sizes(self) -> Sizes:
@@ -197,7 +197,7 @@ def drawn(trained: TrainedRun, baked: Splats, camera: Camera) -> Float[Tensor, "
 
 def neutral_look(trained: TrainedRun) -> Look:
     """The look that every run has."""
-    return Look(NEUTRAL, "the mean of the training photos", Colouring(trained.model.mean_embedding))
+    return Look(NEUTRAL, "the neutral look (mean of the training photos)", Colouring(trained.model.mean_embedding))
 
 
 def blend(first: Look, last: Look, share: float) -> Look:

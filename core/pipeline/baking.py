@@ -12,6 +12,7 @@ from core.looks.pruning import pruner_of
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
 from core.system.outputs import check_replaceable
+from core.training.on_disk.run_config import check_same_run
 from core.words import counted
 
 VIEWER = "https://superspl.at/editor"
@@ -43,17 +44,20 @@ def bake_to_file(
     if save_as is not None:
         saved_look.check_free(trained.folder, save_as, force, trained.collection)
     look = find_look(trained, word, mask, refine, report)
-    report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: look of {look.source}")
+    report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}, appearance: {look.source}")
     for line in trained.collection.frame.offset_lines():
         report.say(line)
     if not trained.has_looks:
         report.warn(ONE_LOOK)
+    check_replaceable(output, force)  # another program may have made it meanwhile
     written = write_look(trained, look, output, report, pruner_of(trained, report) if prune else None, with_sky)
     if save_as is not None:
+        check_same_run(trained.folder, trained.identity)
         kept = saved_look.save(trained.folder, replace(look, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
     report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
-    report.say(f"Next: drag {output} into {VIEWER}, and {trained.folder / 'cameras.json'} as well for the photos' viewpoints")
+    viewpoints = f", and {cameras} as well for the photos' viewpoints" if (cameras := trained.folder / "cameras.json").exists() else ""
+    report.say(f"Next: drag {output} into {VIEWER}{viewpoints}")
     if with_sky and trained.sky:
         report.say("In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in")
     return output

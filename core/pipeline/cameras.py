@@ -5,7 +5,6 @@ from pathlib import Path
 from core.data.load import check_cameras_unknown, find_photos, warn_of_others
 from core.data.sfm import originals
 from core.data.sfm.reconstruct import reconstruct
-from core.data.split import copy_lists
 from core.errors import command
 from core.report import QUIET, Report
 
@@ -18,8 +17,7 @@ def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
     check_cameras_unknown(photos)
     folder = find_photos(photos)
     warn_of_others(photos, folder, report)
-    reconstruct(folder, output, report)
-    copy_lists((folder, photos), output)
+    reconstruct(folder, output, report, lists=(folder, photos))
     if words := originals.shortfall(output):
         report.warn(words)
     report.say(f"Next: {command('wegs', 'train', output)}")

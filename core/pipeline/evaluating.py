@@ -18,7 +18,9 @@ from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
+from core.system.atomic import adding
 from core.training.on_disk import run_folders
+from core.training.on_disk.run_config import check_same_run
 from core.words import counted
 
 
@@ -31,6 +33,9 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     """
     trained = open_run(folder, report)
     run_folders.check_writable(trained.folder)
+    for path in (trained.folder / name for name in EVALUATED.get(protocol, ())):
+        if path.is_dir():
+            raise BadInput(f"{path} is a folder, where a file is to be written.", "Move it away.")
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
@@ -49,6 +54,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:
         measured = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
         views, rows, scale = _gathered(measured, png_paths(photo.name for photo in photos), work)
+        check_same_run(trained.folder, trained.identity)
     results = Results(
         protocol=protocol,
         views=views,
@@ -57,21 +63,23 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
         train_photos=len(trained.collection.split("train")),
         test_photos=len(photos),
         scale=scale,
-        lpips_backbone=None if distance is None else distance.backbone,
+        lpips_backbone=None if distance is None else lpips.BACKBONE,
         seed=trained.settings.seed,
         steps=trained.step,
         training_seconds=trained.seconds,
         evaluation_seconds=time.perf_counter() - start,
         white_background=trained.transparent_is_empty,
+        has_looks=trained.has_looks,
     )
     if distance is not None and (small := sum(view.scores["photo"]["zero_shot"].lpips is None for view in views)):
         report.say(f"LPIPS: {counted(small, 'photo')} too small for it")
     if not keep_pictures and kept.exists():
         report.warn(f"{kept} is of an earlier call: --pictures replaces it")
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
-    results.save(trained.folder)
     *figures, sheet = EVALUATED[protocol]
-    write_png(trained.folder / sheet, picture_sheet(rows, protocol, trained.step))
+    with adding(trained.folder) as files:
+        results.save(files)
+        write_png(files / sheet, picture_sheet(rows, protocol, trained.step))
     written = [*figures, sheet]
     if keep_pictures:
         written.append(f"{PICTURES}/{protocol}/")

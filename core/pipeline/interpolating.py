@@ -2,13 +2,10 @@
 
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import UInt8
-
 from core.data.made import FADE, is_of_wegs
 from core.data.photos.folder import SUFFIXES
 from core.errors import BadSetting, WegsError
-from core.export.pictures import contact_sheet, to_8_bit, write_png, write_video
+from core.export.pictures import KeptPictures, contact_sheet, to_8_bit, write_png, write_video
 from core.looks.find_look import check_known, find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
@@ -56,7 +53,7 @@ def interpolate(
         check_known(trained, word)
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
     ends = looks[first], looks[last]
-    report.say(f"{trained.folder}{trained.on_device_in_words}: {steps} steps, seen from {photo.name}")
+    report.say(f"{trained.folder}{trained.on_device_in_words}: {counted(steps, 'frame')}, seen from {photo.name}")
     for which, end in zip(("from", "to"), ends, strict=True):
         report.say(f"  {which} {end.source}")
     if not trained.has_looks:
@@ -68,7 +65,7 @@ def interpolate(
             write_video(work / "video.mp4", frames)
         except WegsError as problem:  # the frames took the time: they are kept
             report.warn(str(problem).replace(str(work), str(output)))
-    files = [f"{steps} frames", "sheet.png"]
+    files = [counted(steps, "frame"), "sheet.png"]
     if ply:
         files.append(counted(steps, ".ply file"))
     if (output / "video.mp4").is_file():
@@ -77,20 +74,35 @@ def interpolate(
     return output
 
 
-def _write_frames(
-    trained: TrainedRun, ends: tuple[Look, Look], steps: int, camera: Camera, ply: bool, folder: Path, report: Report
-) -> list[UInt8[np.ndarray, "h w 3"]]:
+def _write_frames(trained: TrainedRun, ends: tuple[Look, Look], steps: int, camera: Camera, ply: bool, folder: Path, report: Report) -> KeptPictures:
     """Draw the looks from one end to the other, and write them as pictures and, with `ply`, as files; returns the pictures."""
     pruner = pruner_of(trained, report) if ply else None
-    frames, digits = [], max(3, len(str(steps - 1)))
-    for step in range(steps):
+    told, digits = _OnceEach(report), max(3, len(str(steps - 1)))
+    frames = [folder / f"frame_{step:0{digits}d}.png" for step in range(steps)]
+    for step, frame in enumerate(frames):
         look = blend(*ends, step / (steps - 1))
         if ply:
-            write_look(trained, look, folder / f"step_{step:0{digits}d}.ply", report if step == 0 else QUIET, pruner)
-        frames.append(to_8_bit(drawn(trained, bake(trained, look), camera)))
-        write_png(folder / f"frame_{step:0{digits}d}.png", frames[-1])
+            write_look(trained, look, folder / f"step_{step:0{digits}d}.ply", told, pruner)
+        write_png(frame, to_8_bit(drawn(trained, bake(trained, look), camera)))
         report.progress("Frames", step + 1, steps)
-    return frames
+    return KeptPictures(frames)
+
+
+class _OnceEach(Report):
+    """Passes on the first line and the first warning about the files of a fade: those about the others differ in numbers alone."""
+
+    def __init__(self, report: Report):
+        self.report, self.has_said, self.has_warned = report, False, False
+
+    def say(self, line: str) -> None:
+        if not self.has_said:
+            self.report.say(line)
+        self.has_said = True
+
+    def warn(self, line: str) -> None:
+        if not self.has_warned:
+            self.report.warn(line)
+        self.has_warned = True
 
 
 def _short(word: str) -> str:

@@ -5,19 +5,18 @@ from pathlib import Path
 from core.looks.trained import TrainedRun, load_run
 from core.report import Report
 from core.training.on_disk import checkpoint, run_config, run_folders
-from core.words import name_them
+from core.words import list_names
 
 ONE_LOOK = "This run was trained without appearance: all its looks are one."
 
 
 def open_run(folder: Path | None, report: Report) -> TrainedRun:
-    """The run in `folder`, or the newest one for None, as of its last checkpoint; a warning if that is not its last step, or photos have changed."""
+    """The run in `folder`, or the newest one for None, as of its last checkpoint; a warning if that is not its last step, or files have changed."""
     trained = load_run(run_folders.find_run(folder))
     if trained.step < trained.settings.steps:
         stopped = f"was stopped; {checkpoint.how_to_go_on(trained.folder)} goes on"
         state = "is still being trained" if run_folders.is_at_work(trained.folder) else stopped
         report.warn(f"{trained.folder} {state}: this is step {trained.step} of {trained.settings.steps}.")
-    changed = run_config.changed_files(trained.folder, trained.collection)
-    for note in name_them("changed since this run began, so looks and figures may be wrong", changed):
-        report.warn(note.text)
+    if changed := run_config.changed_files(trained.folder, trained.collection):
+        report.warn(f"Photos or their masks changed since this run began, so looks and figures may be wrong: {list_names(changed)}")
     return trained

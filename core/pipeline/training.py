@@ -71,8 +71,7 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
 def _go_on(folder: Path, report: Report) -> Path:
     _, settings, before = run_config.read_config(folder)
     path = checkpoint.newest(folder)
-    saved = None if path is None else checkpoint.load(path)
-    done = saved.facts["step"] if saved else 0
+    done = checkpoint.read_facts(path)["step"] if path else 0
     if done >= settings.steps and (clouds := list(folder.glob(run_folders.CLOUDS))):  # else it was stopped just before its last file
         report.say(f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.")
         report.say(f"For more steps, train a new run. To use this one: {next_step(folder, settings, clouds[0])}")
@@ -85,17 +84,22 @@ def _go_on(folder: Path, report: Report) -> Path:
     collection = with_same_masks(load_collection(before.read_from, settings.all_photos), before)
     _check_same_photos(folder, before, collection.changed_since(before) or run_config.changed_files(folder, before))
     trainer = Trainer(collection, settings, folder, report)
-    if saved:
-        with checkpoint.fitting(path):
-            decoded = {sized.photo.name for sized in trainer.photos}  # without those damaged since
-            _check_same_photos(folder, before, sorted(decoded ^ set(saved.facts["photos"])))
-            trainer.resume(saved)
-    else:
-        viewer_files.write(folder, collection, trainer.transparent_is_empty)  # it may have been stopped before they were whole
-    why = "" if saved else ", with its own settings: it has no checkpoint yet"
+    if path:
+        _resume(trainer, path, before)
+    viewer_files.write(folder, collection, trainer.transparent_is_empty)  # it may have been stopped before they were whole, or lost some
+    why = "" if path else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
     history.rewind(folder, done)
     return _train(trainer, report)
+
+
+def _resume(trainer: Trainer, path: Path, before: Collection) -> None:
+    """Put the trainer where the checkpoint `path` was written. A function of its own, or the checkpoint would stay in memory through the training."""
+    saved = checkpoint.load(path)
+    with checkpoint.fitting(path):
+        decoded = {sized.photo.name for sized in trainer.photos}  # without those damaged since
+        _check_same_photos(trainer.folder, before, sorted(decoded ^ set(saved.facts["photos"])))
+        trainer.resume(saved)
 
 
 def _check_same_photos(folder: Path, before: Collection, changed: list[str]) -> None:
@@ -146,6 +150,6 @@ def _write_results(trainer: Trainer, report: Report) -> None:
         rows.append(("masks", str(folder / mask_files.FOLDER)))
     rows.append(("to look at", str(preview)))
     report.table("Done", rows)
-    if earlier := measured_earlier(folder, trained.step):
-        report.say(f"Of an earlier step: {', '.join(earlier)}. To measure again, type: {command('wegs', 'eval', '--run', folder)}")
+    if earlier := measured_earlier(folder, trained.identity, trained.step):
+        report.say(f"Of an earlier run or step: {', '.join(earlier)}. To measure again, type: {command('wegs', 'eval', '--run', folder)}")
     report.say(f"Next: {next_step(folder, trainer.settings, neutral)}")

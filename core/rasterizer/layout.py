@@ -6,15 +6,15 @@ The quadratic form is kept factored, as the distribution of x given y times that
     d' S^-1 d = (c / det) (dx - (b / c) dy)^2 + dy^2 / c
 
 Written out, a conic loses all its digits for a needle that crosses the picture: terms of 1e5 cancel to 1. Here nothing
-cancels, and the cost is the same: two fused multiply-adds a pixel, as the row's share is known in advance.
+cancels, and the cost is the same: two fused multiply-adds per pixel, as the row's share is known in advance.
 """
 
-TILE = 16  # pixels a side
+TILE = 16  # pixels per side
 
 # A row of the footprints. With d = pixel - centre,
 # log2(alpha) = STRENGTH - (SHARPNESS (dx - SLOPE dy))^2 - FALL dy^2
 X, Y = 0, 1  # centre, px
-SLOPE = 2  # b / c: how far the ellipse leans, px a px
+SLOPE = 2  # b / c: how far the ellipse leans, px per px
 SHARPNESS = 3  # sqrt(log2(e) / 2 * c / det), 1 / px
 FALL = 4  # log2(e) / 2 / c, 1 / px^2
 STRENGTH = 5  # log2(opacity)

@@ -1,4 +1,4 @@
-"""The definition of the picture: 3D Gaussian splatting in plain torch, one function a stage.
+"""The definition of the picture: 3D Gaussian splatting in plain torch, one function per stage.
 
 Read it from top to bottom: cull, project, colour, sort, blend. Nothing is approximated beyond what the contract states
 and every gradient is autograd's, so the fast backends are judged by this one in float64. It looks at every splat in
@@ -35,7 +35,7 @@ from core.scene.harmonics import colour
 from core.scene.quaternions import rotations
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 
-CHUNK = 1 << 20  # pairs of a pixel and a splat that are blended at once; bounds the memory (some 20 numbers a pair)
+CHUNK = 1 << 20  # pairs of a pixel and a splat that are blended at once; bounds the memory (some 20 numbers per pair)
 
 
 @dataclass

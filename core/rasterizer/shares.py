@@ -17,7 +17,7 @@ from core.rasterizer.layout import TILE
 from core.scene.camera import Camera
 from core.scene.cells import CELL_PX, cell_of_pixels, grid
 
-TILE_CELLS = TILE // CELL_PX  # a side
+TILE_CELLS = TILE // CELL_PX  # per side
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def shares_of_slots(
     """`Rasterizer.shares` from slots, each of one Gaussian in one tile of TILE_CELLS x TILE_CELLS cells.
 
     owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours by those of the picture. As a
-    picture is linear in the colours, these are sums of shares. Each channel asks for one quarter of all tiles.
+    picture is linear in the colours, these are sums of shares. Each channel asks for the same cell of every tile.
     """
     rows, columns = grid(camera.height, camera.width)
     tiles_across = -(-columns // TILE_CELLS)

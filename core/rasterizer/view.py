@@ -1,4 +1,4 @@
-"""A camera as a short array of numbers, for what reads it on a GPU: the CUDA kernels and L_regTS."""
+"""A camera as a short array of numbers: for the CUDA kernels and, on a CPU as well, for what else a training step takes of it."""
 
 import torch
 from jaxtyping import Float

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from core.scene.camera import Camera
 
-CELL_PX = 8  # a side
+CELL_PX = 8  # per side
 
 
 def grid(height: int, width: int) -> tuple[int, int]:

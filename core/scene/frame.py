@@ -11,9 +11,9 @@ ROUNDING_ALLOWED = 1e-5
 
 @dataclass(frozen=True)
 class SceneFrame:
-    """scene = (world - centre) / radius. The inverse is applied once, at export.
+    """scene = (world - centre) / radius; back again for what is written, and where worlds are compared.
 
-    centre: (3,) float64 in world units. radius: world units a scene unit, > 0.
+    centre: (3,) float64 in world units. radius: world units per scene unit, > 0.
     """
 
     centre: np.ndarray

@@ -23,7 +23,7 @@ MAX_DEGREE = 3
 
 
 def coefficient_count(degree: int) -> int:
-    """Coefficients a colour channel: 1, 4, 9, 16 for degrees 0..3."""
+    """Coefficients per colour channel: 1, 4, 9, 16 for degrees 0..3."""
     if not 0 <= degree <= MAX_DEGREE:
         raise BadSetting(f"SH degree {degree} is not one that 3DGS viewers read.", "Choose 0, 1, 2 or 3.")
     return (degree + 1) ** 2
@@ -34,7 +34,7 @@ def degree_of(coefficients: int) -> int:
     for degree in range(MAX_DEGREE + 1):
         if coefficient_count(degree) == coefficients:
             return degree
-    raise BadSetting(f"{coefficients} SH coefficients a channel fit no degree.", "Use 1, 4, 9 or 16.")
+    raise BadSetting(f"{coefficients} SH coefficients per channel fit no degree.", "Use 1, 4, 9 or 16.")
 
 
 def basis(directions: Float[Tensor, "n 3"], degree: int) -> Float[Tensor, "n c"]:

@@ -19,7 +19,7 @@ class Splats:
     """N Gaussians, parametrised as in a 3DGS .ply.
 
     means: scene units. quaternions: w x y z, any norm > 1e-6. log_scales: natural log of the standard deviations, scene
-    units. logit_opacities: before the sigmoid. sh: coefficients (C = 1, 4, 9 or 16 a channel), DC first.
+    units. logit_opacities: before the sigmoid. sh: coefficients (C = 1, 4, 9 or 16 per channel), DC first.
     """
 
     means: Float[Tensor, "n 3"]

@@ -13,7 +13,7 @@ from typing import Any
 
 from core.errors import BadInput, DiskFull, WegsError, as_disk_full, disk_full
 from core.system.lock import taken
-from core.system.outputs import TEMPORARY, check_fillable, check_place
+from core.system.outputs import TEMPORARY, check_fillable, check_place, files_in
 
 KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
 NAME_PART = 58  # characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the usual 255
@@ -31,7 +31,8 @@ def _named(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as problem:
-        if not _may_be_of(problem.filename, path):
+        files = [file for file in (problem.filename, problem.filename2) if isinstance(file, str)]
+        if files and not any(_may_be_of(file, path) for file in files):
             raise
         if full := as_disk_full(problem, path):
             raise full from None
@@ -40,10 +41,8 @@ def _named(path: Path) -> Iterator[None]:
         raise
 
 
-def _may_be_of(file: str | bytes | int | None, path: Path) -> bool:
-    """Whether a file that the system refused, None if it did not tell which, belongs to the writing of `path`."""
-    if not isinstance(file, str):
-        return True
+def _may_be_of(file: str, path: Path) -> bool:
+    """Whether a file that the system refused belongs to the writing of `path`."""
     refused = Path(file).absolute()
     return TEMPORARY in file or refused.is_relative_to(path.absolute()) or path.absolute().is_relative_to(refused)
 
@@ -159,14 +158,23 @@ def replacing_folder(output: Path) -> Iterator[Path]:
             with _named(output), named_if_full(work, disk_full(output)):
                 yield work
                 if is_there:
-                    for part in sorted((work / "scene").iterdir()):  # sparse/ comes last, and makes it a scene
+                    if files_in(output):
+                        raise OSError(errno.ENOTEMPTY, os.strerror(errno.ENOTEMPTY), str(output))
+                    for part in sorted((work / "scene").iterdir(), key=_is_model):
                         os.replace(part, output / part.name)
                 else:
                     os.replace(work / "scene", output)
+        except DiskFull as problem:  # whoever reads it knows nothing of the temporary folders
+            raise disk_full(output) if TEMPORARY in problem.what else problem from None
         except OSError as problem:
             if problem.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                 raise
             raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
+
+
+def _is_model(part: Path) -> bool:
+    """Whether it is what makes a folder a scene, and so is put there last."""
+    return part.name == "sparse"
 
 
 def temporary_place() -> Path:
@@ -212,21 +220,32 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
     patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has
     files; with `force`, those that match are replaced and others still refused.
     """
-    old = check_fillable(folder, patterns, force)
+    check_fillable(folder, patterns, force)
+    with _named(folder):
+        with adding(folder) as work:
+            yield work
+            old = check_fillable(folder, patterns, force)  # another program may have filled it meanwhile
+            fresh = {folder / path.name for path in work.iterdir()}
+        for path in set(old) - fresh:  # last: a kill never leaves neither, of files
+            remove(path)
+
+
+@contextmanager
+def adding(folder: Path) -> Iterator[Path]:
+    """A temporary folder to fill, whose files and folders are put into `folder` when the block ends well, in place of those of the same names, and
+    else vanish."""
     with _named(folder), temporary_folder(folder) as work:
         try:
             yield work
         except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
             raise type(problem)(problem.what.replace(str(work), str(folder)), problem.fix) from None
         folder.mkdir(exist_ok=True)
-        fresh = [folder / path.name for path in work.iterdir()]
+        fresh = [path.name for path in work.iterdir()]
         aside = Path(tempfile.mkdtemp(dir=work))
-        for path in fresh:  # before the old ones go: a kill never leaves neither, of files
-            if path.is_dir():  # no folder can be replaced unless it is empty
-                os.replace(path, aside / path.name)
-            os.replace(work / path.name, path)
-        for path in set(old).difference(fresh):
-            remove(path)
+        for name in fresh:
+            if (folder / name).is_dir():  # no folder can be replaced unless it is empty
+                os.replace(folder / name, aside / name)
+            os.replace(work / name, folder / name)
 
 
 def remove(path: Path) -> None:

@@ -17,7 +17,8 @@ CPU = torch.device("cpu")
 def chosen(device: str, backend: str) -> torch.device:
     """The device that the settings `device` and `backend` stand for.
 
-    `auto` is the GPU where one can be used, unless a backend of the CPU was asked for. Raises BadSetting for `cuda` where none can be.
+    `auto` is the GPU where one can be used, unless a backend of the CPU was asked for. Where it is a GPU, torch's convolutions compute in full
+    float32 from then on. Raises BadSetting for `cuda` where none can be used.
     """
     if device == "cuda":
         if not torch.cuda.is_available():

@@ -9,12 +9,13 @@ LIBRARIES = 300 << 20  # bytes of torch, Numba and others that are mapped from t
 
 
 def hold_to(gib: float) -> None:
-    """Hold this process to `gib` GiB from now on: allocations beyond raise MemoryError, or torch's RuntimeError.
+    """Hold this process to `gib` GiB of memory from now on. An allocation beyond raises MemoryError or, in torch, RuntimeError.
 
-    wegs itself needs 1.2 to start, 2 to train with torch's CUDA build.
-    The limit counts memory that is asked for, touched or not, so what is really used stays below it. Only Linux has it (RLIMIT_DATA,
-    getrlimit(2)). Raises BadSetting elsewhere, for more than the system can count (bytes, by mistake) or less than the libraries take, and where a
-    lower limit is already set.
+    wegs itself needs 1.2 GiB to start, and 2 GiB to train with torch's CUDA build. The limit counts memory that is asked for, whether or not it is
+    touched, so less than that is really used. It is Linux's RLIMIT_DATA, see getrlimit(2).
+
+    Raises BadSetting on any other system, for less than the libraries take, for more than the system can count (most likely bytes by mistake), and
+    where a lower limit is set already.
     """
     if not sys.platform.startswith("linux"):
         raise BadSetting(f"--memory {gib}: {sys.platform} cannot limit a process.", "Leave it out.")

@@ -5,7 +5,7 @@ import os
 import sys
 
 # mallopt(3). By default, glibc returns what a training step frees to the system and asks for it again in the next one, page by page: 250 to
-# 500 page faults a step, 2% of the time of a training, without a gain in memory.
+# 500 page faults per step, 2% of the time of a training, without a gain in memory.
 M_TRIM_THRESHOLD, KEPT_BYTES = -1, 256 << 20  # kept at the end of a heap; from 128 MiB on, a step returns nothing
 M_MMAP_THRESHOLD, LARGEST_BLOCK = -3, 32 << 20  # bytes; larger blocks always are returned, and glibc takes no higher value
 # A thread that wants the interpreter waits until another gives it up, or this long: 5 ms by default, twice what the encoder takes beside a step.

@@ -73,7 +73,7 @@ def judge_appearance(evidence: Evidence) -> Judgement:
     steps = f"a point's colour differs by {evidence.colour_spread:.1f} of 255 between photos"
     if evidence.colour_spread < LEAST_COLOUR_SPREAD:
         return "off", evidence.colour_spread, f"{steps}, less than {LEAST_COLOUR_SPREAD:g}"
-    rest = f"{steps}; a gain and offset a photo leave {evidence.spread_beyond_exposure:.1f}"
+    rest = f"{steps}; a gain and offset per photo leave {evidence.spread_beyond_exposure:.1f}"
     if evidence.spread_beyond_exposure < LEAST_SPREAD_BEYOND_EXPOSURE:
         return "exposure", evidence.spread_beyond_exposure, f"{rest}, less than {LEAST_SPREAD_BEYOND_EXPOSURE:g}"
     return "full", evidence.spread_beyond_exposure, rest

@@ -108,7 +108,7 @@ def exposed(exposures: np.ndarray, group: np.ndarray, base: np.ndarray) -> np.nd
 
 
 def shared_spread(sightings: Sightings, difference: np.ndarray) -> float:
-    """Root mean product of the differences (N, 3) of neighbouring sightings, 8-bit steps a channel: what they share."""
+    """Root mean product of the differences (N, 3) of neighbouring sightings, 8-bit steps per channel: what they share."""
     first, second = neighbours(sightings)
     counts = np.bincount(sightings.point)[sightings.point]
     # A base colour is the mean of n sightings and hides 1/n of their variance.

@@ -42,8 +42,8 @@ class StepFacts(NamedTuple):
     """What is told of a step, as scalars of the device that computes it, and as numbers.
 
     loss: what the step minimised. residual_size: mean absolute residual. shown_share: of the photo, by its mask. sound: whether the losses are
-    in order. taken: whether the Gaussians' gradient is finite, too, so that they are updated. learned: whether the networks' is, too, so that
-    they are.
+    in order. taken: whether the gradients of the Gaussians, of the embedding and of the SH transfer are finite, too, so that the Gaussians are
+    updated. learned: whether those of all networks are, too, so that they are updated as well.
     """
 
     loss: Tensor | float
@@ -63,7 +63,7 @@ def fault(facts: StepFacts, usual: float) -> str | None:
         return f"picture loss of {facts.picture_loss:.3g} was a spike; usual is {usual:.3g}"
     if not facts.taken:
         return "gradient was not finite"
-    return None if facts.learned else "encoder's gradient was not finite"
+    return None if facts.learned else "networks' gradient was not finite"
 
 
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:

@@ -13,7 +13,7 @@ from core.training.losses.photometric import Target
 
 
 def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:
-    """A random gain of each channel, or None where looks are not learned from photos."""
+    """A random gain per channel, or None where looks are not learned from photos."""
     if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
         return None
     draw = torch.randn(4, generator=generator)
@@ -21,7 +21,11 @@ def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "
 
 
 def jittered(shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None) -> tuple[Float[Tensor, "3 h w"], Target]:
-    """Both with each channel times its gain, on the same device; for None as they are."""
+    """Both with each channel times its gain, on the same device; for None as they are.
+
+    The encoder sees a photo as a file would hold it, so its input is clamped at 1. The target is not, as no render is: its statistics then follow
+    from those of the photo.
+    """
     if gain is None:
         return shown, target
     return (shown * gain[:, None, None]).clamp(max=1.0), target.brightened(gain)

@@ -13,7 +13,7 @@ from core.training import guards, schedule
 
 
 def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | None:
-    """Of all weights of the model, None if it has none."""
+    """The optimizer of all weights of the model; None if it has none."""
     rates = {
         "encoder.unet": settings.network_rate,
         "encoder": settings.encoder_rate,

@@ -1,8 +1,7 @@
 """The bar of a training: how many steps are done, and what takes its time where the next one is long."""
 
 from core.config import Settings
-from core.rasterizer.importance import Progress
-from core.report import Report
+from core.report import Report, Told
 from core.training import schedule
 
 
@@ -11,6 +10,6 @@ def tell_progress(done: int, settings: Settings, note: str, report: Report) -> N
     report.progress("Training", done, settings.steps, note, schedule.time_through(settings, done))
 
 
-def within_step(done: int, what: str, settings: Settings, report: Report) -> Progress:
+def within_step(done: int, what: str, settings: Settings, report: Report) -> Told:
     """Tells in the note how far `what` is, in the step that follows so many: on large collections the bar stands still for a minute."""
     return lambda seen, views: tell_progress(done, settings, f"{what}: view {seen} of {views}", report)

@@ -31,7 +31,7 @@ DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
 SMALLEST_WIDTH_PX = 64  # below, a width is taken for a mistyped divisor
 DECODERS = 8  # threads at most, and one where memory is limited: a photo of 100 MP takes 1 GB while it is decoded
-PHOTOS_A_DECODER = 8  # between two reports of progress
+PHOTOS_PER_DECODER = 8  # between two reports of progress
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 LEAST_FILLED = 0.4  # of a canvas, by the mean photo: upright and wide ones together fill three quarters, panoramas less
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
@@ -112,10 +112,11 @@ def as_tensors(pixels: np.ndarray, valid: np.ndarray | None, device: torch.devic
 
 
 class SizedPhotos(Sequence[SizedPhoto]):
-    """Photos of one split at training size, and their targets at every coarse-to-fine size.
+    """Photos of one split at training size, and their targets at the coarse-to-fine size of the moment.
 
     notes: lines to warn of photos left out for damage that shows only now that they are decoded, and of doubtful masks. device: of the
-    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it. share_canvas: whether targets are laid on one, see `canvas`.
+    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it. share_canvas: whether targets are to be laid on one, see `canvas`;
+    not unless whoever trains on them says so.
     """
 
     def __init__(
@@ -124,15 +125,14 @@ class SizedPhotos(Sequence[SizedPhoto]):
         sizes: Sizes,
         device: torch.device = CPU,
         transparent_is_empty: bool = False,
-        share_canvas: bool = False,
         report: Report = QUIET,
     ):
-        self.device, self.transparent_is_empty, self.share_canvas = device, transparent_is_empty, share_canvas
+        self.device, self.share_canvas = device, False
         self.photos: list[SizedPhoto] = []
         damaged, last_fault = Reasons(), ""
         load = partial(load_sized_photo, sizes=sizes, device=device, transparent_is_empty=transparent_is_empty)
         decoders = 1 if memory.limit() else min(threads(), DECODERS)
-        at_once = decoders * PHOTOS_A_DECODER
+        at_once = decoders * PHOTOS_PER_DECODER
         for start in range(0, len(photos), at_once):
             some = photos[start : start + at_once]
             for photo, found in zip(some, _decoded(some, load, decoders), strict=True):
@@ -145,7 +145,8 @@ class SizedPhotos(Sequence[SizedPhoto]):
                     last_fault = fault
             report.progress("Photos", start + len(some), len(photos), some[-1].name)
         self.notes = [note.text for note in damaged.notes()] + _doubtful_masks(self.photos)
-        self._targets: OrderedDict[tuple[int, int], Target] = OrderedDict()
+        self._targets: OrderedDict[int, Target] = OrderedDict()  # by index, all shrunk by `_factor`
+        self._factor = 0
         self._canvases: dict[int, tuple[int, int] | None] = {}
         self._bytes = 0
         self._most_bytes = _most_bytes(device)
@@ -163,9 +164,9 @@ class SizedPhotos(Sequence[SizedPhoto]):
 
     def canvas(self, factor: int) -> tuple[int, int] | None:
         """Height and width (px) of what all photos fit on when shrunk by `factor`. None where they share no canvas: if they are not asked to,
-        where transparent pixels mean empty space, and where photos would leave most of it empty.
+        and where photos would leave most of it empty.
         """
-        if not self.share_canvas or self.transparent_is_empty:
+        if not self.share_canvas:
             return None
         if factor not in self._canvases:
             sizes = np.array([_shrunk(sized.camera, factor) for sized in self.photos])
@@ -175,13 +176,16 @@ class SizedPhotos(Sequence[SizedPhoto]):
 
     def target(self, index: int, factor: int) -> tuple[Camera, Target]:
         """The photo as a training target, shrunk by `factor`, and its camera at that size."""
-        key, camera = (index, factor), self.photos[index].camera
-        if key not in self._targets:
-            self._targets[key] = self._made_target(*key)
-            self._bytes += self._targets[key].nbytes
+        camera = self.photos[index].camera
+        if factor != self._factor:  # from coarse to fine: those of the last one have had their time
+            self._targets.clear()
+            self._factor, self._bytes = factor, 0
+        if index not in self._targets:
+            self._targets[index] = self._made_target(index, factor)
+            self._bytes += self._targets[index].nbytes
             while self._bytes > self._most_bytes and len(self._targets) > 1:
                 self._bytes -= self._targets.popitem(last=False)[1].nbytes
-        return camera.resized(*_shrunk(camera, factor)), self._targets[key]
+        return camera.resized(*_shrunk(camera, factor)), self._targets[index]
 
     def _made_target(self, index: int, factor: int) -> Target:
         sized = self.photos[index]

@@ -13,9 +13,8 @@ from torch import Tensor
 
 from core.appearance.model import AppearanceModel, Reading
 from core.config import Settings
-from core.rasterizer import Colour, Rasterizer, Visible
+from core.rasterizer import Rasterizer, Visible
 from core.rasterizer.view import WIDTH, view_of
-from core.scene.camera import Camera
 from core.system import threads
 from core.system.device import sent, sent_together
 from core.training import guards, network_updates, schedule
@@ -27,23 +26,11 @@ from core.training.jitter import draw_gain, jittered
 from core.training.losses.backward import backward
 from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
+from core.training.moment import Moment
 from core.training.sized_photos import SizedPhotos
 from core.training.transparency import transparent_is_empty
 
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class Moment:
-    """Which step it is: of the photo `index`, after `done` others. progress: of the run, in [0, 1). camera: at the size of the step. background: of
-    its picture.
-    """
-
-    index: int
-    done: int
-    progress: float
-    camera: Camera
-    background: Colour
 
 
 @dataclass(frozen=True)
@@ -84,7 +71,7 @@ class StepInputs:
 
 
 @dataclass(frozen=True)
-class DrawnStep:
+class PreparedStep:
     """A step that is yet to be taken, with its random draws. inputs: makes its inputs, given those that the step before leaves, by name."""
 
     moment: Moment
@@ -92,11 +79,14 @@ class DrawnStep:
 
 
 class Found(NamedTuple):
-    """What the camera of a step shows. shown: how many rows of that are Gaussians, see `regularisers.residual_loss`. complete: whether it is all."""
+    """What the camera of a step shows. shown: how many rows of that are Gaussians, see `regularisers.residual_loss`. complete: whether it is all.
+    needed: numbers (), of the room that all of it takes, where room is limited.
+    """
 
     visible: Visible
     shown: Tensor | None = None
     complete: Tensor | bool = True
+    needed: tuple[Tensor, ...] = ()
 
 
 @dataclass
@@ -111,8 +101,8 @@ class Stepper:
     rasterizer: Rasterizer
     generator: torch.Generator
 
-    def draw(self, gaussians: Gaussians, index: int, done: int) -> DrawnStep:
-        """Draw a step at random. index: the photo's. done: steps before this one."""
+    def prepare(self, gaussians: Gaussians, index: int, done: int) -> PreparedStep:
+        """Prepare a step, drawing its random numbers. index: the photo's. done: steps before this one."""
         settings, generator, progress = self.settings, self.generator, done / self.settings.steps
         camera, target = self.photos.target(index, schedule.shrink_factor(settings, progress))
         gain, view, rates = draw_gain(settings, generator), view_of(camera), learning_rates(settings, progress)
@@ -128,39 +118,39 @@ class Stepper:
             rates = dict(zip(rates, others, strict=True))
             view, gauge_rows = sent(view, device), None if gauge_rows is None else sent(gauge_rows, device)
         inputs = partial(StepInputs, encoder_input, target, gain, view, rates, network_rates, gauge_rows)
-        return DrawnStep(Moment(index, done, progress, camera, background), inputs)
+        return PreparedStep(Moment(index, done, progress, camera, background), inputs)
 
     def take(
-        self, gaussians: Gaussians, drawn: DrawnStep, usual: float, mask_mean: float, meanwhile: Callable[[], None]
+        self, gaussians: Gaussians, prepared: PreparedStep, usual: float, mask_mean: float, meanwhile: Callable[[], None]
     ) -> tuple[Reading, StepFacts]:
-        """Draw a photo's view in its look, compare, and learn; an invalid step teaches nothing.
+        """Render a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
         usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights`. meanwhile: what the host may do while a GPU is
         at the step, once or more often; on a CPU it is not called. Returns what was read in the photo, and the facts, as numbers.
         """
         left = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.objective.zero.device)
-        inputs = drawn.inputs(largest_loss=left[0], mask_mean=left[1], neutral=self.model.mean_embedding)
-        return self._compute(gaussians, inputs, drawn.moment, meanwhile)
+        inputs = prepared.inputs(largest_loss=left[0], mask_mean=left[1], neutral=self.model.mean_embedding)
+        return self._compute(gaussians, inputs, prepared.moment, meanwhile)
 
     def forget(self) -> None:
         """Keep nothing of the Gaussians: they are about to grow in number, to be removed or replaced."""
 
     def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]) -> tuple[Reading, StepFacts]:
         """The step from here on, by its inputs."""
-
-        def find_visible() -> Found:
-            return Found(self.rasterizer.visible(gaussians.splats, moment.camera))
-
-        reading, facts = self._learn(gaussians, inputs, moment, find_visible)
+        reading, facts = self._learn(gaussians, inputs, moment)
         return reading, StepFacts(*facts.cpu().tolist())
 
     def _beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
         """See `threads.beside`."""
         return threads.beside(work)
 
-    def _learn(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, find_visible: Callable[[], Found]) -> tuple[Reading, Tensor]:
-        """The step itself; its facts are one tensor, in the order of StepFacts."""
-        model, objective, progress = self.model, self.objective, moment.progress
+    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> Found:
+        """What the camera of the step shows."""
+        return Found(self.rasterizer.visible(gaussians.splats, moment.camera))
+
+    def _learn(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+        """The step itself; its facts are one tensor, in the order of StepFacts, and behind them what was `needed`."""
+        model, objective = self.model, self.objective
         if self.optimizer is not None:
             self.optimizer.zero_grad()
 
@@ -171,7 +161,7 @@ class Stepper:
 
         read_later = self._beside(read_photo)
         gauge_loss_later = self._beside(lambda: objective.gauge(gaussians, inputs.gauge_rows, inputs.neutral))
-        visible, shown, complete = find_visible()
+        visible, shown, complete, needed = self._find_visible(gaussians, inputs, moment)
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
 
@@ -184,9 +174,9 @@ class Stepper:
         image = self.rasterizer.render(splats, moment.camera, moment.background, probe, visible.known)
 
         # What the step minimises.
-        mask_loss_later = self._beside(lambda: objective.mask(image, target, reading.mask, progress))
-        picture_loss = objective.picture(image, target, reading.mask, progress, inputs.mask_mean)
-        transient_loss = objective.transient(splats, moment.camera, inputs.view, visible.known, reading.mask, progress, moment.done)
+        mask_loss_later = self._beside(lambda: objective.mask(image, target, reading.mask, moment))
+        picture_loss = objective.picture(image, target, reading.mask, moment, inputs.mask_mean)
+        transient_loss = objective.transient(splats, inputs.view, visible.known, reading.mask, moment)
         rendered_loss = picture_loss + transient_loss
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()
@@ -207,9 +197,9 @@ class Stepper:
                 half_size = inputs.view[WIDTH:].float() / 2  # of the picture
                 densify.gather(gaussians, visible.rows, probe.grad, half_size, taken)
                 gaussians.step(visible.rows, leaves, inputs.rates, taken)
-            learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if the encoder's gradient overflows
+            learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if another gradient overflows
 
         reading = reading.detached()  # which lets autograd's graph go
         shown_share = objective.zero if reading.mask is None else reading.mask.mean()
         facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
-        return reading, torch.stack([fact.double() for fact in facts])
+        return reading, torch.stack([fact.double() for fact in (*facts, *needed)])

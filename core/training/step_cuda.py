@@ -14,13 +14,14 @@ import torch
 from torch import Tensor
 
 from core.appearance.model import Reading
-from core.rasterizer.cuda.backend import BYTES_A_PAIR, Room, memory_budget
+from core.rasterizer.cuda.backend import BYTES_PER_PAIR, Room, memory_budget
 from core.system.cuda_graph import Recorder, Recording, can_record
 from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
 from core.training.guards import StepFacts
 from core.training.losses.canvas import TargetOnCanvas
-from core.training.step import Found, Moment, Result, StepInputs, Stepper
+from core.training.moment import Moment
+from core.training.step import Found, Result, StepInputs, Stepper
 
 MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # than one photo shows there is room for: others show more
 
@@ -68,12 +69,12 @@ class StepperOnGpu(Stepper):
         if self.room is None:
             visible = self.rasterizer.visible(gaussians.splats, moment.camera)
             self._make_room(len(visible.rows), visible.known.pairs, inputs.view.device)
-        looks_at_front = self.objective.looks_at_front(moment.progress, moment.done)
+        looks_at_front = self.objective.looks_at_front(moment)
         while True:
             if looks_at_front in self.ran and self._can_be_replayed(inputs):
                 reading, facts = self._replay(looks_at_front, gaussians, inputs, moment)
             else:
-                reading, facts = self._run(gaussians, inputs, moment)
+                reading, facts = self._learn(gaussians, inputs, moment)
             self.ran.add(looks_at_front)
             meanwhile()
             *facts, shown, pairs = facts.cpu().tolist()
@@ -86,21 +87,15 @@ class StepperOnGpu(Stepper):
         return inputs.encoder_input.shape, inputs.target.planes.shape, inputs.gain is None, schedule.begun(self.settings, moment.progress)
 
     def _make_room(self, shown: float, pairs: float, device: torch.device) -> None:
-        most_pairs = memory_budget(device) // BYTES_A_PAIR
+        most_pairs = memory_budget(device) // BYTES_PER_PAIR
         self.room = Room(math.ceil(MORE_GAUSSIANS * shown), int(max(pairs, min(math.ceil(MORE_PAIRS * pairs), most_pairs))))
         self._drop_recordings()
 
-    def _run(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
-        """The step, and its facts, behind which it says how much room it needs."""
-        needed: Tensor
-
-        def find_visible() -> Found:
-            nonlocal needed
-            visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, inputs.target.planes.shape[1:], self.room)
-            return Found(visible, needed[0], (needed[0] <= self.room.gaussians) & (needed[1] <= self.room.pairs))
-
-        reading, facts = self._learn(gaussians, inputs, moment, find_visible)
-        return reading, torch.cat([facts, needed.double()])
+    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> Found:
+        """As much of what the camera shows as there is room for; needed: how many Gaussians and pairs that is in all."""
+        visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, inputs.target.planes.shape[1:], self.room)
+        shown, pairs = needed.unbind()
+        return Found(visible, shown, (shown <= self.room.gaussians) & (pairs <= self.room.pairs), (shown, pairs))
 
     def _beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
         return super()._beside(work) if self.recorder is None else self.recorder.beside(work)
@@ -114,11 +109,11 @@ class StepperOnGpu(Stepper):
         if looks_at_front not in self.recordings:
             try:
                 own = deepcopy(inputs)
-                self.recordings[looks_at_front] = self.recorder.record(lambda: self._run(gaussians, own, moment)), own
+                self.recordings[looks_at_front] = self.recorder.record(lambda: self._learn(gaussians, own, moment)), own
             except torch.OutOfMemoryError:  # a recording keeps the memory that it works in
                 self.records = False
                 self._drop_recordings()
-                return self._run(gaussians, inputs, moment)
+                return self._learn(gaussians, inputs, moment)
         recording, own = self.recordings[looks_at_front]
         copies: dict[torch.dtype, list[tuple[Tensor, Tensor]]] = {}
         for pair in zip(own.tensors, inputs.tensors, strict=True):

@@ -39,13 +39,13 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
         report.say("Transparent pixels are learned as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")
-    looks = {"off": "one look", "exposure": "an affine colour map a look", "full": "looks by SH transfer"}
+    looks = {"off": "one look", "exposure": "an affine colour map per look", "full": "looks (SH transfer)"}
     parts = [looks[settings.appearance]]
     if settings.transients == "on":
         parts.append("masks of passers-by")
     if settings.sky == "dome":
         parts.append("a sky dome")
-    report.say(f"It learns {', '.join(parts)}; harmonics of degree {settings.sh_degree}")
+    report.say(f"Learning: {', '.join(parts)}; SH degree {settings.sh_degree}")
 
 
 def tell_step(step: StepReport, settings: Settings, report: Report) -> None:

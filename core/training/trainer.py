@@ -15,8 +15,8 @@ from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
-from core.rasterizer.importance import Progress, largest_contributions
-from core.report import QUIET, Report
+from core.rasterizer.importance import largest_contributions
+from core.report import QUIET, Report, Told
 from core.scene.camera import Camera
 from core.system import device
 from core.system.threads import one_torch_thread, threads_for_blocks
@@ -32,21 +32,21 @@ from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
 from core.training.progress import within_step
 from core.training.sized_photos import SizedPhotos, Sizes
-from core.training.step import DrawnStep, Stepper
+from core.training.step import PreparedStep, Stepper
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
 
-SKIPS_ALLOWED = 10  # steps in a row that are not taken before training stops
+SKIPS_TO_STOP = 10  # steps of no use in a row that stop the training
 HELD_OUT_PHOTOS = 4  # that a check of quality looks at
-MASK_MEAN_SHARE = 0.05  # of one photo's mask in the running mean of all
+MASK_MEAN_RATE = 0.05  # at which the running mean of all masks moves toward one photo's
 FIRST_BUDGET = 0.25  # of max_gaussians; what growth may reach rises from there to all of it
 REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
 
 
 @dataclass(frozen=True)
-class Draw:
-    """The next step as it was drawn, and the state from which it would be drawn again: photos to come, and random numbers."""
+class Ahead:
+    """The next step as it was prepared, and the state from which it would be prepared again: photos to come, and random numbers."""
 
-    step: DrawnStep
+    step: PreparedStep
     order: list[int]
     random_state: Tensor
 
@@ -94,13 +94,13 @@ class Trainer:
         sizes = Sizes.of(settings, collection.photos)
         self.on_cuda_kernels = self.rasterizer.name == "cuda" and self.device.type != "cpu"
         given = collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings)
-        self.photos = SizedPhotos(*given, share_canvas=self.on_cuda_kernels, report=report)
+        self.photos = SizedPhotos(*given, report=report)
         if not len(self.photos):
             what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
         self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)
-        self.photos.transparent_is_empty = self.transparent_is_empty  # opaque ones, which may have been empty, share a canvas after all
+        self.photos.share_canvas = self.on_cuda_kernels and not self.transparent_is_empty
         self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty)
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
         if self.model.encoder is not None:  # on the CPU, for every device: the signs of principal components turn with the last digit
@@ -116,7 +116,7 @@ class Trainer:
         self.done = 0
         self.seconds = 0.0
         self.order: list[int] = []
-        self.ahead: Draw | None = None
+        self.ahead: Ahead | None = None
         self.mask_mean = 1.0
         self.last_losses: list[float | None] = [None] * len(self.photos)
         self.skipped = 0
@@ -167,12 +167,12 @@ class Trainer:
 
     def _step(self) -> StepReport:
         progress, usual = self.done / self.settings.steps, guards.usual_loss(self.last_losses)
-        draw, self.ahead = self.ahead or self._draw(self.done), None
-        index = draw.step.moment.index
+        now, self.ahead = self.ahead or self._prepare(self.done), None
+        index = now.step.moment.index
         try:
-            reading, facts = self.stepper.take(self.gaussians, draw.step, usual, self.mask_mean, self._draw_ahead)
+            reading, facts = self.stepper.take(self.gaussians, now.step, usual, self.mask_mean, self._prepare_ahead)
         except Exception:  # of a step for which there is no room: what is saved then goes on with this very step
-            self._go_back_to(draw.order, draw.random_state)
+            self._go_back_to(now.order, now.random_state)
             raise
         self.done += 1
         fault = guards.fault(facts, usual)
@@ -198,13 +198,13 @@ class Trainer:
         """Let a photo's mask enter the running mean; a line, once, when masks come to hide too much."""
         if progress < self.settings.mask_start:
             return []
-        self.mask_mean += MASK_MEAN_SHARE * (shown_share - self.mask_mean)
+        self.mask_mean += MASK_MEAN_RATE * (shown_share - self.mask_mean)
         hides = progress >= self.settings.mask_apply
-        if not hides or self.mask_mean >= mask_weights.COLLAPSED or self.collapse_told:
+        if not hides or self.mask_mean >= mask_weights.LEAST_STATIC or self.collapse_told:
             return []
         self.collapse_told = True
         return [
-            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - mask_weights.COLLAPSED:.0%} from "
+            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - mask_weights.LEAST_STATIC:.0%} from "
             + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 
@@ -212,35 +212,35 @@ class Trainer:
         name = self.photos[index].photo.name
         self.skipped += 1
         self.skipped_in_a_row += 1
-        if self.skipped_in_a_row >= SKIPS_ALLOWED:
+        if self.skipped_in_a_row >= SKIPS_TO_STOP:
             self.skipped_in_a_row = 0  # what goes on from here is given as many again
             self._change_gaussians()  # what is due now would not be afterwards
             path = self.save()
             raise TrainingStopped(
-                f"{SKIPS_ALLOWED} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",
+                f"{SKIPS_TO_STOP} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
         return f"Step {self.done} {outcome}: its {fault} (photo {name})."
 
-    def _draw(self, done: int) -> Draw:
+    def _prepare(self, done: int) -> Ahead:
         """The step after `done` others, of the photo that it takes off `order`."""
         order, random_state = list(self.order), self.generator.get_state()
         try:
             if not self.order:
                 self.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
-            return Draw(self.stepper.draw(self.gaussians, self.order.pop(), done), order, random_state)
+            return Ahead(self.stepper.prepare(self.gaussians, self.order.pop(), done), order, random_state)
         except Exception:  # there may be no room for the photo
             self._go_back_to(order, random_state)
             raise
 
-    def _draw_ahead(self) -> None:
-        """Draw the step after the one that a GPU is at, which does not need the host meanwhile."""
+    def _prepare_ahead(self) -> None:
+        """Prepare the step after the one that a GPU is at, which does not need the host meanwhile."""
         if self.ahead is None and self.done + 1 < self.settings.steps:
             with suppress(Exception):  # it will be met again when that step is due
-                self.ahead = self._draw(self.done + 1)
+                self.ahead = self._prepare(self.done + 1)
 
     def _put_back(self) -> None:
-        """Undo what was drawn ahead, before the state of the run is looked at, or the Gaussians change in number."""
+        """Undo what was prepared ahead, before the state of the run is looked at, or the Gaussians change in number."""
         if self.ahead is not None:
             self._go_back_to(self.ahead.order, self.ahead.random_state)
 
@@ -295,7 +295,7 @@ class Trainer:
     def _masks_can_be_trusted(self) -> bool:
         """Whether masks hide passers-by by now, and not the place itself."""
         hide = self.settings.transients == "on" and self.done >= self.settings.mask_apply * self.settings.steps
-        return hide and self.mask_mean >= mask_weights.COLLAPSED and len(self.photos) >= decisions.FEWEST_FOR_MASKS
+        return hide and self.mask_mean >= mask_weights.LEAST_STATIC and len(self.photos) >= decisions.FEWEST_FOR_MASKS
 
     @torch.no_grad()
     def _masked_photos(self) -> Iterator[tuple[Camera, Tensor]]:
@@ -304,7 +304,7 @@ class Trainer:
             yield sized.camera, self.model.read(sized.encoder_input, index).mask
             tell(index + 1, len(self.photos))
 
-    def _told(self, what: str) -> Progress:
+    def _told(self, what: str) -> Told:
         return within_step(self.done - 1, what, self.settings, self.report)
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:

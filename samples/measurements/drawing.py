@@ -7,10 +7,10 @@ import numpy as np
 import torch
 
 from core import rasterizer
-from core.kernels.chosen_rows import chosen_rows
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system.threads import one_torch_thread
+from core.training.gaussians.chosen_rows import chosen_rows
 from samples.measurements.scenes import DEGREE, GARDEN_GAUSSIANS, GARDEN_SIZE_PX, garden, garden_camera
 from samples.measurements.stopwatch import Stopwatch, forget_peak, peak_memory
 

@@ -12,13 +12,12 @@ from core.appearance import positional_encoding_cuda
 from core.appearance.model import AppearanceModel
 from core.config import LEAST, Settings, preset
 from core.export.ply import read_ply
-from core.kernels import chosen_rows_cuda
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.backend import prepare
 from core.rasterizer.layout import FOOTPRINT_COLUMNS, SLOT_COLUMNS
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training.gaussians import adam_cuda, density_statistics_cuda
+from core.training.gaussians import adam_cuda, chosen_rows_cuda, density_statistics_cuda
 from core.training.losses import photometric_cuda, residual_cuda
 from core.training.trainer import Trainer
 from samples.measurements import peer

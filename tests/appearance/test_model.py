@@ -172,7 +172,7 @@ def test_changed_weights_bake_as_they_render_and_learn(changes):
     model, splats, embedding = model_of(**changes).requires_grad_(False), splats_of(100), torch.randn(6)
     kept = model.transfer(splats.sh, splats.means, embedding)[0]
     model.met_embeddings, model.remembered = torch.randn(3, 6), torch.tensor(3)
-    names = model.hidden_weights | model.given_spread
+    names = model.hidden_weights | model.given_spread()
     assert ("last.bias" in names) == (changes != {"embedding_enters": "input"})
     moved = {name: 0.05 * torch.randn_like(weight) for name, weight in names.items()}
     for change in moved.values():
@@ -196,18 +196,18 @@ def test_given_weights_differ_as_widely_as_looks_do():
     """Standard deviations; none of a single look, and none where an embedding is an input or an affine map."""
     model = model_of()
     model.met_embeddings, model.remembered = torch.randn(1, 6), torch.tensor(1)
-    assert not model.given_spread
+    assert not model.given_spread()
     model.met_embeddings = torch.randn(4, 6)
     expected = torch.stack([model.sh_transfer.last(embedding) for embedding in model.met_embeddings]).std(dim=0)
-    torch.testing.assert_close(model.given_spread, {"last.bias": expected.detach()})
+    torch.testing.assert_close(model.given_spread(), {"last.bias": expected.detach()})
     table = model_of(embedding="glo", transients="off")
     table.remember(table.embedding_table[0], 0)
     expected = table.sh_transfer.last(table.embedding_table).std(dim=0)
-    torch.testing.assert_close(table.given_spread, {"last.bias": expected.detach()})
+    torch.testing.assert_close(table.given_spread(), {"last.bias": expected.detach()})
     for changes in ({"embedding_enters": "input"}, {"appearance": "exposure"}, {"appearance": "off"}):
         other = model_of(**changes)
         other.met_embeddings, other.remembered = torch.randn(4, 6), torch.tensor(4)
-        assert not other.given_spread and bool(other.hidden_weights) == ("appearance" not in changes)
+        assert not other.given_spread() and bool(other.hidden_weights) == ("appearance" not in changes)
 
 
 def test_bake_does_not_touch_the_scene():
@@ -273,10 +273,20 @@ def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypa
     farthest = (met - met.mean(dim=0)).norm(dim=1).max()
     assert farthest / 2 < held.norm() < 1.5 * farthest < away.norm() / 4
     assert torch.allclose(given(given(outside)), given(outside), atol=1e-5)
-    assert max(map(model.reach.distance, met)) == 1 and model.reach.distance(outside) > 4
-    assert model.reach.distance(given(outside)) == pytest.approx(1, abs=1e-5)
+    assert max(map(model.reach().distance, met)) == 1 and model.reach().distance(outside) > 4
+    assert model.reach().distance(given(outside)) == pytest.approx(1, abs=1e-5)
     model.remember(outside, 0)  # a photo like it was met: now it is within reach
     assert torch.allclose(given(outside), outside, atol=1e-4)
+
+
+def test_a_finished_model_knows_its_photos_by_what_it_reads_in_them_at_last():
+    model = model_of()
+    model.remember(torch.randn(6), 2)
+    met, state = model.met_embeddings.clone(), model.state_dict().keys()
+    masked, unmasked = torch.randn(2, 5, 6)
+    model.meet_as_finished(masked, unmasked)
+    assert torch.equal(model.known_embeddings, torch.cat([masked, unmasked])) and max(map(model.reach().distance, model.known_embeddings)) == 1
+    assert torch.equal(model.met_embeddings, met) and model.state_dict().keys() == state
 
 
 def test_a_photo_from_outside_is_encoded_as_if_all_of_it_were_static():

@@ -112,10 +112,16 @@ def test_a_part_of_a_figure_is_not_left_in_the_way(tmp_path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(files, "draw_png", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        files.save(figure(*POINTS), tmp_path)
+    made = figure(*POINTS)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(files, "draw_png", interrupt)
+        files.save(made, tmp_path)
     assert list(tmp_path.iterdir()) == []
+    before = {path: path.read_bytes() for path in files.save(made, tmp_path)}
+    monkeypatch.setattr(files, "draw_png", interrupt)
+    with pytest.raises(KeyboardInterrupt):  # nor does it take the place of a whole one
+        files.save(replace(made, title="Another"), tmp_path)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_the_picture_shows_every_curve_in_its_colour_and_the_front(tmp_path):

@@ -13,6 +13,7 @@ import torch
 
 from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
+from core.bench.figure import Figure, Point
 from core.config import PRESETS
 from core.errors import BadInput
 from core.looks.find_look import find_look
@@ -85,14 +86,15 @@ def test_what_a_killed_bench_left_is_removed_by_the_next(tmp_path, monkeypatch):
 
 def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypatch):
     asked = []
-    monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments))
+    figure = Figure("rendering", "", (), (), (Point("", "", {}),), {})
+    monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments) or figure)
     monkeypatch.chdir(small_run)
     trained = load_run(Path())
-    suite._rendering_of(trained, replace(TINY, cameras=1), Report())
-    splats, cameras, name, title = asked[0][:4]
+    named = suite._rendering_of(trained, replace(TINY, cameras=1), Report()).name
+    what, splats, cameras = asked[0][:3]
     assert torch.equal(splats.sh, bake(trained, find_look(trained, "neutral")).sh)
     assert (cameras[0].width, cameras[0].height) == (WIDTH, HEIGHT)
-    assert name == suite.OF_RUN and small_run.name in title
+    assert named == suite.OF_RUN and what == small_run.name
 
 
 def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(small_run):

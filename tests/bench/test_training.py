@@ -43,7 +43,7 @@ def test_a_history_that_says_nothing_is_refused(small_run, tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    "step, fix", [(0, "type: wegs train --resume -o "), (3, "type: wegs train --resume -o "), (40, "Train without --all-photos on a scene")]
+    "step, fix", [(0, "type: wegs train --resume -o "), (3, "type: wegs train --resume -o "), (40, "It was removed or damaged after the training")]
 )
 def test_a_run_stopped_before_its_first_check_can_go_on(small_run, tmp_path, step, fix):
     stopped = copied(small_run, tmp_path, lambda _: f"{HEAD}\n3,1.0,9,1,1,1,0,,\n")
@@ -54,6 +54,14 @@ def test_a_run_stopped_before_its_first_check_can_go_on(small_run, tmp_path, ste
         checkpoint.save(stopped, checkpoint.Checkpoint(saved.tensors, saved.facts | {"step": step}))
     with pytest.raises(BadInput, match=f"history.csv holds no held-out quality. .*{fix}"):
         checks(stopped)
+
+
+def test_a_run_that_measures_nothing_is_told_what_to_train(small_run, tmp_path):
+    bare = copied(small_run, tmp_path, lambda _: f"{HEAD}\n3,1.0,9,1,1,1,0,,\n")
+    config = bare / "config.json"
+    config.write_text(config.read_text().replace('"split": "test"', '"split": "train"'))
+    with pytest.raises(BadInput, match="Train without --all-photos on a scene with test photos"):
+        checks(bare)
 
 
 def copied(folder, where, change):

@@ -112,7 +112,7 @@ def test_a_command_line_reaches_the_pipeline(asked, line, name, call):
 @pytest.mark.parametrize("extra", ["plaza --steps 3", "plaza -o run", "--steps 3", "--preset quick", "--set sky=none", "--config x.toml", "--force"])
 def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     result = invoke("train", "--resume", *extra.split())
-    assert result.exit_code == 1 and "resumed run keeps" in result.stderr and "train a new run" in result.stderr
+    assert result.exit_code == 1 and "has no effect on a resumed run" in result.stderr and "train a new run" in result.stderr
     assert asked == []
 
 

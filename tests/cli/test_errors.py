@@ -49,6 +49,7 @@ def outcome_of(problem: BaseException):
         (OSError(errno.ENOSPC, "No space left on device", "a.ply"), "The disk is full: a.ply was not written.", 1),
         (OSError(errno.EROFS, "Read-only file system", "a.ply"), "a.ply: Read-only file system.", 1),
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long.", 1),
+        (OSError(errno.EIO, "Input/output error", "history.csv"), "history.csv: Input/output error. Check its disk, or", 1),
         (UnicodeEncodeError("utf-8", "photos \udcfe", 7, 8, "no"), r"'photos \udcfe' cannot be written as utf-8", 1),
         (MemoryError(), "not enough memory", 1),
         (opencv_error(cv2.Error.StsNoMem), "not enough memory", 1),
@@ -149,6 +150,18 @@ def test_a_signal_while_the_engine_loads_is_a_ctrl_c(tmp_path, name):
     (tmp_path / "stopped.py").write_text("import click\n@click.command()\ndef stop():\n    import core.data")
     program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
     program += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background jobs ignore it
+    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
+    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_second_signal_does_not_change_the_last_words(tmp_path, name):
+    lines = ("import os, signal, click, core.words", "line_of = core.words.on_one_line")
+    lines += ("def signalled(line):", f"    os.kill(os.getpid(), signal.{name})", "    return line_of(line)", "core.words.on_one_line = signalled")
+    lines += ("@click.command()", "def stop():", "    raise KeyboardInterrupt")
+    (tmp_path / "stopped.py").write_text("\n".join(lines))
+    program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
     done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")

@@ -147,6 +147,15 @@ def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monke
     assert find_photos(tmp_path) == tmp_path
 
 
+@pytest.mark.parametrize("place", ["sfm", "colmap/sparse", "distorted/sparse/0", "sparse/0_aligned"])
+def test_a_model_where_none_is_looked_for_is_told(tmp_path, monkeypatch, place):
+    model = SmallScene().write(tmp_path / "scene", images="images", sparse=place) / place
+    monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
+    heard = Heard()
+    prepare.prepared(tmp_path / "scene", tmp_path / "made", heard)
+    assert heard.lines == [f"! {model} holds a COLMAP model, which is not used: move it to {tmp_path / 'scene' / 'sparse' / '0'}."]
+
+
 def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, monkeypatch):
     for name in ("a.jpg", "b.jpg", "day/1.jpg", "day/2.jpg", "day/3.jpg", "day/dark/1.jpg"):
         save_photo(tmp_path / "photos" / name)
@@ -156,7 +165,7 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, monkey
     day = tmp_path / "photos" / "day"
     told = f"! 4 photos in {day}, {day / 'dark'} not used: subfolders are not searched. To use them, put all photos into one folder, or give theirs."
     assert heard.lines == [told]
-    monkeypatch.setattr(cameras, "reconstruct", lambda photos, output, report: output)
+    monkeypatch.setattr(cameras, "reconstruct", lambda photos, output, report, lists: output)
     cameras.find_cameras(tmp_path / "photos", tmp_path / "scene", heard)
     assert heard.lines[1:] == [told, f"Next: wegs train {tmp_path / 'scene'}"]
 

@@ -78,6 +78,19 @@ def test_test_txt_beside_the_model(tmp_path):
     assert [photo.name for photo in load_collection(root).split("test")] == ["photo_1.png"]
 
 
+def test_lists_may_be_in_any_letters_and_between_the_scene_and_its_model(tmp_path):
+    root = SmallScene().write(tmp_path / "scene", images="dense/images", sparse="dense/sparse")
+    held_out = []
+    for number, place in enumerate(("dense/Test.TXT", "dense/sparse/TEST.txt", "test.txt")):
+        (root / place).write_text(f"photo_{number}.png\n")
+        held_out += [photo.name for photo in load_collection(root).split("test")]
+    for number, place in enumerate(("dense/NERFW_SPLIT.CSV", "PLAZA.TSV")):
+        rows = [(f"photo_{photo}.png", "1", "test" if photo == number else "train", "x") for photo in range(4)]
+        (root / place).write_text(table(*rows))
+        held_out += [photo.name for photo in load_collection(root).split("test")]
+    assert held_out == [f"photo_{number}.png" for number in (0, 1, 2, 0, 1)]
+
+
 def test_tsv_beats_test_txt_and_drops_what_it_must(tmp_path):
     (tmp_path / "test.txt").write_text("a.jpg\n")
     rows = [("a.jpg", "1.0", "train", "x"), ("b.jpg", "2.0", "test", "x"), ("c.jpg", "", "train", "x")]

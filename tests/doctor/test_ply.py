@@ -52,6 +52,7 @@ def test_a_sound_file_of_any_program_is_sound(tmp_path, rest, degree, kind):
     assert asked_for(findings) == set()
     assert f"{ROWS} Gaussians of SH degree {degree}" in findings["file"].figure
     assert findings["harmonics"].figure.startswith(f"degree {min(degree, 1)} used of {degree}")
+    assert "ok invisible: none" in heard.lines
     assert heard.lines[-1].endswith(f"Verdict: sound; {len(findings)} checks, nothing to do.")
     assert len(heard.lines) == len(findings) + 1 and not any("\n" in line for line in heard.lines)
 
@@ -104,7 +105,7 @@ def test_what_counts_as_too_large_or_too_thin(tmp_path, axes, name, count):
     rows = sound_rows()
     for axis, length in enumerate(axes):
         rows[f"scale_{axis}"][:5] = np.log(length)
-    assert examined(write(tmp_path / "a.ply", rows))[0][name].figure.split()[0] == str(count)
+    assert examined(write(tmp_path / "a.ply", rows))[0][name].figure.split()[0] == (str(count) if count else "none")
 
 
 @pytest.mark.parametrize(
@@ -139,12 +140,16 @@ def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, 
     rows["x"][0], rows["rot_0"][1], rows["f_rest_20"][90], rows["f_dc_1"][70:90] = np.nan, 0, 12.0, 9.0
     rows["scale_0"][100:300] += np.log(20.0)
     rows["scale_1"][40:60] = rows["scale_2"][40:60] = rows["scale_0"][40:60] = 2.0
+    rows["opacity"][200:220] = -9.0
+    rows["y"][60] = 5000.0
     rows["y"] += 5e6
     (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
     findings, _ = examined(write(tmp_path / "a.ply", rows, comment))
     words = {
         "not finite": "wegs bake",
         "zero quaternions": "wegs bake",
+        "invisible": "prune_opacity",
+        "extent": "reach",
         "needles": "scale_rate",
         "giants": "largest_scale",
         "colours": "sh_rate",
@@ -261,14 +266,14 @@ def test_a_camera_that_looks_along_x(tmp_path):
     rows["opacity"] = -3.0
     camera = json.loads(cameras_json((-4.0, 0.0, 0.0)))[0] | {"rotation": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}  # camera to world
     (tmp_path / "cameras.json").write_text(json.dumps([camera]))
-    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "0"
+    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "none"
 
 
 def test_what_only_the_second_camera_shows_is_seen(tmp_path):
     rows = sound_rows()
     rows["opacity"], rows["z"][:100] = -3.0, -9.0
     (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0), (0.0, 0.0, -14.0)))
-    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "0"
+    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "none"
 
 
 def test_the_units_of_a_file_change_nothing(tmp_path):

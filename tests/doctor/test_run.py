@@ -28,7 +28,7 @@ def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
     assert "(60 of them sky) of SH degree 1" in findings["file"].figure
     assert "sky_gaussians=60" in findings["settings"].figure and "steps=30" in findings["settings"].figure
     assert "over 7 looks" in findings["residuals"].figure  # of nine photos two are held out
-    assert findings["giants"].figure == "0 in the scene, 0 beyond 3 radii"  # the sky is no giant
+    assert findings["giants"].figure == "none"  # the sky is no giant
     assert heard.steps[-1] == (7, 7)
     # So short a run has learned no looks, and two of its 80 Gaussians may be too dark, as the processor rounds; it is sound all the same.
     assert asked_for(findings) <= {"looks", "colours"}
@@ -119,7 +119,7 @@ def test_what_is_never_seen_is_asked_at_a_small_size(trained, monkeypatch):
         "core.doctor.views.largest_contributions",
         lambda splats, cameras, *_: (sizes.extend((camera.width, camera.height) for camera in cameras), torch.ones(len(splats)))[1],
     )
-    assert examined(trained)[0]["never seen"].figure == "0"
+    assert examined(trained)[0]["never seen"].figure == "none"
     assert set(sizes) == {(WIDTH // 4, HEIGHT // 4)}
 
 

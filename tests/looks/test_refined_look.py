@@ -164,7 +164,10 @@ def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path
     cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), (90, 120, 150), np.uint8))
     encoded, kept = (find_look(trained, str(wall), refine=refine) for refine in (False, True))
     assert torch.equal(kept.colouring.embedding, encoded.colouring.embedding) and kept.colouring.changes == {}
-    assert kept.source == f"{encoded.source}, not refined: where it was taken was not found"
+    assert (
+        kept.source
+        == f"{encoded.source}, not refined: its camera could not be located (too few features match the training photos, or agree on a camera)"
+    )
 
 
 def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without_the_scene(trained, tmp_path):
@@ -181,7 +184,7 @@ def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without
     heard = [Heard(), Heard()]
     looks = [find_look(run, str(outside), report=report) for run, report in zip((new, gone), heard, strict=True)]
     assert alike(looks[0].colouring, looks[1].colouring) and "refined from where it was taken" in looks[1].source
-    assert any("searched for once" in line for line in heard[0].lines) and not heard[1].lines
+    assert any("first time only" in line for line in heard[0].lines) and not heard[1].lines
 
 
 def test_they_are_searched_for_again_once_all_photos_are_back(trained, tmp_path):
@@ -222,6 +225,14 @@ def test_in_a_run_that_may_not_be_written_in_they_are_searched_for_again(trained
     monkeypatch.setattr(Landmarks, "save", refused)
     known = refined_look.landmarks_of_run(replace(trained, folder=tmp_path), Report())
     assert len(known.counts) == 5 and not list(tmp_path.iterdir())
+
+
+def test_in_a_run_that_was_replaced_meanwhile_they_are_not_kept(trained, tmp_path):
+    (tmp_path / "config.json").write_text('{"run": "another"}')
+    heard = Heard()
+    refined_look.landmarks_of_run(replace(trained, folder=tmp_path), heard)
+    assert any(line.startswith(f"! {tmp_path} holds another run than before.") for line in heard.lines)
+    assert [path.name for path in tmp_path.iterdir()] == ["config.json"]
 
 
 def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_path, monkeypatch):

@@ -23,8 +23,9 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
     look = Look("dusk", "dusk.jpg", dusk)
     back = loaded(saved_look.save(tmp_path, look, "abc", 7), 16)
     assert torch.equal(back.colouring.embedding, dusk.embedding)
-    assert (back.name, back.source, back.colouring[1:]) == (look.name, look.source, (None, {}))
-    (tmp_path / "copy.json").write_text((tmp_path / "appearance" / "dusk.json").read_text())
+    assert (back.name, back.source, back.colouring[1:]) == ("dusk", "saved look dusk (of dusk.jpg)", (None, {}))
+    text = (tmp_path / "appearance" / "dusk.json").read_text()
+    (tmp_path / "copy.json").write_text(text.replace("{", '{"name": "dusk",', 1))  # as earlier versions wrote it
     assert loaded(tmp_path / "copy.json", 16).name == "copy"  # files are copied; what they say of themselves is no path
     night = Look("night", "night.jpg", dusk._replace(tone=torch.rand(2, 3)))
     assert torch.equal(loaded(saved_look.save(tmp_path, night, "abc", 7), 16).colouring.tone, night.colouring.tone)

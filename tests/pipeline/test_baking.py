@@ -1,5 +1,6 @@
 """A trained run in one look as a file: which look, and what is refused."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -35,6 +36,31 @@ def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
         assert (baked - expected).abs().max() <= 0.5 / 255  # half an 8-bit step: no viewer can show the difference
 
 
+def test_the_viewpoints_are_named_where_they_are_and_written_again_where_a_run_goes_on(trained, tmp_path):
+    folder = shutil.copytree(trained[0], tmp_path / "run")
+    cameras = (folder / "cameras.json").read_bytes()
+    for gone in (False, True):
+        if gone:
+            (folder / "cameras.json").unlink()
+        heard = Heard()
+        pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply", heard, force=True)
+        assert any("cameras.json as well" in line for line in heard.lines) != gone
+    shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
+    pipeline.resume(folder)
+    assert (folder / "cameras.json").read_bytes() == cameras
+
+
+def test_what_was_made_meanwhile_is_replaced_by_no_look(trained, tmp_path, monkeypatch):
+    def made(*arguments):
+        (tmp_path / "a.ply").write_text("theirs")
+        return find_look(*arguments)
+
+    monkeypatch.setattr(baking, "find_look", made)
+    with pytest.raises(BadInput, match="a.ply exists. Add --force"):
+        pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.ply")
+    assert (tmp_path / "a.ply").read_text() == "theirs"
+
+
 def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
     folder = trained[0]
     data = {}
@@ -46,7 +72,7 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
     with pytest.raises(BadInput, match="a name such as noon"):
         find_look(live, "Noo")
     by_path = find_look(live, str(folder / "appearance" / "noon.json"))
-    assert by_path.source == "training photo photo_0.png, refined"
+    assert by_path.source == "saved look noon (of training photo photo_0.png, refined)"
     for elsewhere, words in (("gone/noon", "is neither a photo file"), ("gone/noon.json", "no saved look gone/noon.json")):
         with pytest.raises(BadInput, match=words):
             find_look(live, elsewhere)

@@ -71,7 +71,7 @@ def test_a_photo_in_whose_place_another_lies_is_told_and_no_run_goes_on_with_it(
     facts = json.loads((folder / "config.json").read_text())
     facts["scene"] |= {"path": str(scene), "from_run": None}
     (folder / "config.json").write_text(json.dumps(facts))
-    said = "! 1 photo changed since this run began, so looks and figures may be wrong: photo_0.png"
+    said = "! Photos or their masks changed since this run began, so looks and figures may be wrong: photo_0.png"
     photo = load_run(folder).collection.photos[0]
     for changed in (False, True):
         if changed:

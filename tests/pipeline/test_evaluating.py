@@ -15,7 +15,7 @@ import torch
 from core import pipeline
 from core.bench import suite
 from core.errors import BadInput, WegsError, disk_full
-from core.evaluation import lpips
+from core.evaluation import lpips, protocols
 from core.evaluation.lpips import Lpips
 from core.looks import held_out_views
 from core.pipeline import baking, evaluating, training
@@ -58,7 +58,7 @@ def test_pictures_of_an_earlier_call_are_said_to_be(trained, tmp_path):
 
 def test_what_is_known_of_a_synthetic_scene_is_measured_too(trained, small_scene, monkeypatch):
     """The photos themselves as the clean truth, nobody in them; and of photos too small for LPIPS that is said."""
-    monkeypatch.setattr(lpips, "load", lambda: Lpips("alex", made_weights("alex")))
+    monkeypatch.setattr(lpips, "load", lambda: Lpips(made_weights()))
     for kind in ("clean", "masks"):
         (small_scene / "truth" / kind).mkdir(parents=True)
     for name in ("photo_2.png", "photo_5.png"):
@@ -129,6 +129,29 @@ def test_a_run_that_was_stopped_is_told_wherever_it_is_used(trained, tmp_path):
     with held(folder):
         pipeline.bake_to_file(folder, "neutral", tmp_path / "b.ply", heard)
     assert heard.lines[0] == f"! {folder} is still being trained: this is step 5 of {STEPS}."
+
+
+def test_a_folder_in_place_of_the_results_is_refused_before_the_work(trained, tmp_path, monkeypatch):
+    folder = shutil.copytree(trained[0], tmp_path / "run", ignore=shutil.ignore_patterns("results.json"))
+    (folder / "results.json").mkdir()
+    monkeypatch.setattr(evaluating, "measure", None)  # as any work would fail
+    with pytest.raises(BadInput, match="results.json is a folder, where a file is to be written. Move it away."):
+        pipeline.evaluate(folder)
+
+
+def test_figures_of_a_run_that_was_replaced_meanwhile_are_not_kept(trained, tmp_path, monkeypatch):
+    folder = shutil.copytree(trained[0], tmp_path / "run", ignore=shutil.ignore_patterns("*.json", "pictures"))
+    config = folder / "config.json"
+    config.write_bytes((trained[0] / config.name).read_bytes())
+
+    def replaced(*arguments):
+        config.write_text('{"run": "another"}')
+        return protocols.measure(*arguments)
+
+    monkeypatch.setattr(evaluating, "measure", replaced)
+    with pytest.raises(BadInput, match="holds another run than before. Run the same command again."):
+        pipeline.evaluate(folder, refine=False, keep_pictures=True)
+    assert not any((folder / name).exists() for name in ("results.json", "per_view.json", "pictures"))
 
 
 def test_figures_are_told_before_the_disk_is_full(trained, tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ import core.rasterizer
 from core import pipeline
 from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
+from core.looks import look_file
 from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
 from core.pipeline import interpolating
@@ -55,6 +56,18 @@ def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatc
     assert sorted(path.name for path in output.iterdir()) == ["frame_000.png", "frame_001.png", "sheet.png"]
     warning = f"! The disk is full: {output / 'video.mp4'} was not written. Free some space."
     assert heard.lines[-2:] == [warning, f"{output}: 2 frames, sheet.png"]
+
+
+def test_gaussians_that_cannot_be_drawn_are_warned_of_once_whichever_frame_lacks_them(trained, tmp_path, monkeypatch):
+    def bake_broken(live, look):
+        baked = bake(live, look).map(torch.clone)
+        baked.sh[: 0 if look.name == "neutral" else 2] = torch.nan
+        return baked
+
+    monkeypatch.setattr(look_file, "bake", bake_broken)
+    pipeline.interpolate(trained[0], "neutral", "photo_4.png", 3, tmp_path / "fade", heard := Heard(), ply=True)
+    warned = [line for line in heard.lines if "cannot be drawn" in line]
+    assert warned == ["! step_001.ply: 2 Gaussians that cannot be drawn (NaN, Inf or a zero quaternion) left out."]
 
 
 def test_force_replaces_a_fade_but_no_photos_that_are_called_frames(trained, tmp_path):

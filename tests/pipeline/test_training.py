@@ -1,6 +1,7 @@
 """Train, stop and go on; and what is refused on the way."""
 
 import errno
+import gc
 import shutil
 import signal
 from dataclasses import replace
@@ -59,6 +60,15 @@ def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(tr
     assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()
 
 
+def test_no_checkpoint_stays_in_memory_while_a_resumed_run_is_trained(small_scene, tmp_path, monkeypatch):
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train(small_scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5))
+    alive = []
+    monkeypatch.setattr(training, "_train", lambda *_: alive.extend(one for one in gc.get_objects() if type(one) is checkpoint.Checkpoint))
+    pipeline.resume(tmp_path / "run")
+    assert alive == []
+
+
 def test_a_run_that_was_killed_while_it_was_begun_goes_on(trained, small_scene, tmp_path, monkeypatch):
     def killed(*_):
         raise KeyboardInterrupt
@@ -81,7 +91,7 @@ def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypat
     fewer = replace(collection, photos=collection.photos[1:])
     monkeypatch.setattr(training, "load_collection", lambda *_: fewer)
     monkeypatch.setattr(checkpoint, "newest", lambda folder: folder / "checkpoint")
-    monkeypatch.setattr(checkpoint, "load", lambda path: checkpoint.Checkpoint({}, {"step": 1}))
+    monkeypatch.setattr(checkpoint, "read_facts", lambda path: {"step": 1})
     monkeypatch.setattr(training, "Trainer", None)  # which decodes them all
     with pytest.raises(BadInput, match="not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"):
         pipeline.resume(folder)

@@ -16,11 +16,10 @@ from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 
 from core.appearance import positional_encoding_cuda
-from core.kernels import chosen_rows_cuda
 from core.kernels.triton_launch import FUSED, UNFUSED
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.backend import MOST_PARTS
-from core.training.gaussians import adam_cuda, density_statistics_cuda
+from core.training.gaussians import adam_cuda, chosen_rows_cuda, density_statistics_cuda
 from core.training.losses import photometric_cuda, residual_cuda
 
 PLAIN = {"COEFFICIENTS": 1, "PROBED": False}  # a look of degree 0, drawn and not trained

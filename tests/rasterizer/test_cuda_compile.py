@@ -33,7 +33,7 @@ MOST_REGISTERS = {
     "project_backward": 112,
 }
 MOST_SPILLED = 24  # bytes: ptxas gives some registers up to come below a step of occupancy (Triton 3.9)
-USUAL = (75, 90)  # the oldest and one with 228 kB of shared memory; the others differ little and are for -m slow
+USUAL = (75,)  # the oldest; the others differ little and are for -m slow
 GENERATIONS = (75, 80, 86, 89, 90, 100)
 
 

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from core.rasterizer import create
+from core.rasterizer.importance import shares_of_picture
 from core.rasterizer.reference import project
 from core.rasterizer.shares import Shares
 from core.scene.cells import CELL_PX, cell_of_pixels, cell_sums
@@ -65,3 +66,14 @@ def test_the_product_has_the_gradient_of_a_matrix_product():
     torch.testing.assert_close(shares.mixed(colours), dense(shares) @ colours)
     torch.testing.assert_close(shares.of_gaussians(), dense(shares).sum(dim=0))
     torch.testing.assert_close(shares.of_cells(), dense(shares).sum(dim=1))
+
+
+@pytest.mark.parametrize("backend", ["reference", *FAST_BACKENDS])
+def test_the_shares_of_a_picture_are_those_of_its_cells_together(backend):
+    judge = verdict(SCENES["random_degree_3"])
+    splats, camera, rasterizer = judge.scene.splats, judge.scene.camera, backend_or_skip(backend, "random_degree_3")
+    part = weight_of(judge) > weight_of(judge).median()
+    found = shares_of_picture(splats, camera, rasterizer, part, ~part)
+    for shares, counted in zip(found, (torch.ones_like(part), part, ~part), strict=True):
+        expected = create("reference").shares(splats, camera, counted.float()).of_gaussians() / part.numel()
+        torch.testing.assert_close(shares, expected, rtol=0, atol=2e-7)

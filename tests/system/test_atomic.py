@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from core.errors import BadInput, WegsError
+from core.errors import BadInput, DiskFull, WegsError, disk_full
 from core.system import atomic, lock
 from core.system.atomic import filling, replacing, write_json
 from core.system.outputs import files_in
@@ -50,6 +50,33 @@ def test_a_file_that_cannot_be_read_meanwhile_is_not_taken_for_the_output(tmp_pa
     assert raised.value.filename == str(missing) and list(tmp_path.iterdir()) == []
     with pytest.raises(BadInput, match="out could not be written"), write(tmp_path / "out") as work:
         (work / "missing" / "a.png").write_bytes(b"")
+
+
+def test_a_copy_that_the_system_refuses_is_of_the_output(tmp_path):
+    """Its error names the source first."""
+    with pytest.raises(BadInput, match="out could not be written: File too large"), atomic.replacing_folder(tmp_path / "out") as work:
+        raise OSError(errno.EFBIG, "File too large", "photo.jpg", None, str(work / "copy.jpg"))
+
+
+@pytest.mark.parametrize("name", ["a.json", "scene/a.json"])
+def test_a_full_disk_names_the_output_and_no_temporary_folder(tmp_path, name):
+    with pytest.raises(DiskFull, match=f"The disk is full: {tmp_path / 'out'} was not written"), atomic.replacing_folder(tmp_path / "out") as work:
+        raise disk_full(work / name)
+    elsewhere = DiskFull("The disk is full: temporary files could not be written in /tmp.", "Set TMPDIR.")
+    with pytest.raises(DiskFull, match="Set TMPDIR"), atomic.replacing_folder(tmp_path / "out"):
+        raise elsewhere
+
+
+def test_files_are_added_together_or_not_at_all(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).write_text("old")
+    with pytest.raises(KeyboardInterrupt), atomic.adding(tmp_path) as work:
+        (work / "a").write_text("half")
+        raise KeyboardInterrupt
+    assert [path.read_text() for path in sorted(tmp_path.iterdir())] == ["old", "old"]
+    with atomic.adding(tmp_path) as work:
+        (work / "a").write_text("new")
+    assert [path.read_text() for path in sorted(tmp_path.iterdir())] == ["new", "old"]
 
 
 def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path):
@@ -103,12 +130,14 @@ def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_pa
 
     killed, other, foreign = old(".fade.wegs-1"), old(".sheet.wegs-1"), old(".fade.mine")
     (tmp_path / ".fade.wegs-2").mkdir()  # of a process that is about to hold it
-    with filling(tmp_path / "fade", ("*.png",), False) as first:
+    with pytest.raises(BadInput, match="fade exists and is not empty. Add --force"), filling(tmp_path / "fade", ("*.png",), False) as first:
+        (first / "a.png").write_text("late")
         assert not killed.exists() and other.exists() and foreign.exists()
         os.utime(first, (1e9, 1e9))
         with filling(tmp_path / "fade", ("*.png",), False) as second:
             assert first != second and first.exists()
-            (second / "a.png").touch()
+            (second / "a.png").write_text("early")
+    assert (tmp_path / "fade" / "a.png").read_text() == "early"
     assert sorted(path.name for path in tmp_path.iterdir()) == [".fade.mine", ".fade.wegs-2", ".sheet.wegs-1", "fade"]
 
 

@@ -56,9 +56,8 @@ def losses_on_cpu(tmp_path, changes) -> list[float]:
 def trainer(tmp_path, monkeypatch, changes):
     """On DEVICE, by the kernels of a GPU."""
     from core.appearance import positional_encoding_cuda
-    from core.kernels import chosen_rows_cuda
     from core.rasterizer.cuda.backend import CudaRasterizer
-    from core.training.gaussians import adam_cuda, density_statistics_cuda
+    from core.training.gaussians import adam_cuda, chosen_rows_cuda, density_statistics_cuda
     from core.training.losses import photometric_cuda, residual_cuda
 
     rasterizer = CudaRasterizer()
@@ -220,8 +219,8 @@ def test_what_waits_is_seen():
 
 
 @pytest.mark.usefixtures("records")
-def test_what_was_drawn_ahead_leaves_no_trace_in_what_is_saved(trainer):
-    """A checkpoint is that of a run that draws each step when it is due; a draw that fails is met when its step is due."""
+def test_what_was_prepared_ahead_leaves_no_trace_in_what_is_saved(trainer):
+    """A checkpoint is that of a run that prepares each step when it is due; a preparation that fails is met when its step is due."""
     trainer.step()
     assert trainer.ahead is not None
     order, random_state = list(trainer.ahead.order), trainer.ahead.random_state
@@ -229,17 +228,17 @@ def test_what_was_drawn_ahead_leaves_no_trace_in_what_is_saved(trainer):
     assert trainer.ahead is None and trainer.order == order and torch.equal(trainer.generator.get_state(), random_state)
 
     trainer.step()
-    order, honest = list(trainer.order), trainer.stepper.draw
+    order, honest = list(trainer.order), trainer.stepper.prepare
 
     def fails(*_):
         trainer.generator.manual_seed(7)
         raise torch.OutOfMemoryError
 
-    trainer.stepper.draw = fails
-    trainer.step()  # it was drawn ahead; the next one is not
+    trainer.stepper.prepare = fails
+    trainer.step()  # it was prepared ahead; the next one is not
     random_state = trainer.generator.get_state()
     with pytest.raises(torch.OutOfMemoryError):
         trainer.step()
     assert trainer.order == order and torch.equal(trainer.generator.get_state(), random_state)
-    trainer.stepper.draw = honest
+    trainer.stepper.prepare = honest
     trainer.step()

@@ -1,6 +1,7 @@
 """Photos at training size: never enlarged, the same from the cache and made again, and nothing of what is hidden in them."""
 
 import threading
+import weakref
 from dataclasses import replace
 
 import cv2
@@ -40,7 +41,19 @@ def test_a_target_that_is_made_again_is_the_same(tmp_path):
         for index in (0, 1, 0):
             assert torch.equal(small.target(index, factor)[1].planes, kept.target(index, factor)[1].planes)
             assert len(small._targets) == 1
-    assert len(kept._targets) == 4
+        assert len(kept._targets) == 2 and kept._bytes == sum(target.nbytes for target in kept._targets.values())
+
+
+def test_targets_of_a_size_that_is_over_are_let_go(tmp_path):
+    """A step that is taken back may ask for one once more."""
+    photos = SizedPhotos(small_collection(tmp_path).split("train"), Sizes(1, 1.0, SIDE_PX))
+    first = weakref.ref(photos.target(0, 2)[1])
+    again = photos.target(0, 2)[1]
+    assert first() is again
+    planes = again.planes.clone()
+    del again
+    photos.target(1, 1)
+    assert first() is None and torch.equal(photos.target(0, 2)[1].planes, planes)
 
 
 def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
@@ -110,16 +123,18 @@ def test_photos_are_decoded_one_by_one_where_memory_is_limited_or_no_more_thread
     assert len(SizedPhotos(photos, Sizes(1, 1.0, SIDE_PX))) == 6 and decoding == {threading.get_ident()}
 
 
-def sized(tmp_path, sizes_px: list[tuple[int, int]], **given) -> SizedPhotos:
-    """Photos of these widths and heights."""
+def sized(tmp_path, sizes_px: list[tuple[int, int]], share_canvas: bool = True) -> SizedPhotos:
+    """Photos of these widths and heights, on a canvas if they share one."""
     photo = small_collection(tmp_path, photos=1).photos[0]
     photos = [replace(photo, name=f"{number}.png", camera=photo.camera.resized(*size)) for number, size in enumerate(sizes_px)]
-    return SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX), **given)
+    found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX))
+    found.share_canvas = share_canvas
+    return found
 
 
 def test_photos_that_share_a_canvas_have_targets_of_one_size(tmp_path):
     upright_and_wide = [(30, 40), (40, 30), (36, 36)]
-    photos = sized(tmp_path, upright_and_wide, share_canvas=True)
+    photos = sized(tmp_path, upright_and_wide)
     for factor in (1, 2):
         assert photos.canvas(factor) == (40 // factor, 40 // factor)
         for index, (width, height) in enumerate(upright_and_wide):
@@ -131,6 +146,5 @@ def test_photos_that_share_a_canvas_have_targets_of_one_size(tmp_path):
 
 
 def test_photos_share_no_canvas_where_it_would_not_pay(tmp_path):
-    assert sized(tmp_path, [(30, 40), (40, 30)]).canvas(1) is None
-    assert sized(tmp_path, [(30, 40), (40, 30)], share_canvas=True, transparent_is_empty=True).canvas(1) is None
-    assert sized(tmp_path, [(100, 10), (10, 100)], share_canvas=True).canvas(1) is None
+    assert sized(tmp_path, [(30, 40), (40, 30)], share_canvas=False).canvas(1) is None
+    assert sized(tmp_path, [(100, 10), (10, 100)]).canvas(1) is None

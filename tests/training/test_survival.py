@@ -22,7 +22,7 @@ from core.training.gaussians.densify import ALL_GONE
 from core.training.losses import mask_weights
 from core.training.on_disk import checkpoint
 from core.training.on_disk.mask_files import write_masks
-from core.training.trainer import SKIPS_ALLOWED, Trainer
+from core.training.trainer import SKIPS_TO_STOP, Trainer
 from tests.data.checks import notes_with
 from tests.data.small_scene import SmallScene
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
@@ -192,10 +192,10 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     messages = [message for report in trainer.train() for message in report.messages]
     (message,) = messages
     assert "masks hide" in message and "raise mask_regularisation" in message
-    assert trainer.mask_mean < mask_weights.COLLAPSED
+    assert trainer.mask_mean < mask_weights.LEAST_STATIC
     mask = trainer.model.read(trainer.photos[0].encoder_input, 0).mask
     weights = mask_weights.pixel_weights(trainer.photos.target(0, 1)[1].to_pixels(mask), mask.detach().mean())
-    assert float(weights.mean()) == pytest.approx(mask_weights.COLLAPSED, abs=0.02)  # bilinear resizing moves the mean a little
+    assert float(weights.mean()) == pytest.approx(mask_weights.LEAST_STATIC, abs=0.02)  # bilinear resizing moves the mean a little
 
 
 def test_masks_that_hide_nothing_yet_are_not_complained_of(collection, tmp_path):
@@ -203,7 +203,7 @@ def test_masks_that_hide_nothing_yet_are_not_complained_of(collection, tmp_path)
     trainer = Trainer(collection, settings, tmp_path)
     torch.nn.init.constant_(trainer.model.encoder.unet.up_2.bias, -2.2)
     assert [message for report in trainer.train() for message in report.messages] == []
-    assert trainer.mask_mean < mask_weights.COLLAPSED
+    assert trainer.mask_mean < mask_weights.LEAST_STATIC
 
 
 def test_masks_of_photos_with_odd_names_stay_in_the_run(collection, tmp_path):
@@ -282,7 +282,7 @@ def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learni
     networks = {name: tensor.clone() for name, tensor in trainer.model.state_dict().items()}
     harmonics = trainer.gaussians.splats.sh.clone()
     (message,) = trainer.step().messages
-    assert message.startswith("Step 2 taught the networks nothing: its encoder's gradient was not finite (photo ")
+    assert message.startswith("Step 2 taught the networks nothing: its networks' gradient was not finite (photo ")
     assert not torch.equal(trainer.gaussians.splats.sh, harmonics)
     for name, tensor in trainer.model.state_dict().items():
         assert torch.equal(tensor, networks[name]), name
@@ -297,9 +297,9 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
     trainer = Trainer(collection, small_settings(), folder)
     for _ in range(12):
         trainer.step()
-    spoil(trainer, SKIPS_ALLOWED, WRONG[words])
+    spoil(trainer, SKIPS_TO_STOP, WRONG[words])
     trainer.grow_at, few = [22], trainer.gaussians.solid
-    with pytest.raises(TrainingStopped, match=f"{SKIPS_ALLOWED} steps in a row.*{words}.*Saved .*checkpoint_000022"):
+    with pytest.raises(TrainingStopped, match=f"{SKIPS_TO_STOP} steps in a row.*{words}.*Saved .*checkpoint_000022"):
         for _ in trainer.train():
             pass
     assert trainer.gaussians.solid > few  # a round of growth was due just then

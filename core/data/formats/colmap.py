@@ -29,10 +29,10 @@ def find_model(root: Path) -> Path | None:
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
     if not (root / NERFSTUDIO_FILE).exists():
         folders.append(root / NERFSTUDIO_FOLDER)
-    for folder in folders:
-        if holds_model(folder):
-            others = _models_beside(folder)
-            return max([folder, *others], key=photos_in_model) if others else folder  # the first of equals
+    if models := [folder for folder in folders if holds_model(folder)]:
+        folder = next((folder for folder in models if _has_photos(root, folder)), models[0])
+        others = _models_beside(folder)
+        return max([folder, *others], key=photos_in_model) if others else folder  # the first of equals
     for folder in folders:
         if lacking := lacking_files(folder):
             fix = "Copy it again, or remove the folder to have the cameras found anew."
@@ -165,13 +165,24 @@ def _other_models(model: Path) -> list[Note]:
     return [Note(f"{model.parent} holds other models as well ({others}); {model.name} is used: it has most photos.")] if others else []
 
 
+def _bases(root: Path, model: Path) -> list[Path]:
+    """The folders in which the photos of the model, or the folders that hold them, may lie."""
+    return [root, model.parent.parent if model.name.isdecimal() else model.parent]
+
+
+def _has_photos(root: Path, model: Path) -> bool:
+    """Whether there is a folder of photos for the model: COLMAP's workspaces hold models without, beside the undistorted scenes made of them."""
+    bases = _bases(root, model)
+    return any((base / name).is_dir() for base in bases for name in ("images", *SHRUNKEN, *ORIGINALS)) or any(map(list_photos, bases))
+
+
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
     """The first folder with at least half of the model's photos, or else the one with most: images/, images_N/, the same below dense/, or root
     itself; input/ or photos/ only if none of these holds any. So whoever takes a photo out of images/ does not get the smaller copies instead.
     """
-    near = model.parent.parent if model.name.isdecimal() else model.parent
-    usual = [base / name for base in (root, near) for name in ("images", *SHRUNKEN)] + [root, near]
-    originals = [base / name for base in (root, near) for name in ORIGINALS]
+    bases = _bases(root, model)
+    usual = [base / name for base in bases for name in ("images", *SHRUNKEN)] + bases
+    originals = [base / name for base in bases for name in ORIGINALS]
 
     def exact(folder: Path) -> int:
         return sum(is_file(folder / name) for name in names)

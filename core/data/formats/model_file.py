@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from core.data.formats.text_model import fault_in, is_pose
 from core.errors import BadInput
 from core.system.atomic import temporary_place
 
@@ -103,6 +104,8 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
                 model.image(number).name = name
             return model
     except REFUSALS as problem:
+        if suffix == ".txt" and (fault := fault_in(folder)):
+            raise BadInput(f"{fault}.", "Correct it, copy the model again, or run COLMAP again.") from None
         reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__
         raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None
 
@@ -169,7 +172,7 @@ def _names_with_spaces(path: Path) -> dict[int, str]:
             if len(words) < 10 or not words[0].isdecimal():
                 continue
             name, features = words[9].strip(), next(file, None)
-            if features is None or features.strip()[-1:].isalpha():  # of the next name; features end in numbers
+            if features is None or is_pose(features):
                 raise BadInput(f"{path} gives {name} one line in place of two.", "Add the line of its features after it, which may be empty.")
             if " " in name:
                 names[int(words[0])] = name

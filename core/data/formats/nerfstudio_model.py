@@ -1,5 +1,6 @@
 """Points of a transforms.json from the COLMAP model that nerfstudio made it of: unlike its .ply, that says which photo sees which point."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -68,5 +69,5 @@ def _moved(points: np.ndarray, pairs: Sequence[tuple[PosedPhoto, PosedPhoto]]) -
 
     reach = np.linalg.norm(wanted - wanted_middle, axis=1).max()
     astray = np.linalg.norm(move(centres) - wanted, axis=1).max()
-    turned = np.linalg.norm(rotations - turn, axis=(1, 2)).max()
-    return move(points) if astray < ALIKE * reach and turned < ALIKE else None
+    turned = np.linalg.norm(rotations - turn, axis=(1, 2)).max()  # sqrt(2) times the angle between them, if that is small
+    return move(points) if astray < ALIKE * reach and turned < ALIKE * math.sqrt(2) else None

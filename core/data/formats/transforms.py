@@ -30,6 +30,7 @@ BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test"
 # All read alike, with whatever lens terms are given.
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 FISHEYE = "OPENCV_FISHEYE"
+LENGTHS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}  # which say the focal length
 LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # in the order of nerfstudio's distortion_params, which may stand in their place
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
 IN_VIEW = 0.5  # of the points; if the cameras show less, the file is likely to be in another frame
@@ -201,21 +202,23 @@ class _Lens:
 
     @staticmethod
     def of(facts: dict, frame: dict) -> "_Lens":
-        """The lens of a frame. facts: those at the top of the file, overridden by the frame's own; its angles override their focal lengths, too."""
-        if {"camera_angle_x", "camera_angle_y"} & frame.keys():
-            facts = {name: value for name, value in facts.items() if name not in ("fl_x", "fl_y")}
+        """The lens of a frame. facts: those at the top of the file, overridden by the frame's own; its angles override their focal lengths, too,
+        and its focal lengths their angles."""
+        for own, others in ((ANGLES, LENGTHS), (LENGTHS, ANGLES)):
+            if own & frame.keys():
+                facts = {name: value for name, value in facts.items() if name not in others}
         facts = facts | frame
         model = str(facts.get("camera_model") or (FISHEYE if facts.get("is_fisheye") else PERSPECTIVE[0])).upper()
         if model not in (*PERSPECTIVE, FISHEYE):
             raise Fault(f"with a camera_model that is not supported ({model}; {PERSPECTIVE[0]} and {FISHEYE} are)")
-        terms = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y", *LENS_TERMS)
+        terms = ("w", "h", "cx", "cy", *LENGTHS, *ANGLES, *LENS_TERMS)
         try:
             if (listed := facts.get("distortion_params")) is not None:  # as nerfstudio reads them
                 facts = facts | dict(zip(LENS_TERMS, listed, strict=True))
             numbers = {name: float(facts[name]) for name in terms if facts.get(name) is not None}
         except (TypeError, ValueError, OverflowError):
             raise Fault("with intrinsics that are not numbers") from None
-        if not {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"} & numbers.keys():
+        if not (LENGTHS | ANGLES) & numbers.keys():
             raise Fault("without fl_x or camera_angle_x")
         if not all(1 <= numbers.get(name, 1) <= LARGEST_SIDE_PX for name in ("w", "h")):
             raise Fault("with a w or h that no photo has")

@@ -11,6 +11,7 @@ NEGLIGIBLE_PX = 0.01  # a lens that moves no pixel of the photo farther than thi
 ROUND_TRIP_PX = 1.0  # a pixel whose ray does not lead back to it lies where the lens formula folds over
 NODES = 65  # a side of a grid of pixels; where all of their rays lead back, those of the others do
 BLOCK_PIXELS = 1 << 20  # rays are followed in blocks of rows, to bound memory
+MODELS = pycolmap.CameraModelId.__members__.keys() - {"INVALID"}
 
 # EXIF orientation -> rotation from the camera of the stored pixels to that of the displayed ones. The others are
 # mirrors, which no camera can be.
@@ -37,6 +38,16 @@ def usable(camera: pycolmap.Camera) -> bool:
     if min(camera.width, camera.height) < 1 or not (np.abs(camera.params) < LARGEST_PX).all():  # so that NaN fails it
         return False
     return min(camera.focal_length_x, camera.focal_length_y) > 0
+
+
+def is_sound(lens: Lens) -> bool:
+    """Whether the values of the lens, which may come from a damaged file, are such that `undistort` can work with them."""
+    if lens.model not in MODELS or lens.orientation not in TURNS or not type(lens.width) is type(lens.height) is int:
+        return False
+    if not all(type(value) in (int, float) for value in lens.params):
+        return False
+    camera = colmap_camera(lens)
+    return camera.verify_params() and not camera.is_spherical() and usable(camera)
 
 
 def is_pinhole(camera: pycolmap.Camera) -> bool:

@@ -145,12 +145,19 @@ def _is_misread(picture: Image.Image) -> bool:
 
 
 def _header(data: mmap.mmap, picture: Image.Image) -> Header:
-    """Pillow turns TIFF and HEIF as their EXIF says."""
-    exif = b"" if picture.format == "TIFF" else picture.info.get("exif", b"")
+    """Pillow turns HEIF and TIFF as they say when it decodes them, and tells the size of a TIFF as displayed before that."""
+    if picture.format == "TIFF":
+        size = picture.size[::-1] if swaps_sides(picture.tag_v2.get(ORIENTATION, 1)) else picture.size
+        return Header("TIFF", *size, _orientation(picture.getexif()), b"", _profile(picture))
+    exif = picture.info.get("exif", b"")
     if picture.format == "PNG" and not exif:
         exif = _exif_at_the_end(data)
-    orientation = tags_of(exif).get(ORIENTATION, 1)
-    return Header(picture.format, *picture.size, orientation if orientation in range(1, 9) else 1, exif, _profile(picture))
+    return Header(picture.format, *picture.size, _orientation(tags_of(exif)), exif, _profile(picture))
+
+
+def _orientation(tags: Image.Exif) -> int:
+    found = tags.get(ORIENTATION, 1)
+    return found if found in range(1, 9) else 1
 
 
 def _exif_at_the_end(png: mmap.mmap) -> bytes:

@@ -84,15 +84,15 @@ def take_pictures_out(video: Path) -> str:
 
 def photos_below(folder: Path) -> dict[Path, int]:
     """How many photos are in each folder up to LEVELS below `folder` that holds any; what wegs wrote does not count."""
-    counts = {path: len(list_photos(path)) for path in _folders_below(folder, LEVELS)}
+    counts = {path: len(list_photos(path)) for path in folders_below(folder)}
     return {path: count for path, count in counts.items() if count}
 
 
-def _folders_below(folder: Path, levels: int) -> Iterator[Path]:
+def folders_below(folder: Path, levels: int = LEVELS) -> Iterator[Path]:
     """Subfolders by name, each before its own; without hidden ones, those that wegs wrote, and those that cannot be listed."""
     with suppress(OSError):
         for path in sorted(folder.iterdir()):
             if path.is_dir() and os.access(path, os.R_OK | os.X_OK) and not path.name.startswith(".") and not is_of_wegs(path):
                 yield path
                 if levels > 1:
-                    yield from _folders_below(path, levels - 1)
+                    yield from folders_below(path, levels - 1)

@@ -16,7 +16,7 @@ FLAT = 3.0  # root mean square of a tile's detail, in 8-bit steps, below which i
 # Kermit differ by 0.2 or more and do not correlate. Detail alone would take one place in two lights for one picture; colours alone, a
 # column seen from two sides.
 SAME_COLOURS, SAME_DETAIL = 0.1, 0.75
-BLOCKS = 8  # a side: means of the colours in them rule out most pictures, as they differ by no more than the colours do
+BLOCKS = 8  # a side: where the mean colours of two pictures' blocks are too far apart, so are their colours, which then need not be compared
 ROUNDING = 1.001  # of sums in float32
 ASPECT_TOLERANCE = 0.02
 
@@ -51,7 +51,7 @@ class Thumbnail:
         return bool(shown.any() and correlations.min() > SAME_DETAIL)
 
     def colours_slack(self) -> float:
-        """The mean square by which the colours of one picture do not differ."""
+        """The mean square difference from this picture's colours at which those of another photo are no longer of the same picture."""
         return (SAME_COLOURS * self.colours.std()) ** 2
 
     def block_colours(self) -> np.ndarray:

@@ -12,10 +12,11 @@ from core.data.collection import Photo
 from core.data.photos import distortion
 from core.data.photos.file import Header, bad_photo, probe, swaps_sides
 from core.data.photos.fill import fill
-from core.data.photos.stored import read_stored
+from core.data.photos.stored import as_stored, read_stored, upright
 from core.errors import BadInput
 
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
+OPAQUE = 250  # of 255; programs that blend or convert leave opaque pixels a little below
 LIGHT_PX = 2000  # a side; more than enough for light, as the encoder sees a square of 144
 GREY = (32, 224)  # between black and white
 MOST_GREY = 0.5  # of a mask; one with more is a photo or a map of classes
@@ -59,7 +60,7 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     """
     header, pixels, alpha = read_stored(path, (LIGHT_PX, LIGHT_PX))
     pixels = upright(pixels, header.orientation)
-    use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) == 255
+    use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) >= OPAQUE
     if mask is not None:
         use &= read_mask(mask, pixels.shape[:2])
     return pixels if use.all() else _filled(pixels, use, path, masked=mask is not None)
@@ -69,17 +70,17 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the lens did not see
-    them, if they are at all transparent, or if the photo's mask hides them; the latter two are filled with the colours around them.
+    them, if they are transparent by more than a trace, or if the photo's mask hides them; the latter two are filled with the colours around them.
     transparent_is_empty: transparent pixels are valid, and empty space. Raises BadInput like `read_pixels`.
     """
     header, pixels, alpha = read_stored(photo.path, (width, height))
     pixels = _over_white(pixels, alpha)
-    valid = None if alpha is None or transparent_is_empty else alpha == 255
+    valid = None if alpha is None or transparent_is_empty else alpha >= OPAQUE
     if transparent_is_empty and alpha is not None:
         pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
         shown = pixels.shape[1::-1] if swaps_sides(header.orientation) else pixels.shape[:2]
-        use = _as_stored(read_mask(photo.mask, shown, photo), header.orientation)
+        use = as_stored(read_mask(photo.mask, shown, photo), header.orientation)
         valid = use if valid is None else valid & use
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
@@ -96,26 +97,6 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     elif valid is not None and alpha is not None and not transparent_is_empty:
         pixels = fill(pixels, valid)
     return LoadedPhoto(pixels, valid, empty)
-
-
-def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Stored pixels (H, W, ...) as displayed; orientation: EXIF's 1..8."""
-    if swaps_sides(orientation):
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return np.ascontiguousarray(pixels)
-
-
-def _as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """The inverse of `upright`."""
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    return pixels.swapaxes(0, 1) if swaps_sides(orientation) else pixels
 
 
 def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:

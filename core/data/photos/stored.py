@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageCms
 
-from core.data.photos.file import TRUNCATED, Header, bad_photo, opened
+from core.data.photos.file import TRUNCATED, Header, bad_photo, opened, swaps_sides
 
 REDUCTIONS = (8, 4, 2)  # at which a JPEG can be decoded
 MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
@@ -33,7 +33,31 @@ def read_stored(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Head
             picture = picture.convert("LA" if picture.mode in GREYS else "RGBA")
             alpha = np.array(picture.getchannel("A"))
         pixels = np.array(_in_srgb(picture, header.profile))
-    return header, pixels, None if alpha is None or alpha.min() == 255 else alpha
+    if alpha is not None and alpha.min() == 255:
+        alpha = None
+    if header.kind == "TIFF":  # which Pillow has turned upright
+        pixels, alpha = as_stored(pixels, header.orientation), None if alpha is None else as_stored(alpha, header.orientation)
+    return header, pixels, alpha
+
+
+def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Stored pixels (H, W, ...) as displayed; orientation: EXIF's 1..8."""
+    if swaps_sides(orientation):
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return np.ascontiguousarray(pixels)
+
+
+def as_stored(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """The inverse of `upright`."""
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return np.ascontiguousarray(pixels.swapaxes(0, 1) if swaps_sides(orientation) else pixels)
 
 
 def reduction(header: Header, wanted: tuple[int, int] | None) -> int:

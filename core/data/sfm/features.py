@@ -1,8 +1,5 @@
 """SIFT features of photos and their matches, by pycolmap on a CPU, in parts that tell of progress."""
 
-import errno
-import os
-import shutil
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,27 +11,27 @@ from PIL import Image
 
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
+from core.data.sfm.room import check_growth
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
 from core.system import memory, threads
 
 LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
-MOST_FEATURES = 8192  # at most, of a photo whose camera is known
+MOST_FEATURES = 8192  # at most, of a photo, where the caller asks for no fewer
 LEAST_PHOTOS = 2
 JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undistorted photos
 SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 LEAST_INLIERS = 15  # COLMAP's, of the geometry of a pair
 PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
-# On the disk, in the database and once more in its journal: a photo of MOST_FEATURES, and a pair of two such in which all match.
+# Space on the disk, in the database and again in its journal, for a photo of MOST_FEATURES, and for a pair of such photos whose features all match.
 PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
-SPARE_BYTES = 16 << 20  # that are left on it
-MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, however fast they go: those that are there already take no time
+MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, even where they go fast: those that are in the database already take no time
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
 # Of memory: what a thread takes that finds or matches MOST_FEATURES in photos of LONG_SIDE_PX, and the program besides.
 THREAD_BYTES, OTHER_BYTES = 400 << 20, 600 << 20
-HALF = 128  # of 255: features are extracted where less of a pixel than this is empty
+HALF = 128  # of 255: features are extracted where less of a pixel than this is empty space
 
 
 def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
@@ -79,7 +76,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.sift.max_num_features = most
     options.num_threads = _threads_within_limit()
     for done, part in _parts(names, 2, MOST_PHOTOS):
-        check_room(work, len(part) * PHOTO_BYTES)
+        check_growth(work / DATABASE, len(part) * PHOTO_BYTES)
         _number(work, part)
         pycolmap.extract_features(
             work / DATABASE,
@@ -91,12 +88,6 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
             device=pycolmap.Device.cpu,
         )
         report.progress("Features", done, len(names))
-
-
-def check_room(work: Path, needed: int) -> None:
-    """Raise OSError unless so many bytes can be written: pycolmap ends the whole program where one of its threads cannot write."""
-    if shutil.disk_usage(work).free < needed + SPARE_BYTES:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(work / DATABASE))
 
 
 def _number(work: Path, names: list[str]) -> None:
@@ -123,7 +114,7 @@ def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
     for done, part in _parts(lines, 8, MOST_PAIRS):
-        check_room(work, len(part) * PAIR_BYTES)
+        check_growth(work / DATABASE, len(part) * PAIR_BYTES)
         (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
         pycolmap.match_image_pairs(
             work / DATABASE,

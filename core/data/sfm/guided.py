@@ -11,7 +11,8 @@ import numpy as np
 import pycolmap
 from pycolmap import TwoViewGeometryConfiguration as Configuration
 
-from core.data.sfm.features import DATABASE, LEAST_INLIERS, PAIR_BYTES, USUAL_RATIO, check_room
+from core.data.sfm.features import DATABASE, LEAST_INLIERS, PAIR_BYTES, USUAL_RATIO
+from core.data.sfm.room import check_growth
 from core.kernels.compiled import kernel
 from core.report import Report
 from core.system.threads import in_parallel
@@ -40,7 +41,7 @@ def guide(work: Path, pairs: Sequence[tuple[str, str]], report: Report) -> None:
         numbers = {image.name: image.image_id for image in database.read_all_images()}
         for start in range(0, len(pairs), PAIRS_AT_ONCE):
             some = pairs[start : start + PAIRS_AT_ONCE]
-            check_room(work, len(some) * PAIR_BYTES)
+            check_growth(work / DATABASE, len(some) * PAIR_BYTES)
             _guide_some(database, [(numbers[first], numbers[second]) for first, second in some])
             report.progress("Guided matches", start + len(some), len(pairs))
 

@@ -3,11 +3,12 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from core.data.collection import Collection
+from core.data.collection import CHECK_POSES, Collection
 from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
 from core.data.made import followed, made_once, path_from, read_mark, stamp, way_to
 from core.data.posed import Points
+from core.data.sfm.room import write_model
 from core.data.sfm.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
@@ -19,7 +20,6 @@ MODEL = "points"  # a COLMAP model of the training photos
 # Share of matches that agree with the cameras. Right ones: 34 (plaza) to 95 % (fountain). Poses inverted, in other axes or of other photos: at
 # most 18 %.
 LEAST_NEAR = 0.2
-CHECK_POSES = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
 
 
 def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
@@ -47,7 +47,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
                 what = f"No point could be triangulated from the photos and cameras of {collection.root}"
                 raise BadInput(f"{what}.", CHECK_POSES)
             (work / "scene" / MODEL).mkdir(parents=True)
-            model.write(work / "scene" / MODEL)
+            write_model(model, work / "scene" / MODEL)
             write_json(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), "near": near, **same})
         report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
 

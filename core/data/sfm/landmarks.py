@@ -40,16 +40,19 @@ class Landmarks:
         """The same, moved from the scene frame `own` to another frame of the same world."""
         return replace(self, points=other.to_scene(own.to_world(self.points)))
 
-    def save(self, path: Path) -> None:
-        """Write them as .npz, whole or not at all; raises as `core.system.atomic.replacing` does."""
+    def save(self, path: Path, run: str) -> None:
+        """Write them as .npz, whole or not at all; raises as `core.system.atomic.replacing` does. run: the identity of the run in whose frame they
+        are."""
         with replacing(path) as temporary:
-            np.savez(temporary, **vars(self))
+            np.savez(temporary, run=run, **vars(self))
 
     @staticmethod
-    def load(path: Path) -> "Landmarks | None":
-        """The inverse of `save`; None if there is no such file, or it is damaged."""
+    def load(path: Path, run: str) -> "Landmarks | None":
+        """The inverse of `save`; None if there is no such file, or it is damaged or of another run."""
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+                if arrays["run"] != run:
+                    return None
                 return Landmarks(**{field.name: arrays[field.name] for field in fields(Landmarks)})
         except (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, BadZipFile):
             return None

@@ -13,10 +13,11 @@ from core.report import Report
 from core.words import counted
 
 REPEATABLE = 100  # up to this many photos one thread maps them, with nearly always the same result; a sixth slower than two (87 photos: 21 s)
+LEAST_PLACED = 3  # photos, unless there are only two: fewer are no scene
 
 
 def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
-    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput if there is none.
+    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput if none has LEAST_PLACED.
 
     COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses follow, and other photos
     cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So if fewer than half the photos are registered
@@ -40,16 +41,18 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
     for model in models:
         _drop_folded(model)
     models = _largest_first(model for model in models if model.num_reg_images())
-    if not models:
+    placed = models[0].num_reg_images() if models else 0
+    if placed < min(LEAST_PLACED, len(names)):
+        found = f"Cameras could be found for only {placed} of {len(names)} photos" if placed else "No cameras could be found"
         raise BadInput(
-            f"No cameras could be found: the {len(names)} photos do not overlap enough.",
+            f"{found}: the {len(names)} photos do not overlap enough.",
             "Add photos of the same place from nearby viewpoints, or larger ones.",
         )
     if len(models) > 1:
         sizes = ", ".join(str(part.num_reg_images()) for part in models)
         report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
     if folded := sum(not image.has_pose for image in models[0].images.values()):
-        report.warn(f"{counted(folded, 'photo')} could be placed only through a lens that no camera has, and not at all without it.")
+        report.warn(f"{counted(folded, 'photo')} fit only with an impossible lens and were left out.")
     return models[0]
 
 
@@ -70,7 +73,7 @@ def _drop_folded(model: pycolmap.Reconstruction) -> None:
 def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:
     """COLMAP's models of the matches, the one with the most photos first. refined: whether focal lengths are refined as photos are added."""
     options = pycolmap.IncrementalPipelineOptions()
-    options.min_model_size = min(3, len(names))  # COLMAP's 10 would refuse small collections
+    options.min_model_size = min(LEAST_PLACED, len(names))  # COLMAP's 10 would refuse small collections
     options.random_seed = SEED
     options.num_threads = options.mapper.num_threads = _threads(len(names))
     options.ba_refine_focal_length = refined

@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -22,8 +22,10 @@ from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import LENSES, MADE_OF, NAMES, files_of
+from core.data.sfm.room import check_room, write_model
 from core.data.sfm.upright import turn_upright
 from core.data.sfm.usable import UsablePhoto, usable_photos
+from core.data.split import copy_lists
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
@@ -35,16 +37,17 @@ from core.words import counted, name_them
 ALPHA = "alpha"  # folder, in the work folder, of what is known of transparency
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 LONGEST_NAME = 255  # bytes, of the usual disks; of a PNG whose name is nearly as long, that of its JPEG is longer
+JPEG_PIXEL_BYTES, PNG_PIXEL_BYTES = 1.5, 4  # of an undistorted photo, at most
 FEATURES_TO_MAP = 4096  # at most, a photo: as good as 6,000 and 8,192 (core/TRIED.md)
 
 
-def reconstruct(photos: Path, output: Path, report: Report) -> Path:
+def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path] = ()) -> Path:
     """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them, whole or not at all.
 
     The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of core.data.sfm.originals. Every photo
     gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the one with the most photos is kept.
     It stands upright, as far as photos tell (core.data.sfm.upright). Unreadable photos and those without a camera are left out and named.
-    What a stopped run found is used again (core.data.sfm.kept_matches).
+    What a stopped run found is used again (core.data.sfm.kept_matches). lists: folders whose split lists the scene gets as well.
     Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
 
     Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or
@@ -65,6 +68,8 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         report.warn(note.text)
     made_of = files_of(photos)
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():
+        (new / "scene").mkdir()
+        copy_lists(lists, new / "scene")  # first: one that cannot be read is told before the minutes
         copies, originals = _copy_upright(paths, work, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
@@ -85,7 +90,7 @@ def reconstruct(photos: Path, output: Path, report: Report) -> Path:
         write_json(new / "scene" / MADE_OF, made_of)
         write_json(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]
-    for note in name_them("without a place among the others, left out", lost):
+    for note in name_them("that COLMAP could not place, left out", lost):
         report.warn(note.text)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output
@@ -147,8 +152,9 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
         os.replace(work / PHOTOS / image.name, named / copies[image.name])
         image.name = copies[image.name]
     chosen.mkdir()
-    model.write(str(chosen))
+    write_model(model, chosen)
     lenses = {image.name: lens_of(model.cameras[image.camera_id]) for image in model.images.values() if image.has_pose}
+    check_room(work, sum(_most_bytes(name, lens) for name, lens in lenses.items()))
     pycolmap.undistort_images(undistorted, chosen, named, jpeg_quality=JPEG_QUALITY)
     (scene / "sparse").mkdir(parents=True)
     if alphas := {path.name: path for path in (work / ALPHA).glob("*") if path.name in lenses}:
@@ -158,6 +164,12 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
     os.replace(undistorted / "images", scene / "images")
     os.replace(undistorted / "sparse", scene / "sparse" / "0")
     write_json(scene / LENSES, {name: asdict(lens) for name, lens in lenses.items()})
+
+
+def _most_bytes(name: str, lens: Lens) -> int:
+    """Of the undistorted photo of that name."""
+    pixel_bytes = PNG_PIXEL_BYTES if name.lower().endswith(".png") else JPEG_PIXEL_BYTES
+    return int(pixel_bytes * lens.width * lens.height)
 
 
 def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.collection import Photo
+from core.data.collection import Photo, spread_over
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import rays
 from core.data.sfm.features import DATABASE, LEAST_PHOTOS, MASKS, PHOTOS, SEED, extract, match, write_pictures
@@ -66,9 +66,8 @@ def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
         alike[number] = False
         rows = np.flatnonzero(alike)
         rows = rows[np.argsort(np.linalg.norm(centres[rows] - centres[number], axis=1), kind="stable")]
-        far = rows[NEAREST:]
-        chosen = far[np.linspace(0, len(far) - 1, min(SPREAD, len(far))).astype(int)]
-        pairs |= {(max(number, int(other)), min(number, int(other))) for other in (*rows[:NEAREST], *chosen)}
+        chosen = (*rows[:NEAREST], *spread_over(rows[NEAREST:], SPREAD))
+        pairs |= {(max(number, int(other)), min(number, int(other))) for other in chosen}
     return sorted(pairs)
 
 

@@ -24,10 +24,10 @@ from core.scene.splats import Splats
 from core.system.threads import in_parallel, threads
 
 # A Gaussian in a tile costs 12 bytes in the forward pass (entry, drawn chunks) and 36 in the backward one (slot).
-BYTES_A_PAIR = 12 + 4 * layout.SLOT_COLUMNS
+BYTES_PER_PAIR = 12 + 4 * layout.SLOT_COLUMNS
 MEMORY_BUDGET = 4 << 30  # bytes for all tile lists of one picture
 NOTHING = np.empty((0, 2), dtype=np.float32)
-ROWS_A_BLOCK = 2048  # Gaussians that a thread takes at a time
+ROWS_PER_BLOCK = 2048  # Gaussians that a thread takes at a time
 MOST_BLOCKS = 64  # of Gaussians that are projected: each counts for itself how many touch each tile
 
 
@@ -40,7 +40,7 @@ class CpuRasterizer:
         arrays = arrays_of(splats)
         flags = np.empty(len(splats), dtype=np.bool_)
         view = View.of(camera)
-        in_parallel(lambda *block: find_visible(*block, *arrays, *view, flags), len(flags), ROWS_A_BLOCK)
+        in_parallel(lambda *block: find_visible(*block, *arrays, *view, flags), len(flags), ROWS_PER_BLOCK)
         rows = np.flatnonzero(flags)
         return Visible(torch.from_numpy(rows), tile_lists(arrays, rows, NOTHING, camera))
 
@@ -100,7 +100,7 @@ class _Render(torch.autograd.Function):
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
         view = View.of(ctx.camera)
         seen = view.rotation, view.centre, view.lens, view.limits
-        in_parallel(lambda *rows: project_backward(*rows, *arrays, *seen, *slots, *outputs), len(arrays[0]), ROWS_A_BLOCK)
+        in_parallel(lambda *rows: project_backward(*rows, *arrays, *seen, *slots, *outputs), len(arrays[0]), ROWS_PER_BLOCK)
         return None, None, probe_gradient, None, *gradients
 
 
@@ -113,7 +113,7 @@ class TileLists:
 
     footprints: (N, layout.FOOTPRINT_COLUMNS) float32, set where Gaussians touch a tile. slot_starts: (N + 1,) int64.
     tile_starts: (tiles + 1,) int64. entries: (pairs, 2) int32, Gaussian and slot. drawn_chunks: (pairs,) uint32, of
-    each slot, zeros until they are drawn; none as long as the footprints have no colours.
+    each slot, as `blend_forward` has them, zeros before; none as long as the footprints have no colours.
     """
 
     footprints: np.ndarray
@@ -141,7 +141,7 @@ def coloured_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera, 
         raise BadInput(f"{len(means)} Gaussians were given with what is known of {len(lists.footprints)}.", "Give those that are visible.")
     footprints = np.empty_like(lists.footprints)
     given = means, sh, View.of(camera).centre, lists.slot_starts, lists.footprints, footprints
-    in_parallel(lambda *block: colour_footprints(*block, *given), len(means), ROWS_A_BLOCK)
+    in_parallel(lambda *block: colour_footprints(*block, *given), len(means), ROWS_PER_BLOCK)
     return replace(lists, footprints=footprints, drawn_chunks=np.zeros(len(lists.entries), dtype=np.uint32))
 
 
@@ -154,13 +154,13 @@ def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, ca
     tile_counts = np.empty(count, dtype=np.int32)
     *geometry, _ = arrays
     given = rows, *geometry, probe, *view, footprints, depths, tile_counts
-    block = max(ROWS_A_BLOCK, -(-count // MOST_BLOCKS))
+    block = max(ROWS_PER_BLOCK, -(-count // MOST_BLOCKS))
     loads = np.zeros((-(-count // block), tiles), dtype=np.int32)
     in_parallel(lambda begin, end: project(begin, end, *given, loads[begin // block]), count, block)
     slot_starts = running_starts(tile_counts)
     tile_starts = running_starts(np.sum(loads, axis=0, dtype=np.int64))
     pairs = int(slot_starts[-1])
-    inputs.check_lists(count, pairs, BYTES_A_PAIR, MEMORY_BUDGET, camera)
+    inputs.check_lists(count, pairs, BYTES_PER_PAIR, MEMORY_BUDGET, camera)
     entries = np.empty((pairs, 2), dtype=np.int32)
     order = front_to_back(depths, tile_counts)
     lists = order, footprints, slot_starts, tile_starts, view.size, entries

@@ -66,7 +66,7 @@ def running_starts(counts):
 
 @exact_part
 def add_to_loads(footprints, i, size, columns, tile_loads):
-    """Count Gaussian `i` in each tile that it touches; how many those are."""
+    """Count Gaussian `i` in each tile that it touches, and return how many tiles these are."""
     touched = 0
     first_row, last_row = touched_rows(footprints, i, size[1])
     for tile_row in range(first_row, last_row):

@@ -34,7 +34,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 OFFSETS = np.arange(TILE, dtype=np.float32) - np.float32((TILE - 1) / 2)
 HALF_TILE = np.float32(TILE / 2)
 SPAN = np.float32(LANES - 1)  # px from the first pixel of a chunk to its last
-ROW_TERMS = 2 * TILE  # floats a splat: see `write_row_terms`
+ROW_TERMS = 2 * TILE  # floats per splat: see `write_row_terms`
 
 
 @exact_part

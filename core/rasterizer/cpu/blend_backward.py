@@ -1,11 +1,11 @@
-"""Gradients of the picture by the footprints: the forward pass once more, with one number of state a pixel.
+"""Gradients of the picture by the footprints: the forward pass once more, with two numbers of state per pixel, T and S.
 
 With C(p) the picture including its background, v = dL/dC and c_i the colours, let S_i = v . (what splats i + 1, ... and
 the background add to the pixel). Going front to back, S starts as v . C and loses w_i (v . c_i) at each splat, and
 
     dL/d alpha_i = T_i (v . c_i) - S_i / (1 - alpha_i),      w_i = alpha_i T_i
 
-so that any number of channels costs one dot product, and nothing has to be stored a splat and pixel.
+so that any number of channels costs one dot product, and nothing has to be stored per splat and pixel.
 """
 
 import numpy as np

@@ -22,7 +22,7 @@ from core.system.device import sent
 
 # A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
 # and in the backward pass the slot, and whether it was blended.
-BYTES_A_PAIR = 43 + 4 * layout.SLOT_COLUMNS
+BYTES_PER_PAIR = 43 + 4 * layout.SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
 # Programs of blending that a GPU has room for. Where a picture has fewer tiles, each is divided, into so many parts and sections at most.
@@ -215,7 +215,7 @@ def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, know
     slots = int(slot_starts[-1]) if known is None else known.pairs
     if known is not None:
         slot_starts.clamp_(max=slots)  # no kernel writes beyond its memory, should the caller have drawn something else
-    inputs.check_lists(count, slots, BYTES_A_PAIR, memory_budget(device), camera)
+    inputs.check_lists(count, slots, BYTES_PER_PAIR, memory_budget(device), camera)
     lists = tile_lists(order, slot_starts, footprints, view, width, height, slots)
     return Prepared(view, width, height, footprints, tile_counts, lists)
 

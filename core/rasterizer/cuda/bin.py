@@ -1,7 +1,7 @@
 """Tile lists: which Gaussians touch which tile, front to back, ties by index.
 
 Two stages, with small keys. The depths (32 bits) of all Gaussians are sorted once. In that order they write which tiles they
-touch, a pair a slot; a stable sort of the slots by tile (16 bits, for pictures of up to 8 megapixels) then keeps the order of
+touch, one pair per slot; a stable sort of the slots by tile (16 bits, for pictures of up to 8 megapixels) then keeps the order of
 depth within each tile. (tile, depth) pairs of 64 bits would take three times the passes.
 
 The slots of a Gaussian are neighbours, so that what tiles write to their slots can be added up a Gaussian at a time.
@@ -20,7 +20,7 @@ from core.rasterizer.cuda import footprint
 from core.rasterizer.cuda.footprint import touched_columns, touched_rows
 from core.rasterizer.cuda.view import HEIGHT, WIDTH
 
-BLOCK, WARPS = 32, 1  # Gaussians a program, one a thread: it takes as many rounds as the one with the most tiles
+BLOCK, WARPS = 32, 1  # Gaussians per program, one per thread: it takes as many rounds as the one with the most tiles
 TILES_OF_16_BITS = 2**15 - 1
 
 

@@ -1,4 +1,4 @@
-"""What forward and backward blending share: a tile's pixels, one a lane, and a splat's coverage of them.
+"""What forward and backward blending share: a tile's pixels, one per lane, and a splat's coverage of them.
 
 One program blends one tile. Its pixels are a flat tensor of 256, of which every thread holds a few in registers; splats
 are read as scalars, the same for all lanes. Whether all pixels are finished is asked every BATCH splats only.

@@ -6,7 +6,7 @@ import triton.language as tl
 from core.rasterizer import layout
 from core.rasterizer.cuda.blend import ALPHA_MAX, PIXELS, blended, coverage, note_of, pixels_of, read_splat, section_length, splat_of
 
-WARPS = 1  # nine sums over a tile a splat: within one warp they need no barrier
+WARPS = 1  # nine sums over a tile per splat: within one warp they need no barrier
 LANES = tl.constexpr(32)
 
 # Of a row of the slots' gradients.
@@ -15,7 +15,7 @@ SUM_GY, SUM_GEY, SUM_GYY = tl.constexpr(layout.SUM_GY), tl.constexpr(layout.SUM_
 SUM_RED, SUM_GREEN, SUM_BLUE = tl.constexpr(layout.SUM_RED), tl.constexpr(layout.SUM_GREEN), tl.constexpr(layout.SUM_BLUE)
 SLOT_COLUMNS = tl.constexpr(layout.SLOT_COLUMNS)
 
-BLOCK = 4  # Gaussians a program of `add_up`, whose loads hide each other's waiting
+BLOCK = 4  # Gaussians per program of `add_up`, whose loads hide each other's waiting
 SLOTS_AT_ONCE = tl.constexpr(8)  # of each; few touch more tiles
 PADDED_COLUMNS = tl.constexpr(16)  # Triton's tensors have powers of two
 

@@ -16,7 +16,7 @@ from core.rasterizer.cuda.blend import (
     splat_of,
 )
 
-WARPS = {1: 2, 8: 1}  # by the parts that a tile is divided into: four pixels a thread, or one
+WARPS = {1: 2, 8: 1}  # by the parts that a tile is divided into: four pixels per thread, or one
 
 
 @triton.jit(do_not_specialize=["sections", "columns", "width", "height"])

@@ -1,4 +1,4 @@
-"""core.scene.harmonics for one Gaussian a lane, with the gradient."""
+"""core.scene.harmonics for one Gaussian per lane, with the gradient."""
 
 import triton
 import triton.language as tl

@@ -20,7 +20,7 @@ from core.rasterizer.cuda.harmonics import colour, is_finite
 from core.rasterizer.cuda.vectors import unit
 from core.rasterizer.cuda.view import HEIGHT, WIDTH
 
-BLOCK, WARPS = 32, 1  # Gaussians a program, one a thread
+BLOCK, WARPS = 32, 1  # Gaussians per program, one per thread
 
 
 @triton.jit

@@ -35,7 +35,7 @@ from core.rasterizer.cuda.harmonics import basis, direction_gradient, load_sh, s
 from core.rasterizer.cuda.vectors import add, constants_3, cross, dot, scaled, store_3, subtract, unit
 from core.rasterizer.cuda.view import FOCAL_X, FOCAL_Y, ROTATION
 
-BLOCK, WARPS = 32, 1  # Gaussians a program, one a thread
+BLOCK, WARPS = 32, 1  # Gaussians per program, one per thread
 
 
 @triton.jit(do_not_specialize=["count"])

@@ -1,4 +1,4 @@
-"""Vectors of three as tuples, one entry a lane: Triton keeps them in registers."""
+"""Vectors of three as tuples, one entry per lane: Triton keeps them in registers."""
 
 import triton
 import triton.language as tl

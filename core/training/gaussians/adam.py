@@ -18,7 +18,7 @@ from core.system.threads import in_parallel
 
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # 3DGS: gradients of means over pixels are tiny
-ROWS_A_BLOCK = 2048
+ROWS_PER_BLOCK = 2048
 # Gradients are cut there: the square of one twenty times as large is infinite in float32, and its row would never move again.
 LARGEST_GRADIENT = 1e18
 
@@ -46,7 +46,7 @@ def _update(values, first, second, gradient, rates, counts, corrections, rows, b
 
 @cache
 def corrections(count: int) -> np.ndarray:
-    """1 / (1 - beta^t) of both moments for each number t of updates below `count`: two powers a row cost more than the rest."""
+    """1 / (1 - beta^t) of both moments for each number t of updates below `count`: two powers per row cost more than the rest."""
     powers = np.power([BETA_1, BETA_2], np.arange(1, count)[:, None])
     return np.concatenate([np.ones((1, 2)), 1 / (1 - powers)]).astype(np.float32)
 
@@ -81,7 +81,7 @@ def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
         for arrays in flat:
             _update(*arrays, row_counts, table, places, begin, end)
 
-    in_parallel(update, len(rows), ROWS_A_BLOCK)
+    in_parallel(update, len(rows), ROWS_PER_BLOCK)
 
 
 def plain_adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:

@@ -11,8 +11,8 @@ from core.kernels.triton_launch import FUSED, blocks
 from core.training.gaussians import adam
 from core.training.gaussians.gaussians import Gaussians, free_columns
 
-ROWS = 32  # a program
-BLOCK = 256  # numbers that a program updates at a time, one a thread
+ROWS = 32  # per program
+BLOCK = 256  # numbers that a program updates at a time, one per thread
 WARPS = BLOCK // 32
 BETA_1, BETA_2 = tl.constexpr(adam.BETA_1), tl.constexpr(adam.BETA_2)
 EPSILON, LARGEST_GRADIENT = tl.constexpr(adam.EPSILON), tl.constexpr(adam.LARGEST_GRADIENT)

@@ -1,4 +1,4 @@
-"""Density control under a hard cap (3DGS section 5.2, with a budget in place of a free threshold)."""
+"""Density control under a hard cap (3DGS section 5.2, with a budget beside its threshold)."""
 
 import math
 
@@ -105,7 +105,7 @@ def prune_by_contribution(gaussians: Gaussians, largest: Tensor, share: float) -
 
 
 def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
-    """Clone or split the Gaussians with the largest screen-space gradients, at most `budget` of them.
+    """Clone or split the Gaussians with screen-space gradients above GRADIENT_THRESHOLD, but at most `budget` of them, those with the largest.
 
     A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
     The gathered statistics start anew.

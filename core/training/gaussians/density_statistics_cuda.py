@@ -7,7 +7,7 @@ from torch import Tensor
 from core.kernels.triton_launch import FUSED, blocks
 from core.training.gaussians.gaussians import Gaussians
 
-BLOCK = 128  # Gaussians a program, one a thread
+BLOCK = 128  # Gaussians per program, one per thread
 
 
 @triton.jit(do_not_specialize=["count"])

@@ -6,11 +6,11 @@ import torch
 from torch import Tensor
 
 from core.config import Settings
-from core.kernels.chosen_rows import chosen_rows
 from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 from core.training import schedule
 from core.training.gaussians.adam import Moved, adam_rows
+from core.training.gaussians.chosen_rows import chosen_rows
 
 REST_BAND_SHARE = 1 / 20  # 3DGS: bands above DC learn twenty times slower
 MOMENTS = ("first", "second")

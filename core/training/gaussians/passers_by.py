@@ -30,8 +30,8 @@ def passers_by(splats: Splats, photos: Iterable[tuple[Camera, Float[Tensor, "1 h
     for camera, mask in photos:
         camera = camera.shrunk(SHRUNK)
         hides = F.interpolate(mask[None], (camera.height, camera.width), mode="bilinear", align_corners=False)[0, 0] < HIDDEN
-        share = shares_of_picture(splats, camera, rasterizer, hides)
-        shown += shares_of_picture(splats, camera, rasterizer)
-        hidden += share
-        squares += share**2
+        of_all, of_hidden = shares_of_picture(splats, camera, rasterizer, hides)
+        shown += of_all
+        hidden += of_hidden
+        squares += of_hidden**2
     return (hidden > LEAST_HIDDEN * shown) & (hidden**2 < FEW * squares)

@@ -11,11 +11,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.rasterizer import Rasterizer
-from core.rasterizer.importance import Progress, largest_shares, untold
+from core.rasterizer.importance import largest_shares
+from core.report import Told, unheard
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
-VIEWS_A_PHOTO, MOST_VIEWS = 4, 400  # new views: for each photo, and in all
+VIEWS_PER_PHOTO, MOST_VIEWS = 4, 400  # new views: for each photo, and in all
 NEIGHBOURS, SAME_WAY = 3, 0.5  # how many cameras say how far one may step aside; the least cosine of their directions
 LARGEST_STEP = 0.5  # of the distance to the nearest that a camera shows
 NEAREST = 5  # percentile of the distances of points, for a few are wrong
@@ -25,21 +26,21 @@ SHRUNK = 1 / 4  # views are drawn this small
 
 
 def veils(
-    splats: Splats, photos: Sequence[Camera], points: Float[np.ndarray, "p 3"], rasterizer: Rasterizer, progress: Progress = untold
+    splats: Splats, photos: Sequence[Camera], points: Float[np.ndarray, "p 3"], rasterizer: Rasterizer, told: Told = unheard
 ) -> Bool[Tensor, " n"]:
-    """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame."""
+    """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame. told: of the views drawn."""
     photos = [camera.shrunk(SHRUNK) for camera in photos]
     new = cameras_beside(photos, points)
     views = len(photos) + len(new)
-    in_photos = largest_shares(splats, photos, rasterizer, lambda done, _: progress(done, views))
-    in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: progress(len(photos) + done, views))
+    in_photos = largest_shares(splats, photos, rasterizer, lambda done, _: told(done, views))
+    in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: told(len(photos) + done, views))
     return (in_new_views > LEAST_SHARE) & (in_new_views > TIMES * in_photos)
 
 
 def cameras_beside(photos: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -> list[Camera]:
     """New cameras, each up to a step away from one that took a photo and turned as it is; the same ones at each call."""
     generator = np.random.default_rng(0)
-    rounds = [generator.permutation(len(photos)) for _ in range(VIEWS_A_PHOTO)]
+    rounds = [generator.permutation(len(photos)) for _ in range(VIEWS_PER_PHOTO)]
     chosen = np.concatenate(rounds)[:MOST_VIEWS].tolist()
     steps = {number: _largest_step(photos, number, points) for number in set(chosen)}
     beside = []

@@ -3,12 +3,12 @@
 from jaxtyping import Float
 from torch import Tensor
 
-COLLAPSED = 0.6  # mean share of the photos that counts as static; where it is less, masks hide the place itself
+LEAST_STATIC = 0.6  # mean share of the photos that is static at least; masks that leave less hide the place itself
 
 
 def pixel_weights(shown: Float[Tensor, "h w"], mask_mean: Float[Tensor, ""]) -> Float[Tensor, "h w"]:
     """The mask at the size of the picture as weights of its pixels, detached.
 
-    mask_mean: running mean over photos. Below COLLAPSED the masks are raised until their mean is COLLAPSED again.
+    mask_mean: running mean over photos. Below LEAST_STATIC the masks are raised until their mean is LEAST_STATIC again.
     """
-    return 1 - (1 - shown.detach()) * ((1 - COLLAPSED) / (1 - mask_mean)).clamp(max=1)
+    return 1 - (1 - shown.detach()) * ((1 - LEAST_STATIC) / (1 - mask_mean)).clamp(max=1)

@@ -9,7 +9,6 @@ from torch import Generator, Tensor
 from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.rasterizer import Rasterizer
-from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses import mask_weights, regularisers
@@ -17,30 +16,31 @@ from core.training.losses.backward import backward
 from core.training.losses.gauge import draw_rows, gauge
 from core.training.losses.mask_loss import mask_loss
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
+from core.training.moment import Moment
 
 TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
 
 
 class Objective:
-    """The losses of a view, as the settings have them. progress: of the run, in [0, 1). What does not count yet is zero."""
+    """The losses of a view, as the settings have them. What does not count yet at a moment of the run is zero."""
 
     def __init__(self, settings: Settings, rasterizer: Rasterizer, model: AppearanceModel, device: torch.device):
         self.settings, self.rasterizer, self.model = settings, rasterizer, model
         self.zero = torch.zeros((), device=device)
 
-    def picture(self, image: Tensor, target: Target, mask: Tensor | None, progress: float, mask_mean: Tensor) -> Float[Tensor, ""]:
+    def picture(self, image: Tensor, target: Target, mask: Tensor | None, moment: Moment, mask_mean: Tensor) -> Float[Tensor, ""]:
         """The picture against its photo, where the mask lets it. mask_mean: see `mask_weights.pixel_weights`."""
         settings = self.settings
-        if mask is None or progress < settings.mask_apply:
+        if mask is None or moment.progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
         weight = mask_weights.pixel_weights(target.to_pixels(mask), mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
-    def mask(self, image: Tensor, target: Target, mask: Tensor | None, progress: float) -> Float[Tensor, ""]:
+    def mask(self, image: Tensor, target: Target, mask: Tensor | None, moment: Moment) -> Float[Tensor, ""]:
         """What teaches the mask network, L_regM included."""
         settings = self.settings
-        if mask is None or progress < settings.mask_start:
+        if mask is None or moment.progress < settings.mask_start:
             return self.zero
         if settings.mask_loss == "paper":
             penalty = settings.mask_regularisation * regularisers.mask_regulariser(mask)
@@ -65,21 +65,19 @@ class Objective:
         backward((loss, None))
         return loss.detach()
 
-    def looks_at_front(self, progress: float, step: int) -> bool:
+    def looks_at_front(self, moment: Moment) -> bool:
         """Whether L_regTS counts in this step."""
         settings = self.settings
-        return settings.transients == "on" and progress >= settings.mask_apply and step % TRANSIENT_EVERY == 0
+        return settings.transients == "on" and moment.progress >= settings.mask_apply and moment.done % TRANSIENT_EVERY == 0
 
-    def transient(
-        self, splats: Splats, camera: Camera, view: Tensor, known: Any, mask: Tensor | None, progress: float, step: int
-    ) -> Float[Tensor, ""]:
+    def transient(self, splats: Splats, view: Tensor, known: Any, mask: Tensor | None, moment: Moment) -> Float[Tensor, ""]:
         """L_regTS, at every TRANSIENT_EVERYth step.
 
-        splats: the visible Gaussians in the look. view: the camera as an array, see core.rasterizer.view. known: see `rasterizer.Visible`.
+        splats: the visible Gaussians in the look. view: the moment's camera as an array, see core.rasterizer.view. known: see `rasterizer.Visible`.
         """
-        if mask is None or not self.looks_at_front(progress, step):
+        if mask is None or not self.looks_at_front(moment):
             return self.zero
-        front = self.rasterizer.contributions(splats.detached(), camera, known)
+        front = self.rasterizer.contributions(splats.detached(), moment.camera, known)
         rows = regularisers.transient_rows(splats.means, front, mask, view)
         opacity = torch.where(rows, torch.sigmoid(splats.logit_opacities), 0).sum()
         return self.settings.transient_regularisation * TRANSIENT_EVERY * opacity

@@ -107,8 +107,8 @@ class Target:
 
     @property
     def tensors(self) -> tuple[Tensor, ...]:
-        """All that holds a number for each pixel."""
-        return self.padded, self.mean, self.mean_square, *(self.empty_share or ())
+        """All that has a value for each pixel."""
+        return self.padded, self.mean, self.mean_square, *(self.empty_share or ()), *(() if self.valid is None else (self.valid,))
 
     @property
     def nbytes(self) -> int:

@@ -5,7 +5,7 @@ SSIM by those means; the backward pass blurs the derivatives, because the window
 
     dL/dx = w (1 - s) sign(x - y) / (3 V) + blur(D_mean) + 2 x blur(D_square) + y blur(D_product)
 
-Plain loops, shaped so that LLVM vectorises them along a row: planes instead of interleaved colours, few arrays a loop,
+Plain loops, shaped so that LLVM vectorises them along a row: planes instead of interleaved colours, few arrays per loop,
 zeros around the picture so that nothing branches. A row is computed on its own and sums are formed afterwards in one
 order, so results do not depend on the number of threads.
 """

@@ -1,7 +1,7 @@
 """The picture loss of core.training.losses.photometric, fused, for float32 on a GPU: two launches forward and two backward.
 
 The same two passes as in photometric_cpu, with its formula of the gradient. Every blur is one kernel down the columns and one along the rows,
-which goes on with the result. One pixel a lane.
+which goes on with the result. One pixel per lane.
 """
 
 import torch
@@ -14,7 +14,7 @@ from torch.autograd.function import once_differentiable
 from core.kernels.triton_launch import FUSED, blocks
 from core.training.losses import photometric
 
-BLOCK = 128  # pixels a program, one a thread
+BLOCK = 128  # pixels per program, one per thread
 RADIUS, WINDOW = tl.constexpr(photometric.RADIUS), tl.constexpr(photometric.WINDOW)
 C1, C2 = tl.constexpr(photometric.C1), tl.constexpr(photometric.C2)
 SIZES = ["height", "width"]  # Triton would compile anew for sizes that are multiples of 16

@@ -50,7 +50,9 @@ def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tupl
 def transient_rows(
     means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], view: Float[Tensor, "25"]
 ) -> Bool[Tensor, " v"]:
-    """Which Gaussians stand for passers-by in this view (L_regTS): those AT_FRONT with a HIDDEN centre. view: see core.rasterizer.view."""
+    """Which Gaussians stand for passers-by in this view (L_regTS): those whose centre the mask hides, below HIDDEN, and that contribute more than
+    AT_FRONT to some pixel. view: the camera, see core.rasterizer.view.
+    """
     axes, centre = view[:CENTRE].view(3, 3), view[CENTRE:CENTRE_REST]
     fx, fy, cx, cy = view[FOCAL_X:LEFT]
     width, height = view[WIDTH:]

@@ -9,7 +9,7 @@ from torch import Tensor
 from core.kernels.triton_launch import FUSED, blocks
 from core.training.losses import regularisers
 
-BLOCK = 16  # Gaussians a program
+BLOCK = 16  # Gaussians per program
 SMOOTH = tl.constexpr(regularisers.SMOOTH)
 
 

@@ -18,8 +18,8 @@ from core.errors import BadInput, command
 from core.system import atomic, outputs
 
 NAME = re.compile(r"checkpoint_\d{6,}\.safetensors")
-BEING_WRITTEN = "checkpoint"  # whose temporary folder, one for all steps, also holds what safetensors writes first
-TEMPORARY = f".{BEING_WRITTEN}{outputs.TEMPORARY}*"  # that folder, as a killed run may leave it until it goes on
+BEING_WRITTEN = "checkpoint"  # names the temporary folder, the same for all steps; safetensors' own temporary file lies in it, too
+TEMPORARY = f".{BEING_WRITTEN}{outputs.TEMPORARY}*"  # matches that folder, which a killed run leaves behind until it goes on
 VERSION = 2
 Read = TypeVar("Read")
 
@@ -112,11 +112,12 @@ def load(path: Path) -> Checkpoint:
 def _read(path: Path, with_tensors: bool) -> Checkpoint:
     check_name(path, "Rename the folder.")
     try:
+        path.open("rb").close()  # safetensors calls a file missing that may not be read
         with safe_open(path, framework="pt") as file:
             facts = json.loads((file.metadata() or {})["wegs"])
             names = file.keys() if with_tensors else ()
             tensors = {name: file.get_tensor(name) for name in names}
-    except torch.OutOfMemoryError:  # a RuntimeError, and no fault of the checkpoint's
+    except (PermissionError, torch.OutOfMemoryError):  # the second a RuntimeError, and no fault of the checkpoint's
         raise
     except (OSError, SafetensorError, KeyError, ValueError, RuntimeError) as error:  # of torch if the file goes meanwhile
         raise BadInput(f"{path} is not a readable checkpoint: {error}.", "Train again, or name another run.") from None

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,15 +12,18 @@ import core
 from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.data.made import CONFIG, followed, path_from, read_mark, way_to
+from core.data.photos.distortion import is_sound
 from core.data.photos.names import is_file
 from core.data.sfm.kept_points import MARK, home_of
 from core.data.split_table import SPLITS
 from core.errors import BadInput, BadSetting
-from core.scene.camera import Camera
+from core.scene.camera import LARGEST_PX, LARGEST_SIDE_PX, Camera
 from core.scene.frame import SceneFrame
 from core.scene.lens import Lens
 from core.system.atomic import write_json
 from core.training.decisions import Decision
+
+CROOKED = 1e-3  # by how much the axes of a camera may be off length 1 or right angles
 
 
 def write_config(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
@@ -78,8 +80,16 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
     except BadSetting as problem:
         fix = "It is of another version of wegs, or was changed: train the run again."
         raise BadInput(f"{path} cannot be used: {problem.what}", fix) from None
+    except PermissionError:
+        raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
+
+
+def check_same_run(folder: Path, identity: str) -> None:
+    """Raise BadInput if another run than that of the identity lies in `folder` by now: what was made of the first does not belong there."""
+    if read_mark(folder / CONFIG).get("run", identity) != identity:
+        raise BadInput(f"{folder} holds another run than before.", "Run the same command again.")
 
 
 def changed_files(folder: Path, collection: Collection) -> list[str]:
@@ -125,12 +135,6 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
 def _photo_from_json(values: dict, home: Path) -> Photo:
     if not (isinstance(values["name"], str) and isinstance(values["path"], str) and values["split"] in SPLITS):
         raise ValueError(f"a photo called {values['name']!r} in {values['path']!r}, of the split {values['split']!r}")
-    shapes = {"world_to_camera": (3, 3), "centre": (3,)}
-    camera = values["camera"] | {name: np.asarray(values["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
-    sides, focal_lengths = ([camera[name] for name in names] for names in (("width", "height"), ("fx", "fy")))
-    if not all(type(side) is int and side > 0 for side in sides) or not all(0 < float(length) < math.inf for length in focal_lengths):
-        raise ValueError(f"a picture of {sides} px with focal lengths of {focal_lengths}")
-    lens, mask_lens = values["lens"], values["mask_lens"]
 
     def file(key: str) -> Path | None:
         if values[key] is None:
@@ -141,9 +145,35 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
     return Photo(
         name=values["name"],
         path=file("path"),
-        camera=Camera(**camera),
+        camera=_camera_from_json(values),
         split=values["split"],
-        lens=lens and Lens(**lens),
+        lens=_lens_from_json(values, "lens"),
         mask=file("mask"),
-        mask_lens=mask_lens and Lens(**mask_lens),
+        mask_lens=_lens_from_json(values, "mask_lens"),
     )
+
+
+def _camera_from_json(photo: dict) -> Camera:
+    shapes = {"world_to_camera": (3, 3), "centre": (3,)}
+    values = photo["camera"] | {name: np.asarray(photo["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
+    sides, lens = ([values[name] for name in names] for names in (("width", "height"), ("fx", "fy", "cx", "cy")))
+    if not (all(type(side) is int and 0 < side <= LARGEST_SIDE_PX for side in sides) and _are_numbers(lens) and min(lens[:2]) > 0):
+        raise ValueError(f"{photo['name']} as a picture of {sides} px by a camera of {lens} px")
+    rotation, centre = values["world_to_camera"], values["centre"].tolist()
+    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < CROOKED and np.linalg.det(rotation) > 0
+    if not (is_rotation and _are_numbers(centre)):
+        raise ValueError(f"{photo['name']} from {centre}, turned by {rotation.tolist()}")
+    return Camera(**values)
+
+
+def _lens_from_json(photo: dict, key: str) -> Lens | None:
+    if photo[key] is None:
+        return None
+    lens = Lens(**photo[key])
+    if not is_sound(lens):
+        raise ValueError(f"{photo['name']} through {lens}")
+    return lens
+
+
+def _are_numbers(values: Sequence) -> bool:
+    return all(type(value) in (int, float) and abs(value) < LARGEST_PX for value in values)  # NaN is none

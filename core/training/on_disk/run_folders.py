@@ -141,5 +141,9 @@ def _clear(folder: Path) -> None:
 def point_cloud_path(folder: Path, step: int) -> Path:
     """Where viewers look for the Gaussians after `step` steps; the folder is made."""
     path = folder / "point_cloud" / f"iteration_{step}" / "point_cloud.ply"
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        fix = f"Move what is there away, then type: {checkpoint.how_to_go_on(folder)}"
+        raise BadInput(f"{path.parent} cannot be made: a file is in the way.", fix) from None
     return path

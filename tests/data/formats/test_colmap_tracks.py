@@ -141,3 +141,6 @@ def test_images_of_one_line_in_text_are_refused_and_those_of_an_empty_second_lin
     (model / "images.txt").write_text("\n".join(images) + "\n")
     with pytest.raises(BadInput, match="images.txt gives photo_0.png one line in place of two. Add the line"):
         load_collection(root)
+    (model / "images.txt").write_text("\n".join(images).replace(".png", "") + "\n")
+    with pytest.raises(BadInput, match="images.txt gives photo_0 one line in place of two"):
+        load_collection(root)

@@ -1,5 +1,6 @@
 """Models that are truncated or damaged are refused in one line; of several, the largest is read."""
 
+import re
 import shutil
 
 import numpy as np
@@ -43,7 +44,33 @@ def test_damaged_text_models_are_refused(tmp_path, part):
     model = scene.in_text(root)
     text = (model / f"{part}.txt").read_text()
     (model / f"{part}.txt").write_text(text[: len(text) * 6 // 10])
-    with pytest.raises(BadInput, match="not a COLMAP model that can be read"):
+    with pytest.raises(BadInput, match=r"(cameras|images|points3D).txt line \d+: "):
+        load_collection(root)
+
+
+@pytest.mark.parametrize(
+    ("part", "words", "others", "fault"),
+    [
+        ("cameras", "PINHOLE", "PINHOLES", "line 4: there is no camera model PINHOLES"),
+        ("cameras", " 63", " 63 0", "line 4: 5 parameters, not the 4 of a PINHOLE camera"),
+        ("cameras", " 150 ", " 150,5 ", "line 4: parameter 1 is '150,5', not a number"),
+        ("cameras", " 160", " 160.5", "line 4: WIDTH is '160.5', not a whole number"),
+        ("images", " 1 photo_1.png", " 59 photo_1.png", "line 7: its camera, 59, is not in cameras.txt"),
+        ("images", "2 0.99", "2 nan 0.99", "line 7: QW is 'nan', not a number"),
+        ("images", "3 0.99", "2 0.99", "line 9: IMAGE_ID 2 was there before"),
+        ("images", " 20 \n", " x \n", "line 6: POINT3D_ID is 'x', not a whole number"),
+        ("points3D", "\n3 ", "\n3 x ", "line 6: X is 'x', not a number"),
+        ("points3D", " 245 7 ", " 245.5 7 ", "line 14: G is '245.5', not a whole number"),
+    ],
+)
+def test_the_line_of_a_text_model_that_cannot_be_read_is_told(tmp_path, part, words, others, fault):
+    scene = SmallScene()
+    root = scene.write(tmp_path / "scene")
+    path = scene.in_text(root) / f"{part}.txt"
+    text = path.read_text()
+    assert words in text
+    path.write_text(text.replace(words, others, 1))
+    with pytest.raises(BadInput, match=re.escape(f"{part}.txt {fault}. Correct it, copy")):
         load_collection(root)
 
 
@@ -61,6 +88,17 @@ def test_of_several_models_the_one_with_most_photos_is_read(tmp_path, binary):
     collection = load_collection(root)
     assert len(collection.photos) == len(larger.reg_image_ids())
     assert notes_with(collection, "holds other models as well (0); 1 is used: it has most photos")
+
+
+def test_of_a_workspace_the_scene_that_has_photos_is_used(tmp_path):
+    """COLMAP's automatic reconstruction leaves a model without photos, and undistorted photos with a model of them."""
+    scene = SmallScene()
+    root = scene.write(tmp_path / "scene", images="dense/0/images", sparse="dense/0/sparse")
+    other = SmallScene(offset=np.array([9.0, 0.0, 0.0])).write(tmp_path / "other")
+    (other / "sparse").rename(root / "sparse")
+    check_geometry(load_collection(root), scene)
+    (other / "images").rename(root / "images")
+    assert load_collection(root).photos[0].path.parent == root / "images"
 
 
 @pytest.mark.parametrize("content", [None, b"no frames"])

@@ -178,6 +178,12 @@ def test_the_points_file_is_used_where_the_model_does_not_fit(scene, spoil, why)
     assert notes_with(load_collection(scene), "`wegs train` triangulates them")
 
 
+def test_a_camera_may_be_turned_by_less_than_a_hundredth(scene):
+    """As a radian; the common turn takes a fifth of it."""
+    turned(0, 0.012)(scene)
+    assert notes_with(load_collection(scene), "are used")
+
+
 def test_one_photo_fits_no_frame(tmp_path):
     found = load_collection(write_processed(SmallScene(names=NAMES[:1]).write(tmp_path / "colmap"), tmp_path / "scene"))
     assert notes_with(found, "are not used") and len(found.points) == 20

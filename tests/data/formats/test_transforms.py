@@ -106,55 +106,6 @@ def test_the_sample_has_the_same_cameras_in_every_format(tmp_path):
         assert len(found.points) == 0 and notes_with(found, "`wegs train` triangulates them")
 
 
-# --- intrinsics
-
-
-def without_intrinsics(facts):
-    for frame in facts["frames"]:
-        for name in ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_model"):
-            del frame[name]
-
-
-@pytest.mark.parametrize(
-    ("top", "fx", "fy", "cx"),
-    [
-        ({"camera_angle_x": 2 * np.arctan(80 / 150)}, 150, 150, 80),
-        ({"camera_angle_x": 2 * np.arctan(80 / 150), "camera_angle_y": 2 * np.arctan(60 / 120)}, 150, 120, 80),
-        ({"fl_y": 140, "cx": 70}, 140, 140, 70),
-        ({"fl_x": 150, "camera_angle_x": 0.1, "cx": None}, 150, 150, 80),  # Instant-NGP writes both
-        ({"fl_x": 300, "fl_y": 300, "w": 320, "h": 240}, 150, 150, 80),  # photos half as large as said
-    ],
-)
-def test_intrinsics_at_the_top(scene, top, fx, fy, cx):
-    changed(scene, lambda facts: (without_intrinsics(facts), facts.update(top)))
-    camera = load_collection(scene).photos[0].camera
-    assert np.allclose([camera.fx, camera.fy, camera.cx, camera.cy], [fx, fy, cx, 60], rtol=1e-12)
-
-
-def test_a_frames_own_intrinsics_come_first_and_photos_may_differ(scene):
-    changed(scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150), facts["frames"][2].update(fl_x=170)))
-    assert [photo.camera.fx for photo in load_collection(scene).photos] == pytest.approx([150, 150, 170, 150], rel=1e-12)
-
-
-def test_a_frames_own_angle_comes_before_the_focal_length_of_all(scene):
-    angle = 2 * np.arctan(80 / 170)
-    changed(scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150, fl_y=150), facts["frames"][2].update(camera_angle_x=angle)))
-    cameras = [photo.camera for photo in load_collection(scene).photos]
-    assert [(camera.fx, camera.fy) for camera in cameras[1:3]] == [pytest.approx((focal, focal), rel=1e-12) for focal in (150, 170)]
-
-
-def test_instant_ngps_fisheyes(scene):
-    changed(scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150, is_fisheye=True, k1=0.05, p1=0.1)))
-    lens = load_collection(scene).photos[0].lens
-    assert (lens.model, lens.params) == ("OPENCV_FISHEYE", [150, 150, 80, 60, 0.05, 0, 0, 0])
-
-
-@pytest.mark.parametrize("model", [None, "", "opencv", "Pinhole"])
-def test_camera_models_in_any_letters_and_none(scene, model):
-    changed(scene, lambda facts: [frame.update(camera_model=model) for frame in facts["frames"]])
-    assert len(load_collection(scene).photos) == 4
-
-
 # --- where photos are
 
 
@@ -336,6 +287,8 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.name == "0.png"
     assert notes_with(collection, "2 photos with a mask from") and notes_with(collection, "whose mask is missing, used whole: photo_3.png (")
     assert not load_photo(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
+    undivided = load_collection(scene, all_photos=True)
+    assert undivided.split("train")[0].mask.name == "0.png" and notes_with(undivided, "3 photos with a mask from")
 
 
 def test_names_of_files_that_are_none_are_told(scene):

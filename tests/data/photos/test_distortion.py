@@ -4,9 +4,11 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
+from PIL import Image
 
 from core.data import load_collection
 from core.data.photos import distortion
+from core.data.photos.file import ORIENTATION
 from core.data.photos.pixels import load_photo
 from core.scene.camera import Camera
 from tests.data.checks import notes_with
@@ -60,6 +62,31 @@ def test_exif_rotation_turns_the_camera_along(tmp_path, model, orientation):
     assert (camera.width < camera.height) == (orientation != 3)
     assert "photo_1.png" in notes_with(collection, "turned by EXIF orientation")[0]
     check_dots(collection, 1, least=12)
+
+
+@pytest.mark.parametrize("model", ["PINHOLE", "OPENCV"])
+@pytest.mark.parametrize("compression", ["raw", "tiff_lzw"])
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_a_tiff_is_turned_along_as_well(tmp_path, model, compression, orientation):
+    """Pillow turns it when it decodes it; COLMAP does not."""
+    root = SmallScene(model=model, names=["photo_0.png", "photo_1.tif"]).write(tmp_path / "scene")
+    path = root / "images" / "photo_1.tif"
+    write_tiff(path, cv2.imread(str(path)), orientation, compression)
+    assert pycolmap.Bitmap.read(str(path), True).to_array().shape == (HEIGHT, WIDTH, 3)
+    collection = load_collection(root)
+    assert "photo_1.tif" in notes_with(collection, "turned by EXIF orientation")[0]
+    check_dots(collection, 1, least=12)
+
+
+def test_a_mirrored_tiff_is_left_out(tmp_path):
+    root = SmallScene(names=["photo_0.png", "photo_1.tif"]).write(tmp_path / "scene")
+    path = root / "images" / "photo_1.tif"
+    write_tiff(path, cv2.imread(str(path)), 2)
+    assert "photo_1.tif" in notes_with(load_collection(root), "mirrored by EXIF orientation")[0]
+
+
+def write_tiff(path, pixels, orientation, compression="raw"):
+    Image.fromarray(pixels).save(path, tiffinfo={ORIENTATION: orientation}, compression=compression)
 
 
 def test_models_made_from_upright_pixels_are_recognised_by_their_size(tmp_path):

@@ -61,7 +61,8 @@ def test_the_size_of_tiff_is_read_without_decoding_it_and_is_the_decoders(tmp_pa
     path = write_tiff(tmp_path / "photo.tif", pixels, orientation, **options)
     shown = read_pixels(path)
     monkeypatch.setattr(ImageFile.ImageFile, "load", None)
-    assert probe(path).displayed == shown.shape[1::-1] and probe(path).orientation == 1
+    header = probe(path)
+    assert header.displayed == shown.shape[1::-1] and (header.width, header.height, header.orientation) == (40, 24, orientation)
 
 
 DEEP = COLOURS[..., 0].astype(np.uint16) * 257

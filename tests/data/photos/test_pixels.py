@@ -13,7 +13,7 @@ from PIL import Image
 from core.data.collection import Photo
 from core.data.photos import distortion
 from core.data.photos.file import probe
-from core.data.photos.pixels import load_photo, read_light, read_mask, read_pixels, read_pixels_and_alpha, upright
+from core.data.photos.pixels import OPAQUE, load_photo, read_light, read_mask, read_pixels, read_pixels_and_alpha, upright
 from core.data.photos.stored import reduction
 from core.errors import BadInput
 from core.scene.camera import Camera
@@ -113,10 +113,13 @@ def test_a_photo_that_shows_nothing_is_named(tmp_path):
         load_photo(photo_at(path, 44, 30), 44, 30)
 
 
-def test_opaque_alpha_leaves_all_pixels_valid(tmp_path):
+@pytest.mark.parametrize("alpha", [255, 254, OPAQUE])
+def test_opaque_alpha_leaves_all_pixels_valid(tmp_path, alpha):
     pixels = noise(channels=4)
-    pixels[..., 3] = 255
-    assert load_photo(photo_at(save(tmp_path / "a.png", pixels), 44, 30), 44, 30).valid is None
+    pixels[..., 3] = alpha
+    path = save(tmp_path / "a.png", pixels)
+    assert load_photo(photo_at(path, 44, 30), 44, 30).valid is None
+    assert np.array_equal(read_light(path), pixels[..., 2::-1])
 
 
 @pytest.mark.parametrize("orientation", [1, 6])
@@ -284,7 +287,7 @@ def test_shrinking_averages(tmp_path):
 def test_a_shrunk_pixel_is_valid_where_all_it_averages_is(tmp_path):
     pixels = noise(8, 8, 4)
     pixels[..., 3] = 255
-    pixels[0, 5, 3] = 254
+    pixels[0, 5, 3] = OPAQUE - 1
     loaded = load_photo(photo_at(save(tmp_path / "a.png", pixels), 8, 8), 2, 2)
     assert loaded.valid.tolist() == [[True, False], [True, True]]
 

@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 
 from core.data.collection import Photo
-from core.data.sfm import features
+from core.data.sfm import features, room
 from core.data.sfm.features import DATABASE, PHOTOS, extract, match, write_pictures
 from core.report import QUIET
 from core.scene.camera import Camera
@@ -36,14 +36,14 @@ def test_photos_that_cannot_be_decoded_count_as_through(work):
 
 
 def test_a_disk_with_hardly_any_room_is_full_before_pycolmap_ends_the_program(work, monkeypatch):
-    usage = features.shutil.disk_usage(work)._replace(free=features.SPARE_BYTES)
+    usage = room.shutil.disk_usage(work)._replace(free=room.SPARE_BYTES)
     with monkeypatch.context() as patch:
-        patch.setattr(features.shutil, "disk_usage", lambda _: usage)
+        patch.setattr(room.shutil, "disk_usage", lambda _: usage)
         with pytest.raises(OSError) as caught:
             extract(work, NAMES, QUIET)
         assert caught.value.errno == errno.ENOSPC
     extract(work, NAMES, QUIET)
-    monkeypatch.setattr(features.shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: usage)
     with pytest.raises(OSError) as caught:
         match(work, [tuple(NAMES)], QUIET)
     assert caught.value.errno == errno.ENOSPC

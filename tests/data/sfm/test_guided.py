@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 
 from core.data.formats.model_file import quiet
-from core.data.sfm import features
+from core.data.sfm import room
 from core.data.sfm.features import DATABASE, LEAST_INLIERS, PHOTOS, SEED, extract, match
 from core.data.sfm.guided import AT_POINTS, BYTES, LARGEST, NEAR_PX, ON_LINES, Features, guide, guided_matches
 from core.report import QUIET
@@ -120,8 +120,8 @@ def test_matches_are_as_defined(config, counts):
 
 def test_a_disk_with_hardly_any_room_is_told(verified, monkeypatch):
     work, pairs = verified
-    usage = features.shutil.disk_usage(work)._replace(free=features.SPARE_BYTES)
-    monkeypatch.setattr(features.shutil, "disk_usage", lambda _: usage)
+    usage = room.shutil.disk_usage(work)._replace(free=room.SPARE_BYTES)
+    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: usage)
     with pytest.raises(OSError, match="No space left"):
         guide(work, pairs, QUIET)
 

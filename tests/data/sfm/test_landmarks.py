@@ -29,22 +29,30 @@ def test_features_farther_than_two_pixels_from_every_point_show_none(corner, kno
 
 
 def test_the_file_holds_them_bit_for_bit(known, tmp_path):
-    known.save(tmp_path / "kept.npz")
-    kept = Landmarks.load(tmp_path / "kept.npz")
+    known.save(tmp_path / "kept.npz", "abc")
+    kept = Landmarks.load(tmp_path / "kept.npz", "abc")
     assert all(np.array_equal(one, other) for one, other in zip(vars(known).values(), vars(kept).values(), strict=True))
     assert [path.name for path in tmp_path.iterdir()] == ["kept.npz"]
 
 
+def test_a_file_of_another_run_or_of_none_is_none(known, tmp_path):
+    path = tmp_path / "kept.npz"
+    known.save(path, "abc")
+    assert Landmarks.load(path, "other") is None
+    np.savez(path, **vars(known))  # as wegs once kept them
+    assert Landmarks.load(path, "abc") is None
+
+
 def test_a_file_that_is_missing_or_damaged_is_none(known, tmp_path):
     path = tmp_path / "kept.npz"
-    assert Landmarks.load(path) is None
-    known.save(path)
+    assert Landmarks.load(path, "abc") is None
+    known.save(path, "abc")
     whole = path.read_bytes()
     flags = whole.index(b"PK\x01\x02") + 8  # of the first entry in the zip's table; 1 is encrypted, 0x20 patched data, which Python refuses
     encrypted, patched = (whole[:flags] + bytes([whole[flags] | flag]) + whole[flags + 1 :] for flag in (1, 0x20))
     for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20, encrypted, patched):
         path.write_bytes(damaged)
-        assert Landmarks.load(path) is None
+        assert Landmarks.load(path, "abc") is None
 
 
 def test_they_can_be_told_in_another_frame_of_the_same_world(known):

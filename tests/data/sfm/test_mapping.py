@@ -11,6 +11,7 @@ from core.data.sfm import mapping
 from core.data.sfm.features import PHOTOS
 from core.data.sfm.originals import MADE_OF, NAMES, placed_of, shortfall
 from core.data.sfm.reconstruct import _write_scene, reconstruct
+from core.errors import BadInput
 from core.system.atomic import write_json
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
@@ -103,7 +104,7 @@ def test_photos_whose_lens_folds_over_are_dropped(mapped):
     fold(found, 2, 5)
     chosen, lines, _ = mapped([found], [])
     assert {image.image_id for image in chosen.images.values() if image.has_pose} == {1, 3, 4, 6}
-    assert lines == ["! 2 photos could be placed only through a lens that no camera has, and not at all without it."]
+    assert lines == ["! 2 photos fit only with an impossible lens and were left out."]
 
 
 @pytest.mark.parametrize(("folded", "apart"), [((1, 2, 3, 4, 5), "2 places (4, 1 photos)"), ((1, 2, 3, 4, 5, 6), None)])
@@ -113,6 +114,13 @@ def test_the_model_that_is_largest_without_them_is_kept(mapped, folded, apart):
     chosen, lines, _ = mapped([largest, other], [])
     assert chosen is other
     assert lines == ([f"! The photos fall apart into {apart}; the largest is kept."] if apart else [])
+
+
+def test_two_photos_of_many_are_no_scene(mapped):
+    found = model(4, 100)
+    fold(found, 2, 3)
+    with pytest.raises(BadInput, match="Cameras could be found for only 2 of 8 photos: the 8 photos do not overlap enough. Add photos"):
+        mapped([found], [])
 
 
 def test_photos_that_were_dropped_count_as_lost(tmp_path):

@@ -15,7 +15,6 @@ from core.data.photos.pixels import load_photo, read_pixels_and_alpha
 from core.data.sfm import originals
 from core.data.sfm.originals import name_in
 from core.data.sfm.reconstruct import _copy_upright, _give_alpha, reconstruct
-from core.data.split import copy_lists
 from core.errors import BadInput, WegsError
 from core.report import Report
 from core.scene.lens import Lens
@@ -59,15 +58,15 @@ def test_cameras_are_found_again(tmp_path):
     noise_photo(photos / "stranger.png", 0)
 
     heard = Heard()
-    scene = reconstruct(photos, tmp_path / "new" / "scene", heard)
+    scene = reconstruct(photos, tmp_path / "new" / "scene", heard, lists=[photos])
     assert any("cut.jpg" in line and "truncated" in line for line in heard.lines)
-    assert any("without a place among the others" in line and line.endswith("stranger.png") for line in heard.lines)
+    assert any("that COLMAP could not place, left out" in line and line.endswith("stranger.png") for line in heard.lines)
     assert "1 photo turned upright, as EXIF says." in heard.lines
     assert heard.finished >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
-    assert sorted(entry.name for entry in scene.iterdir()) == ["images", "lenses.json", "names.json", "photos.json", "sparse"]
+    files = ["images", "lenses.json", "lists.json", "names.json", "photos.json", "sparse", "test.txt"]
+    assert sorted(entry.name for entry in scene.iterdir()) == files
 
-    copy_lists([photos], scene)
     collection = load_collection(scene)
     assert [photo.name for photo in collection.split("test")] == ["b.png.jpg"]
     assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
@@ -112,7 +111,7 @@ def test_the_same_photos_give_the_same_scene(tmp_path):
     for number, (rotation, centre) in enumerate(cameras(5)):
         assert cv2.imwrite(str(tmp_path / "photos" / f"{number}.jpg"), take_photo(rotation, centre, pictures))
     first, second = (reconstruct(tmp_path / "photos", tmp_path / name, Report()) / "sparse" / "0" for name in ("first", "second"))
-    assert all((first / path.name).read_bytes() == path.read_bytes() for path in second.iterdir())
+    assert {path.name: path.read_bytes() for path in first.iterdir()} == {path.name: path.read_bytes() for path in second.iterdir()}
 
 
 def test_photos_that_do_not_overlap(tmp_path):
@@ -158,6 +157,30 @@ def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
     assert list(tmp_path.iterdir()) == [theirs.parent] and theirs.read_text() == "precious"
 
 
+def test_nor_is_an_empty_folder_that_another_filled_meanwhile(tmp_path):
+    theirs = tmp_path / "photos.json"
+    with pytest.raises(BadInput, match="was made by another program meanwhile"), replacing_folder(tmp_path) as work:
+        (work / "scene").mkdir()
+        (work / "scene" / theirs.name).write_text("ours")
+        theirs.write_text("precious")
+    assert list(tmp_path.iterdir()) == [theirs] and theirs.read_text() == "precious"
+
+
+def test_a_list_that_cannot_be_read_is_told_before_the_minutes(tmp_path):
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    noise_photo(photos / "0.jpg", 0)
+    (photos / "test.txt").write_text("0.jpg\n")
+
+    def refuse(*_):
+        raise PermissionError(errno.EACCES, "Permission denied", str(photos / "test.txt"))
+
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(PermissionError):
+        patch.setattr("core.data.split.digest", refuse)  # who runs the tests may be root, who may read anything
+        reconstruct(photos, tmp_path / "scene", Report(), lists=[photos])
+    assert list(tmp_path.iterdir()) == [photos]
+
+
 def test_an_empty_folder_is_filled_from_within(tmp_path):
     """It may be a disk of its own: it can be neither removed nor moved onto."""
     with replacing_folder(tmp_path) as work:
@@ -174,9 +197,9 @@ def test_the_model_comes_last_into_a_folder_that_is_there(tmp_path, monkeypatch)
     monkeypatch.setattr(Path, "iterdir", lambda folder: iter(sorted(listed(folder), reverse=True)))
     monkeypatch.setattr(os, "replace", lambda part, place: (replaced.append(Path(place).name), put(part, place)))
     with replacing_folder(tmp_path) as work:
-        for name in ("sparse", "images", originals.MADE_OF, originals.NAMES, originals.LENSES):
+        for name in ("sparse", "images", originals.MADE_OF, originals.NAMES, originals.LENSES, "test.txt"):
             (work / "scene" / name).mkdir(parents=True)
-    assert len(replaced) == 5 and replaced[-1] == "sparse"
+    assert len(replaced) == 6 and replaced[-1] == "sparse"
 
 
 def test_photos_in_formats_of_phones_and_links_to_nothing_are_named(tmp_path):

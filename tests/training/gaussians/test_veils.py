@@ -8,7 +8,7 @@ from core import rasterizer
 from core.rasterizer.importance import largest_shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.training.gaussians.veils import LARGEST_STEP, MOST_VIEWS, VIEWS_A_PHOTO, cameras_beside, veils
+from core.training.gaussians.veils import LARGEST_STEP, MOST_VIEWS, VIEWS_PER_PHOTO, cameras_beside, veils
 
 WALL = np.array([[x, y, 5.0] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 REFERENCE = rasterizer.create("reference")
@@ -45,7 +45,7 @@ def test_new_cameras_are_no_farther_off_than_others_nor_half_the_way_to_what_the
         photos = [looking_ahead(x * apart) for x in (0, 1, 1, 1)]
         beside = cameras_beside(photos, WALL + [apart / 2, 0, 0])
         nearest = [min(np.linalg.norm(camera.centre - photo.centre) for photo in photos) for camera in beside]
-        assert len(beside) == 4 * VIEWS_A_PHOTO and 0.6 * most < max(nearest) <= most
+        assert len(beside) == 4 * VIEWS_PER_PHOTO and 0.6 * most < max(nearest) <= most
         assert [camera.numbers() for camera in beside] == [camera.numbers() for camera in cameras_beside(photos, WALL + [apart / 2, 0, 0])]
 
 

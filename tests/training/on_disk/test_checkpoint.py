@@ -1,6 +1,8 @@
 """Checkpoints: the newest is found, read back whole or refused, and none is lost to a full disk or a kill."""
 
+import errno
 import os
+from pathlib import Path
 
 import pytest
 import torch
@@ -79,6 +81,16 @@ def test_a_checkpoint_comes_back_and_a_broken_or_older_one_is_refused(tmp_path):
     for read in (checkpoint.load, checkpoint.read_facts):
         with pytest.raises(BadInput, match=f"has version 1, this is version {checkpoint.VERSION}. Train again"):
             read(path)
+
+
+def test_a_checkpoint_that_may_not_be_read_is_not_called_missing(tmp_path, monkeypatch):
+    def refuse(path, *_):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    path = checkpoint.save(tmp_path, checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7}))
+    monkeypatch.setattr(Path, "open", refuse)  # who runs the tests may be root, who may read anything
+    with pytest.raises(PermissionError):
+        checkpoint.load(path)
 
 
 def test_a_checkpoint_that_the_next_one_replaces_while_it_is_read_is_no_damage(tmp_path):

@@ -1,7 +1,11 @@
 """history.csv: written row by row, read without what a killed program garbled, and taken back to a checkpoint."""
 
+import csv
+import errno
+
 import pytest
 
+from core.errors import BadInput
 from core.training.on_disk import history
 
 
@@ -22,7 +26,24 @@ def test_checks_are_the_rows_that_measured_and_can_be_read(tmp_path):
     ]
 
 
-@pytest.mark.parametrize("end", ["", "40,1", "40,1.0\r\n50,1.2\r\n50", "abc\r\n,\r\n\0\0"])
+def test_a_folder_in_its_place_is_named(tmp_path):
+    (tmp_path / "history.csv").mkdir()
+    for need in (lambda: history.checks(tmp_path), lambda: history.rewind(tmp_path, 20)):
+        with pytest.raises(BadInput, match="history.csv is a folder. Move it away"):
+            need()
+
+
+def test_a_row_that_the_disk_refuses_names_the_file(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(csv.DictWriter, "writerow", refuse)
+    with pytest.raises(OSError) as caught:
+        history.add_row(tmp_path, ("step",), {"step": 5})
+    assert caught.value.filename == str(tmp_path / "history.csv")
+
+
+@pytest.mark.parametrize("end", ["", "9" * 6000 + ",1\r\n", "40,1", "40,1.0\r\n50,1.2\r\n50", "abc\r\n,\r\n\0\0"])
 def test_history_forgets_what_a_killed_run_will_do_again(tmp_path, end):
     kept = "step,seconds\r\n10,0.5\r\n20,0.7\r\n"
     (tmp_path / "history.csv").write_text(kept + end, newline="")

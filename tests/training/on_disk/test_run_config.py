@@ -1,10 +1,12 @@
 """config.json: what made a run is read back exactly, wherever run and scene are moved."""
 
 import codecs
+import errno
 import json
 import os
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -136,6 +138,61 @@ def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
         run_folders.create(tmp_path / str(number), scene, settings)
         identities.add(run_config.read_config(tmp_path / str(number))[0])
     assert len(identities) == 4
+
+
+def changed(camera=(), lens=()):
+    def change(photo):
+        photo["camera"] |= camera
+        photo["lens"] = {"model": "SIMPLE_PINHOLE", "width": 4, "height": 3, "params": [4.0, 2, 1.5], "orientation": 1} | dict(lens)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (changed(), None),
+        (changed(camera={"cx": "a"}), "as a picture of"),
+        (changed(camera={"cy": float("nan")}), "as a picture of"),
+        (changed(camera={"fx": -1}), "as a picture of"),
+        (changed(camera={"width": 10**9}), "as a picture of"),
+        (changed(camera={"centre": [0, float("nan"), 0]}), "from .0.0, nan, 0.0."),
+        (changed(camera={"world_to_camera": np.zeros((3, 3)).tolist()}), "from .* turned by"),
+        (changed(camera={"world_to_camera": (-np.eye(3)).tolist()}), "from .* turned by"),
+        (changed(lens={"model": "ZORK"}), "through .*ZORK"),
+        (changed(lens={"model": "EQUIRECTANGULAR", "params": []}), "through"),
+        (changed(lens={"params": [4.0]}), "through"),
+        (changed(lens={"params": [4.0, float("nan"), 1.5]}), "through"),
+        (changed(lens={"width": 0}), "through"),
+        (changed(lens={"orientation": 2}), "through"),
+    ],
+)
+def test_a_camera_that_is_none_is_refused_with_its_photo(tmp_path, collection, change, words):
+    run_folders.create(tmp_path, collection, small_settings())
+    facts = json.loads((tmp_path / "config.json").read_text())
+    change(facts["photos"][1])
+    (tmp_path / "config.json").write_text(json.dumps(facts))
+    if words is None:
+        run_config.read_config(tmp_path)
+        return
+    with pytest.raises(BadInput, match=f"config.json cannot be used: .*{collection.photos[1].name} {words}"):
+        run_config.read_config(tmp_path)
+
+
+def test_a_config_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)  # who runs the tests may be root, who may read anything
+    with pytest.raises(PermissionError):
+        run_config.read_config(tmp_path)
+
+
+def test_a_run_is_known_from_another_in_its_place(tmp_path, collection):
+    run_folders.create(tmp_path, collection, small_settings())
+    run_config.check_same_run(tmp_path, run_config.read_config(tmp_path)[0])
+    with pytest.raises(BadInput, match="holds another run than before"):
+        run_config.check_same_run(tmp_path, "other")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {"stepz": 1}}'])

@@ -172,3 +172,9 @@ def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, coll
     assert sorted(path.name for path in folder.iterdir()) == [
         "cameras.json", "cfg_args", COPY, "config.json", "dusk.ply", "input.ply",
     ]  # fmt: skip
+
+
+def test_a_file_in_the_way_of_the_last_file_is_told(tmp_path):
+    (tmp_path / "point_cloud").touch()
+    with pytest.raises(BadInput, match="iteration_7 cannot be made: a file is in the way. Move what is there away, then type: wegs train --resume"):
+        run_folders.point_cloud_path(tmp_path, 7)

@@ -1,4 +1,4 @@
-"""Chosen rows of tensors on a GPU, in one launch for all: core.kernels.chosen_rows.
+"""Chosen rows of tensors on a GPU, in one launch for all: core.training.gaussians.chosen_rows.
 
 torch's index_select starts a small program for every row of every tensor, which takes seven times as long as moving the rows.
 """
@@ -11,7 +11,7 @@ from torch import Tensor
 
 from core.kernels.triton_launch import FUSED, blocks
 
-BLOCK = 1024  # numbers a program, eight a thread
+BLOCK = 1024  # numbers per program, eight per thread
 
 
 @triton.jit(do_not_specialize=["count"])
@@ -34,7 +34,7 @@ def take_rows(sources, copies, rows, count, COLUMNS: tl.constexpr, BLOCK: tl.con
 
 
 def chosen_rows(tensors: dict[str, Tensor], rows: Tensor) -> dict[str, Tensor]:
-    """`core.kernels.chosen_rows.chosen_rows` for float32, contiguous, on a GPU."""
+    """`core.training.gaussians.chosen_rows.chosen_rows` for float32, contiguous, on a GPU."""
     copies = {name: tensor.new_empty(len(rows), *tensor.shape[1:]) for name, tensor in tensors.items()}
     columns = tuple(math.prod(tensor.shape[1:]) for tensor in tensors.values())
     programs = sum(blocks(copy.numel(), BLOCK)[0] for copy in copies.values())

@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from core.kernels.chosen_rows import chosen_rows
+from core.training.gaussians.chosen_rows import chosen_rows
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-from core.kernels import chosen_rows_cuda
+from core.training.gaussians import chosen_rows_cuda
 
 DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
 SHAPES = {"means": (3,), "quaternions": (4,), "logit_opacities": (), "sh": (9, 3), "latents": (16,), "none": (0,)}

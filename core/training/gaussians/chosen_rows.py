@@ -11,7 +11,7 @@ def chosen_rows(tensors: dict[str, Tensor], rows: Tensor) -> dict[str, Tensor]:
     is one of zeros.
     """
     if rows.device.type == "cuda" and all(tensor.dtype == torch.float32 and tensor.is_contiguous() for tensor in tensors.values()):
-        from core.kernels import chosen_rows_cuda  # Triton, which a machine without a GPU need not have
+        from core.training.gaussians import chosen_rows_cuda  # Triton, which a machine without a GPU need not have
 
         return chosen_rows_cuda.chosen_rows(tensors, rows)
     return {name: tensor.detach().index_select(0, rows) for name, tensor in tensors.items()}

@@ -159,6 +159,13 @@ def test_where_memory_does_not_suffice_to_record_a_step_all_are_run(losses_on_cp
     assert not trainer.stepper.records
 
 
+@pytest.mark.parametrize(
+    ("changes", "shared"), [({}, True), ({"transparency": "empty", "sky": "none"}, False)], ids=["unseen", "empty"], indirect=["changes"]
+)
+def test_photos_share_a_canvas_unless_transparency_means_empty_space(trainer, shared):
+    assert (trainer.photos.canvas(1) is not None) == shared
+
+
 def test_a_step_waits_once(trainer):
     """At its end, for its facts. New rounds through the photos too."""
     for index in range(len(trainer.photos)):

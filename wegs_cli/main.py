@@ -22,7 +22,6 @@ COMMANDS = {
     "doctor": "wegs_cli.doctor:doctor",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
-STOPS = ("SIGINT", "SIGTERM", "SIGHUP")  # SIGHUP is none of Windows'
 INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
@@ -148,9 +147,10 @@ def _hang_up(number: int, frame: FrameType | None) -> None:
 
 def _ignore_stops() -> None:
     """What has an answer ends with it: a second Ctrl-C would put a traceback in its place."""
-    for name in STOPS:
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    from core.training.interrupt import STOPS  # late, as in `explain`
+
+    for number in STOPS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def run() -> None:

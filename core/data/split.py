@@ -79,7 +79,8 @@ def _lists_in(folder: Path) -> list[Path]:
 
 def _find(folder: Path, *names: str) -> list[Path]:
     """The files in a folder that have these names, in any letters, in their order."""
-    return [path for name in names for path in list_files(folder) if path.name.lower() == name]
+    files = list_files(folder)
+    return [path for name in names for path in files if path.name.lower() == name]
 
 
 def in_both(train: str, test: str, names: Iterable[str]) -> list[Note]:

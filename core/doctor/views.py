@@ -13,7 +13,7 @@ from core.errors import BadInput
 from core.rasterizer.contract import ALPHA_MIN
 from core.rasterizer.importance import largest_contributions
 from core.report import Report
-from core.scene.camera import LARGEST_PX, LARGEST_SIDE_PX, Camera
+from core.scene.camera import Camera, can_be_drawn
 from core.scene.frame import SceneFrame
 from core.scene.splats import Splats
 from core.words import counted
@@ -91,7 +91,6 @@ def _camera(values: dict) -> Camera:
     rotation, centre = from_camera_to_world(np.column_stack([axes, centre]), "a pose")
     width, height = int(values["width"]), int(values["height"])
     lens = float(values["fx"]), float(values["fy"]), float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
-    is_picture = 1 <= min(width, height) and max(width, height) <= LARGEST_SIDE_PX
-    if not (is_picture and min(lens[:2]) > 0 and (np.abs(lens) < LARGEST_PX).all()):
+    if not can_be_drawn(width, height, lens):
         raise Fault(f"of {width} x {height} px that cannot be drawn with")
     return Camera(rotation, centre, *lens, width, height)

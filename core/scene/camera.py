@@ -1,5 +1,6 @@
 """The pinhole camera."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +9,12 @@ from core.scene.frame import SceneFrame
 
 LARGEST_SIDE_PX = 1 << 20  # of a picture
 LARGEST_PX = 1e30  # of focal lengths and principal points: kernels keep them in float32, and write beyond their arrays where one is infinite
+
+
+def can_be_drawn(width: int, height: int, lens: Sequence[float]) -> bool:
+    """Whether a picture of these sides by a lens of these fx, fy, cx and cy, all px, is one that kernels can draw; NaN is not."""
+    is_picture = 1 <= min(width, height) and max(width, height) <= LARGEST_SIDE_PX
+    return is_picture and min(lens[:2]) > 0 and all(abs(value) < LARGEST_PX for value in lens)
 
 
 @dataclass(frozen=True)

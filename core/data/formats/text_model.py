@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pycolmap
 
+from core.data.photos.distortion import MODELS
+
 # The columns of each file. After them a camera has its parameters, a point its track, and an image a second line, of its features.
 CAMERA = ("CAMERA_ID", "MODEL", "WIDTH", "HEIGHT")
 IMAGE = ("IMAGE_ID", "QW", "QX", "QY", "QZ", "TX", "TY", "TZ", "CAMERA_ID", "NAME")
@@ -73,7 +75,7 @@ def _check(columns: Sequence[str], words: Sequence[str]) -> None:
 
 
 def _check_lens(model: str, params: Sequence[str]) -> None:
-    if model not in pycolmap.CameraModelId.__members__:
+    if model not in MODELS:
         raise _Fault(f"there is no camera model {model}")
     wanted = len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.__members__[model], 1.0, 2, 2).params)
     if len(params) != wanted:

@@ -17,7 +17,7 @@ from core.data.photos.names import is_file
 from core.data.sfm.kept_points import MARK, home_of
 from core.data.split_table import SPLITS
 from core.errors import BadInput, BadSetting
-from core.scene.camera import LARGEST_PX, LARGEST_SIDE_PX, Camera
+from core.scene.camera import LARGEST_PX, Camera, can_be_drawn
 from core.scene.frame import SceneFrame
 from core.scene.lens import Lens
 from core.system.atomic import write_json
@@ -157,12 +157,13 @@ def _camera_from_json(photo: dict) -> Camera:
     shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     values = photo["camera"] | {name: np.asarray(photo["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
     sides, lens = ([values[name] for name in names] for names in (("width", "height"), ("fx", "fy", "cx", "cy")))
-    if not (all(type(side) is int and 0 < side <= LARGEST_SIDE_PX for side in sides) and _are_numbers(lens) and min(lens[:2]) > 0):
+    are_numbers = all(type(side) is int for side in sides) and all(type(value) in (int, float) for value in lens)
+    if not (are_numbers and can_be_drawn(*sides, lens)):
         raise ValueError(f"{photo['name']} as a picture of {sides} px by a camera of {lens} px")
-    rotation, centre = values["world_to_camera"], values["centre"].tolist()
+    rotation, centre = values["world_to_camera"], values["centre"]
     is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < CROOKED and np.linalg.det(rotation) > 0
-    if not (is_rotation and _are_numbers(centre)):
-        raise ValueError(f"{photo['name']} from {centre}, turned by {rotation.tolist()}")
+    if not (is_rotation and (np.abs(centre) < LARGEST_PX).all()):
+        raise ValueError(f"{photo['name']} from {centre.tolist()}, turned by {rotation.tolist()}")
     return Camera(**values)
 
 
@@ -173,7 +174,3 @@ def _lens_from_json(photo: dict, key: str) -> Lens | None:
     if not is_sound(lens):
         raise ValueError(f"{photo['name']} through {lens}")
     return lens
-
-
-def _are_numbers(values: Sequence) -> bool:
-    return all(type(value) in (int, float) and abs(value) < LARGEST_PX for value in values)  # NaN is none

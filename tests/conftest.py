@@ -4,6 +4,7 @@ Without a GPU the CUDA kernels run by Triton's interpreter, on the CPU.
 """
 
 import os
+from importlib.util import find_spec
 
 import pytest
 
@@ -15,6 +16,10 @@ import torch
 
 if not torch.cuda.is_available():
     os.environ.setdefault("TRITON_INTERPRET", "1")  # read once, when Triton is imported
+    if find_spec("triton"):
+        from tests import interpreter
+
+        interpreter.hasten()
 
 
 @pytest.fixture(autouse=True)

@@ -100,13 +100,13 @@ def test_pairs_that_are_known_change_nothing(splats):
 
 
 def test_a_small_picture_whose_tiles_are_divided_is_the_same(monkeypatch):
-    """Four tiles: in three sections, and in as many parts and sections as there are."""
+    """Four tiles: in three sections, in nine and eight parts, and in as many as there are."""
     view = camera(30, 27, focal=40.0)
     splats = cloud(view, 160, seed=51, degree=1, sizes_px=(2.0, 12.0)).map(lambda tensor: tensor.to(DEVICE))
     splats.logit_opacities[:40] = 4.0  # pixels are finished in different sections
     monkeypatch.setattr(backend, "PROGRAMS", 1)
     image, *gradients = results(splats, view=view)
-    for programs in (12, 200):
+    for programs in (12, 36, 200):
         monkeypatch.setattr(backend, "PROGRAMS", programs)
         divided, *others = results(splats, view=view)
         assert torch.equal(image, divided)

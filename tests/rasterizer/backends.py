@@ -13,7 +13,7 @@ from core.scene.camera import Camera
 from core.scene.splats import Splats
 
 FAST_BACKENDS = [name for name in BACKENDS if name != "reference"]
-# What Triton's interpreter takes half a minute and more for: 3 ms a splat and tile. On a GPU all scenes are drawn.
+# What Triton's interpreter takes half a minute and more for: 1 ms a splat and tile. On a GPU all scenes are drawn.
 TOO_LARGE = {"three_thousand_on_one_pixel", "many_tiles"}
 
 

@@ -17,7 +17,7 @@ def write(folder: Path, collection: Collection, white_background: bool) -> None:
 
 
 def _cameras_json(collection: Collection) -> list[dict]:
-    """Training views first, as in the original; position and rotation lead from camera (OpenCV axes) to world."""
+    """Training views first; position and rotation lead from camera (OpenCV axes) to world."""
     entries = []
     for number, photo in enumerate((*collection.split("train"), *collection.split("test"))):
         camera = photo.camera.in_world(collection.frame.for_files())

@@ -2,11 +2,15 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 import torch
 
 from core.scene.harmonics import dc_of_colour
+from core.training.on_disk import checkpoint
+from core.training.trainer import Trainer
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
 
 def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
@@ -26,3 +30,23 @@ def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
     trainer.held_out.photos[:] = white
     trainer.gaussians.parameters["sh"][:, 0] = float(dc_of_colour(torch.tensor(0.5)))
     assert trainer.held_out_quality() == pytest.approx((6.02, 0.74), abs=0.01)
+
+
+def test_what_held_out_photos_show_teaches_nothing(tmp_path):
+    """Of two scenes that differ in their held-out photos alone, every tensor of a whole run is the same, bit for bit: decisions, growth, sky and all."""
+    checkpoints, judged = [], []
+    for name in ("as they are", "of noise"):
+        folder = tmp_path / name
+        folder.mkdir()
+        collection = small_collection(folder)
+        if name == "of noise":
+            for photo in collection.split("test"):
+                cv2.imwrite(str(photo.path), np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8))
+        settings = small_settings(prune_contribution=0.05).changed(appearance="auto", transients="auto", sh_degree="auto")
+        trainer = Trainer.of_new_run(collection, settings, folder / "run")
+        judged.append([report.held_out_psnr for report in trainer.train()])
+        checkpoints.append(checkpoint.load(checkpoint.newest(folder / "run")).tensors)
+    assert judged[0] != judged[1]
+    first, second = checkpoints
+    assert first.keys() == second.keys()
+    assert [name for name in first if not torch.equal(first[name], second[name])] == []

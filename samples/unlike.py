@@ -56,7 +56,7 @@ def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: 
     with Terminal() as terminal, tempfile.TemporaryDirectory() as folder:
         trained = train(collection, settings, Path(folder), terminal)
         rows = np.array([compared(trained, photo) for photo in collection.split("test")])
-    for what, chosen in (("all", rows), ("beyond reach", rows[rows[:, 0] > 1])):
+    for what, chosen in (("all", rows), ("beyond the known range", rows[rows[:, 0] > 1])):
         means = f": {chosen[:, 1].mean():.2f} dB drawn in, {chosen[:, 2].mean():.2f} dB with gains" if len(chosen) else ""
         click.echo(f"{what}, {len(chosen)} of {len(rows)} photos{means}")
 
@@ -86,15 +86,15 @@ def train(collection: Collection, settings: Settings, folder: Path, terminal: Te
 
 @torch.no_grad()
 def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
-    """How far out a photo's embedding lies (1: the end of reach), and the PSNR of its look moved into reach, and of its look with gains."""
+    """How far out a photo's embedding lies (1: the end of the known range), and the PSNR of its look moved into that, and of its look with gains."""
     view = held_out_view(trained, photo)
     scored = [part for part in (view.valid, view.truth.static) if part is not None]
     scored = torch.stack(scored).all(dim=0) if scored else None
     picture = view.picture.permute(2, 0, 1)
     embedding = trained.model.embedding_from_outside(picture)
-    looks = Colouring(trained.reach.nearest(embedding)), read_from_outside(trained, picture)
+    looks = Colouring(trained.known_range.nearest(embedding)), read_from_outside(trained, picture)
     images = (drawn(trained, bake(trained, Look("", "", look)), view.camera) for look in looks)
-    return trained.reach.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images)
+    return trained.known_range.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images)
 
 
 if __name__ == "__main__":

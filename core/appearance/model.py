@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from core.appearance.colouring import UNCHANGED, Weights
 from core.appearance.encoder import PhotoEncoder, PlainMask, mask_size, shrink
 from core.appearance.exposure import ExposureTransfer
+from core.appearance.known_range import KnownRange
 from core.appearance.mask_table import MaskTable
-from core.appearance.reach import Reach
 from core.appearance.sh_transfer import SHTransfer
 from core.config import Settings
 from core.errors import BadInput, BadSetting
@@ -82,7 +82,7 @@ class AppearanceModel(nn.Module):
         """What a photo of the collection tells of its look ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
 
         row: its place in `photo_names`, or None for one that was not trained on. The embedding of such a photo is held
-        within `reach`. A GLO table knows nothing of it: its embedding is the mean, the place to start a refinement. Without
+        within `known_range`. A GLO table knows nothing of it: its embedding is the mean, the place to start a refinement. Without
         appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
         """
         if row is not None and not 0 <= row < len(self.photo_names):
@@ -93,7 +93,7 @@ class AppearanceModel(nn.Module):
             if self.encoder is not None:
                 embedding, mask = self.encoder(picture)
                 if embedding is not None and row is None:
-                    embedding = self.reach().nearest(embedding)
+                    embedding = self.known_range().nearest(embedding)
             if self.embedding_table is not None and row is not None:
                 embedding = self.embedding_table[row]
             if isinstance(self.mask_network, PlainMask):
@@ -125,7 +125,7 @@ class AppearanceModel(nn.Module):
         return torch.stack(masked), torch.stack(unmasked)
 
     def meet_as_finished(self, masked: Float[Tensor, "k e"], unmasked: Float[Tensor, "k e"]) -> None:
-        """Know the training photos by what `encoded` gave at the end of training, so that `reach` takes in these photos read either way."""
+        """Know the training photos by what `encoded` gave at the end of training, so that `known_range` takes in these photos read either way."""
         self.finished_embeddings = torch.cat([masked, unmasked])
 
     def transfer(
@@ -187,9 +187,9 @@ class AppearanceModel(nn.Module):
         known = self.met_embeddings if self.embedding_table is None else self.embedding_table.detach()
         return known if self.remembered else known[:0]
 
-    def reach(self) -> Reach:
+    def known_range(self) -> KnownRange:
         """Where looks may lie: everywhere if there are none yet. It takes a singular value decomposition of what is known."""
-        return Reach.of(self.known_embeddings)
+        return KnownRange.of(self.known_embeddings)
 
     @torch.no_grad()
     def remember(self, embedding: Float[Tensor, " e"], row: int) -> None:

@@ -30,7 +30,7 @@ HELD, HOLD = 2000, 0.05  # Gaussians that the photo does not show: as many a ste
 UNSEEN_PX = 1.0  # a Gaussian that makes up less of a photo is not shown by it
 LONGER_SIDE_PX = 640  # the longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
-FARTHEST = 2.0  # times the reach of training photos; see core.appearance.reach
+FARTHEST = 2.0  # times as far out as the known range ends; see core.appearance.known_range
 
 Course = Generator[Colouring, None, Colouring]  # the best look so far after each step, and at the end
 

@@ -21,26 +21,26 @@ TINTS = "redder", "greener", "bluer"
 
 @torch.no_grad()
 def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> Colouring:
-    """What a photo ([0, 1], any size) tells of its look, without a tone if the embedding is within reach of the training photos'.
+    """What a photo ([0, 1], any size) tells of its look, without a tone if the embedding is within the known range.
 
     Otherwise the whole tone is what turns the mean of the training views, in the neutral look, into the photo. The smallest share of it
-    (a power of its gains) that brings the embedding within reach is taken off the photo. If none does, the share that brings it nearest
-    is, and the embedding is moved within reach. If transparent pixels are empty space, it is moved without a tone: what such a photo
+    (a power of its gains) that brings the embedding within that range is taken off the photo. If none does, the share that brings it nearest
+    is, and the embedding is moved into the range. If transparent pixels are empty space, it is moved without a tone: what such a photo
     shows around the object is not the run's sky.
     """
-    model, reach, picture = trained.model, trained.reach, shrink(picture, trained.settings.encoder_side_px)
+    model, known_range, picture = trained.model, trained.known_range, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
-    if trained.transparent_is_empty or reach.distance(embedding) <= 1:
-        return Colouring(reach.nearest(embedding))
+    if trained.transparent_is_empty or known_range.distance(embedding) <= 1:
+        return Colouring(known_range.nearest(embedding))
     layers = _layers(trained)
     whole = tone_between(layers, band_means(picture))
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
     embeddings = [model.embedding_from_outside(taken_off(picture, tone, layers)) for tone in tones]
-    distances = [reach.distance(embedding) for embedding in embeddings]
+    distances = [known_range.distance(embedding) for embedding in embeddings]
     # The largest of equals: all of it for a black photo, which nothing changes.
     nearest = min(range(TRIES), key=lambda number: (distances[number], -number))
     chosen = next((number for number in range(TRIES) if distances[number] <= 1), nearest)
-    return Colouring(reach.nearest(embeddings[chosen]), tones[chosen])
+    return Colouring(known_range.nearest(embeddings[chosen]), tones[chosen])
 
 
 def light_in_words(tone: Float[Tensor, "2 3"]) -> str:

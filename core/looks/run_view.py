@@ -60,7 +60,7 @@ class RunView:
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""
-        return self.trained.reach.nearest(embedding, FARTHEST)
+        return self.trained.known_range.nearest(embedding, FARTHEST)
 
 
 class RunInCells:

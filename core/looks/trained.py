@@ -10,8 +10,8 @@ from torch import Tensor
 
 import core.rasterizer
 from core.appearance.colouring import Colouring, Weights, blended
+from core.appearance.known_range import KnownRange
 from core.appearance.model import AppearanceModel
-from core.appearance.reach import Reach
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
@@ -107,9 +107,9 @@ class TrainedRun:
         return self.model.given_spread()
 
     @cached_property
-    def reach(self) -> Reach:
+    def known_range(self) -> KnownRange:
         """Where the embeddings of its looks may lie."""
-        return self.model.reach()
+        return self.model.known_range()
 
     @cached_property
     def sizes(self) -> Sizes:

@@ -16,7 +16,7 @@ BLUR = 0.003  # of the picture's diagonal: wider than features are off, so that 
 EDGE = 2 * BLUR  # of the diagonal: nearer to the border the blur invents what it averages
 NEAR_DEGREES = 10.0  # at most this far from a photo that matched it, a point should be seen as well
 NEAR_DISTANCE = 1.5  # and at most this many times as far away, or as near
-FRONT_SHARE, FRONT_POINTS, FRONT_REACH = 0.93, 8, 0.03  # a point is hidden by those around it at less of its depth
+FRONT_SHARE, FRONT_POINTS, FRONT_RADIUS = 0.93, 8, 0.03  # a point is hidden by those around it (share of the diagonal) at less of its depth
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ def _in_photo(
     inside = (depths > 0) & ((pixels >= edge) & (pixels <= np.array([width, height]) - edge)).all(axis=1)
     rows = np.flatnonzero(inside & (matched | (degrees <= NEAR_DEGREES)))
     if len(rows):
-        reach = FRONT_REACH * diagonal
-        around = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=reach)[1]
+        radius = FRONT_RADIUS * diagonal
+        around = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=radius)[1]
         hidden = np.append(depths[inside], np.inf)[around] < FRONT_SHARE * depths[rows, None]
         rows = rows[matched[rows] | ~hidden.any(axis=1)]
     blurred = cv2.GaussianBlur(sized.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)

@@ -249,7 +249,7 @@ def test_remember_leaves_older_looks_alone():
     assert torch.equal(look.embedding, torch.ones(6))
 
 
-def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypatch):
+def test_a_photo_from_outside_is_held_within_the_known_range(monkeypatch):
     """On the way from their mean; inside, and for training photos, nothing changes by a bit."""
     model = model_of()
     directions = torch.linalg.qr(torch.randn(6, 6)).Q
@@ -273,9 +273,9 @@ def test_a_photo_from_outside_is_held_within_what_training_photos_reach(monkeypa
     farthest = (met - met.mean(dim=0)).norm(dim=1).max()
     assert farthest / 2 < held.norm() < 1.5 * farthest < away.norm() / 4
     assert torch.allclose(given(given(outside)), given(outside), atol=1e-5)
-    assert max(map(model.reach().distance, met)) == 1 and model.reach().distance(outside) > 4
-    assert model.reach().distance(given(outside)) == pytest.approx(1, abs=1e-5)
-    model.remember(outside, 0)  # a photo like it was met: now it is within reach
+    assert max(map(model.known_range().distance, met)) == 1 and model.known_range().distance(outside) > 4
+    assert model.known_range().distance(given(outside)) == pytest.approx(1, abs=1e-5)
+    model.remember(outside, 0)  # a photo like it was met: now it is within the range
     assert torch.allclose(given(outside), outside, atol=1e-4)
 
 
@@ -285,7 +285,7 @@ def test_a_finished_model_knows_its_photos_by_what_it_reads_in_them_at_last():
     met, state = model.met_embeddings.clone(), model.state_dict().keys()
     masked, unmasked = torch.randn(2, 5, 6)
     model.meet_as_finished(masked, unmasked)
-    assert torch.equal(model.known_embeddings, torch.cat([masked, unmasked])) and max(map(model.reach().distance, model.known_embeddings)) == 1
+    assert torch.equal(model.known_embeddings, torch.cat([masked, unmasked])) and max(map(model.known_range().distance, model.known_embeddings)) == 1
     assert torch.equal(model.met_embeddings, met) and model.state_dict().keys() == state
 
 

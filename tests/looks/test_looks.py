@@ -125,14 +125,14 @@ def darkened(photo, folder, gain: float):
 
 
 def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
-    """No look within reach is that dark: a gain brings the rest, and is saved, mixed and told with the look."""
+    """No look within the known range is that dark: a gain brings the rest, and is saved, mixed and told with the look."""
     photo = trained.collection.view("photo_03.png")
     night = darkened(photo, tmp_path, 0.15)
     look = find_look(trained, str(night))
     wanted = torch.from_numpy(cv2.imread(str(night))[..., ::-1].copy())
     shown, without = (rendered(trained, each) for each in (look, replace(look, colouring=look.colouring._replace(tone=None))))
     assert (shown - wanted).abs().mean() < 0.25 * (without - wanted).abs().mean()
-    assert trained.reach.distance(look.colouring.embedding) <= 1 + 1e-5
+    assert trained.known_range.distance(look.colouring.embedding) <= 1 + 1e-5
     assert look.source.startswith("photo 0.15.png from outside the collection, lit unlike any photo of the place (darker), ")
 
     kept = saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
@@ -145,26 +145,26 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     assert torch.equal(frames[-1], shown) and max(steps) <= 2 * np.mean(steps)
 
 
-def test_only_what_lies_beyond_reach_becomes_a_gain(trained, tmp_path):
+def test_only_what_lies_beyond_the_known_range_becomes_a_gain(trained, tmp_path):
     """None for a photo like those of the collection; the less, the nearer it is to them, and all for a black one."""
     photo = trained.collection.view("photo_03.png")
     paths = [darkened(photo, tmp_path, gain) for gain in (1.0, 0.3, 0.15, 0.05, 0.0)]
     looks = [find_look(trained, str(path)) for path in paths]
     assert looks[0].colouring.tone is None
-    assert all(trained.reach.distance(look.colouring.embedding) <= 1 + 1e-5 for look in looks)
+    assert all(trained.known_range.distance(look.colouring.embedding) <= 1 + 1e-5 for look in looks)
     strengths = [1.0 if look.colouring.tone is None else float(look.colouring.tone.mean()) for look in looks]
     assert sorted(strengths, reverse=True) == strengths and strengths[-1] < 0.1
     picture = torch.from_numpy(cv2.imread(str(paths[1]))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
     whole = tone_between(_layers(trained), band_means(picture))
-    assert float(whole.mean()) < strengths[1] - 0.02  # as much of it as brings the photo within reach, and no more
+    assert float(whole.mean()) < strengths[1] - 0.02  # as much of it as brings the photo into the known range, and no more
 
 
-def test_no_training_photo_lies_beyond_reach_as_a_file_from_outside_either(trained):
+def test_no_training_photo_lies_beyond_the_known_range_as_a_file_from_outside_either(trained):
     """The encoder has the weights of the last step there, and sees no mask and no jitter: unlike when training met the photos."""
     names = trained.model.photo_names
     pictures = [trained.sized_photo(trained.collection.view(name)).encoder_input for name in names]
     seen = [trained.model.embedding_from_outside(picture) for picture in pictures]
-    assert max(map(trained.reach.distance, seen)) <= 1 + 1e-5
+    assert max(map(trained.known_range.distance, seen)) <= 1 + 1e-5
     assert torch.equal(trained.photo_embeddings, torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]))
 
 
@@ -173,7 +173,7 @@ def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_p
     night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)
     of_renders = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
     look = find_look(of_renders, str(night), refine=False)
-    assert look.colouring.tone is None and trained.reach.distance(look.colouring.embedding) <= 1 + 1e-5
+    assert look.colouring.tone is None and trained.known_range.distance(look.colouring.embedding) <= 1 + 1e-5
     assert look.source == "photo 0.15.png from outside the collection"
 
 

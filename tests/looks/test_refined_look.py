@@ -74,7 +74,7 @@ def test_the_photo_of_a_look_is_met_more_closely(trained):
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.93 was seen, after seconds of training
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
     assert heard.steps[-1] == (STEPS + LATER_STEPS,) * 2
-    assert trained.reach.distance(encoded.colouring.embedding) <= 1 + 1e-5
+    assert trained.known_range.distance(encoded.colouring.embedding) <= 1 + 1e-5
     assert torch.equal(refined.colouring.embedding, encoded.colouring.embedding)  # the weights that it gives are refined in its place
     assert set(refined.colouring.changes) == set(trained.given_spread | trained.model.hidden_weights) and encoded.colouring.changes == {}
 

@@ -1,7 +1,7 @@
-"""How far looks may lie from those of the training photos. (The setting `reach` is another one, of SfM points.)
+"""The known range: where the embeddings of the training photos lie, and with them all looks that were trained.
 
-Farther out the SH transfer was never trained and makes up colours: a night photo among eight of daylight lay at six times the reach, and
-turned a white church green. The limit changes the figures of held-out photos by no more than 0.02 dB (plaza, Liberty).
+Beyond it the SH transfer makes up colours: a night photo among eight of daylight lay six times as far out as its end, and turned a white church
+green. The limit changes the figures of held-out photos by no more than 0.02 dB (plaza, Liberty).
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what t
 
 
 @dataclass(frozen=True)
-class Reach:
+class KnownRange:
     """The ellipsoid around the mean of the training photos' embeddings that passes through the farthest of them, float64.
 
     axes: the principal ones, as rows. lengths: their ratio, weak ones lengthened. size: what all lengths are multiplied by.
@@ -29,11 +29,11 @@ class Reach:
 
     @staticmethod
     @torch.no_grad()
-    def of(met: Float[Tensor, "k e"]) -> "Reach":
-        """The reach of these embeddings; without any, everything is within it."""
+    def of(met: Float[Tensor, "k e"]) -> "KnownRange":
+        """The known range of these embeddings; without any, everything is within it."""
         met = met.double()
         if not len(met):
-            return Reach(met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(()))
+            return KnownRange(met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(()))
         centre = met.mean(dim=0)
         away = met - centre
         with one_torch_thread():  # more would round differently
@@ -42,7 +42,7 @@ class Reach:
         lengths = strengths.new_zeros(len(axes))
         lengths[: len(strengths)] = strengths
         lengths = lengths.clamp_min(max(WEAK_AXIS * float(strengths[0]), 1e-12))  # a single photo has none
-        return Reach(centre, axes, lengths, ((away @ axes.T) / lengths).norm(dim=-1).max().clamp_min(1e-12))
+        return KnownRange(centre, axes, lengths, ((away @ axes.T) / lengths).norm(dim=-1).max().clamp_min(1e-12))
 
     @torch.no_grad()
     def distance(self, embedding: Float[Tensor, " e"]) -> float:

@@ -28,9 +28,9 @@ class SHTransfer(nn.Module):
 
     `embedding_enters` "input": l is an input of the first layer, as in the paper; its share of that layer is the same for
     all Gaussians and computed once. "output": the hidden layers do not know the photo, and l gives the weights of
-    the last one, a linear map V(l) of the hidden layer, of gamma(sh) and of 1. Residuals are then linear in l before the bound,
-    sums of patterns that all photos share, as light is of its sources; a photo shows one side of a place, and what it tells
-    of the other side is better founded so.
+    the last one, a linear map V(l) of the hidden layer, of gamma(sh), of z and of 1. Residuals are then linear in l before the bound,
+    sums of patterns that all photos share, as light is of its sources; a photo shows one side of a place, and so what it
+    tells of the other side is better founded.
 
     Deliberate differences from the paper: the output is bounded; no gradient flows into the centres (colour is no
     reason to move a Gaussian, and a third of the first layer's backward pass is saved).
@@ -40,10 +40,10 @@ class SHTransfer(nn.Module):
         super().__init__()
         self.settings = settings
         self.coefficients = 3 * coefficient_count(settings.sh_degree)
-        self.learned_columns = encoded_size(self.coefficients, settings.sh_octaves) + settings.latent_size
+        self.feature_columns = encoded_size(self.coefficients, settings.sh_octaves) + settings.latent_size
         self.mixes = settings.embedding_enters == "output"
-        # Inputs of the first layer: what is learned, the place, and the embedding where it enters there.
-        self.first_columns = self.learned_columns, encoded_size(3, settings.position_octaves), 0 if self.mixes else settings.embedding_size
+        # Inputs of the first layer: the features, the place, and the embedding where it enters there.
+        self.first_columns = self.feature_columns, encoded_size(3, settings.position_octaves), 0 if self.mixes else settings.embedding_size
         width = settings.transfer_width
         inputs = sum(self.first_columns), *(width,) * (settings.transfer_layers - 2)
         self.layers = nn.ModuleList(nn.Linear(columns, width) for columns in inputs)
@@ -51,7 +51,7 @@ class SHTransfer(nn.Module):
             nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
             nn.init.zeros_(layer.bias)
         if self.mixes:
-            self.last = nn.Linear(settings.embedding_size, self.coefficients * (width + self.learned_columns + 1))
+            self.last = nn.Linear(settings.embedding_size, self.coefficients * (width + self.feature_columns + 1))
         else:
             self.last = nn.Linear(width, self.coefficients)
         nn.init.normal_(self.last.weight, std=LAST_LAYER_SPREAD)
@@ -75,12 +75,12 @@ class SHTransfer(nn.Module):
         self.check(sh, latents)
         if not goes_blockwise(sh):
             layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
-            learned = self.encoded(sh) if latents is None else torch.cat([self.encoded(sh), latents], dim=1)
-            return chunked_mlp(learned, means, *layers, octaves, bound).view_as(sh)
+            features = self.encoded(sh) if latents is None else torch.cat([self.encoded(sh), latents], dim=1)
+            return chunked_mlp(features, means, *layers, octaves, bound).view_as(sh)
         with threads_for_blocks():
-            learned, hidden_layers = self.encoded(sh), self.hidden_layers(embedding, changes)
+            encoded_sh, hidden_layers = self.encoded(sh), self.hidden_layers(embedding, changes)
             output_layer = partial(self.output_layer, embedding, changes)
-            return blockwise_mlp(learned, latents, means, hidden_layers, output_layer, octaves, bound).view_as(sh)
+            return blockwise_mlp(encoded_sh, latents, means, hidden_layers, output_layer, octaves, bound).view_as(sh)
 
     @torch.no_grad()
     def added(
@@ -128,13 +128,13 @@ class SHTransfer(nn.Module):
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
         first_weight, *weights = [changed(layer.weight, f"layers.{number}.weight", changes) for number, layer in enumerate(self.layers)]
         first_bias, *biases = [changed(layer.bias, f"layers.{number}.bias", changes) for number, layer in enumerate(self.layers)]
-        learned_weight, place_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
+        feature_weight, place_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
         if not self.mixes:
             first_bias = embedding_weight @ embedding + first_bias
         width = len(first_bias)
         weights = torch.stack(weights) if weights else first_weight.new_empty(0, width, width)
         biases = torch.stack(biases) if biases else first_weight.new_empty(0, width)
-        return HiddenLayers(learned_weight, place_weight, first_bias, weights, biases)
+        return HiddenLayers(feature_weight, place_weight, first_bias, weights, biases)
 
     def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> OutputLayer:
         """The output layer of this photo."""
@@ -142,7 +142,7 @@ class SHTransfer(nn.Module):
         if not self.mixes:
             return OutputLayer(weight, weight.new_empty(self.coefficients, 0), bias)
         mixed = MIXING_GAIN * F.linear(embedding, weight, bias).view(self.coefficients, -1)
-        output_weight, skip_weight, output_bias = mixed.split((self.layers[0].out_features, self.learned_columns, 1), dim=1)
+        output_weight, skip_weight, output_bias = mixed.split((self.layers[0].out_features, self.feature_columns, 1), dim=1)
         return OutputLayer(output_weight, skip_weight, output_bias.squeeze(1))
 
 

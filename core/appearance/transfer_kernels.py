@@ -42,99 +42,99 @@ def zeros(rows, columns):
 
 
 @part
-def buffer_of(learned, latents):
-    """Room for a strip of the learned input, both parts side by side."""
-    return zeros(STRIP, _rounded_up(learned.shape[1] + latents.shape[1], TILE_ROWS))
+def buffer_of(encoded_sh, latents):
+    """Room for a strip of the features, both parts side by side."""
+    return zeros(STRIP, _rounded_up(encoded_sh.shape[1] + latents.shape[1], TILE_ROWS))
 
 
 @part
-def copy_rows(learned, latents, begin, end, inputs):
-    """Rows begin..end of the learned input; zeros beyond."""
-    columns = learned.shape[1]
+def copy_rows(encoded_sh, latents, begin, end, features):
+    """Rows begin..end of the features; zeros beyond."""
+    columns = encoded_sh.shape[1]
     for i in range(end - begin):
         for j in range(columns):
-            inputs[i, j] = learned[begin + i, j]
+            features[i, j] = encoded_sh[begin + i, j]
         for j in range(latents.shape[1]):
-            inputs[i, columns + j] = latents[begin + i, j]
-    inputs[end - begin :] = 0
+            features[i, columns + j] = latents[begin + i, j]
+    features[end - begin :] = 0
 
 
 @part
-def read_strip(learned, latents, means, octaves, begin, end, inputs, places):
-    """Rows begin..end of the whole input: what is learned as it is, places encoded and transposed; zeros beyond."""
-    copy_rows(learned, latents, begin, end, inputs)
+def read_strip(encoded_sh, latents, means, octaves, begin, end, features, places):
+    """Rows begin..end of the whole input: features as they are, places encoded and transposed; zeros beyond."""
+    copy_rows(encoded_sh, latents, begin, end, features)
     encode_places(means[begin:end], octaves, places[: _encoded_size(3, octaves)])
 
 
 @kernel
 def evaluate(
-    begin, end, learned, latents, means, octaves, bound, base,
-    learned_weight, place_weight, first_bias, hidden_weights, hidden_biases, output_weight, skip_weight, output_bias,
+    begin, end, encoded_sh, latents, means, octaves, bound, base,
+    feature_weight, place_weight, first_bias, hidden_weights, hidden_biases, output_weight, skip_weight, output_bias,
     kept, output,
 ):  # fmt: skip
     """Write rows begin..end of bound * tanh(y / bound), plus those of `base` unless that is empty, to `output` (n, out).
 
     kept: (layers, whole strips of rows, width) for the hidden layers, or (layers, 0, width) if no backward pass will ask for them.
     """
-    inputs = buffer_of(learned, latents)
+    features = buffer_of(encoded_sh, latents)
     places = matrix(len(place_weight), STRIP)
     y, narrow = matrix(STRIP, len(output_bias)), _room_for(STRIP * output.shape[1])
     keeps = kept.shape[1] > 0
     hidden = kept if keeps else matrix(kept.shape[0] * STRIP, kept.shape[2]).reshape(kept.shape[0], STRIP, kept.shape[2])
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
-        read_strip(learned, latents, means, octaves, first, last, inputs, places)
+        read_strip(encoded_sh, latents, means, octaves, first, last, features, places)
         at = first if keeps else 0
         here = hidden[0, at : at + STRIP]
-        multiply(inputs, False, learned_weight, first_bias.reshape(1, -1), here, ANY)
+        multiply(features, False, feature_weight, first_bias.reshape(1, -1), here, ANY)
         multiply(places, True, place_weight, here, here, ZERO)
         for layer in range(len(hidden_weights)):
             before, here = here, hidden[layer + 1, at : at + STRIP]
             multiply(before, False, hidden_weights[layer], hidden_biases[layer : layer + 1], here, ZERO)
         multiply(here, False, output_weight, output_bias.reshape(1, -1), y, ANY)
-        multiply(inputs, False, skip_weight, y, y, ANY)
+        multiply(features, False, skip_weight, y, y, ANY)
         bound_softly(without_padding(y, output.shape[1], narrow), bound, base[first:last].reshape(-1), output[first:last].reshape(-1))
 
 
 @kernel
 def differentiate_output(
-    begin, end, learned, latents, bound, output, output_gradient, kept, to_output_weight, to_skip_weight, to_output_bias,
+    begin, end, encoded_sh, latents, bound, output, output_gradient, kept, to_output_weight, to_skip_weight, to_output_bias,
 ):  # fmt: skip
     """Write the part of dL/d(weights) of the output layer that rows begin..end of dL/d(output) make, transposed and padded (also to whole tiles).
 
     output, kept: as `evaluate` left them, without a base. A gradient that is not wanted is empty.
     """
     to_output_weight[:], to_skip_weight[:], to_output_bias[:] = 0, 0, 0
-    inputs = buffer_of(learned, latents)
+    features = buffer_of(encoded_sh, latents)
     before_output = zeros(STRIP, _rounded_up(output.shape[1], PANEL))
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
-        copy_rows(learned, latents, first, last, inputs)
+        copy_rows(encoded_sh, latents, first, last, features)
         before_bound(output[first:last], output_gradient[first:last], bound, before_output)
-        add_products(inputs, True, before_output, to_skip_weight)
+        add_products(features, True, before_output, to_skip_weight)
         add_products(kept[kept.shape[0] - 1, first : first + STRIP], True, before_output, to_output_weight)
         add_rows(before_output, to_output_bias)
 
 
 @kernel
 def differentiate_hidden(
-    begin, end, learned, latents, means, octaves, bound, output, output_gradient, kept,
-    back_learned, back_hidden, back_output, back_skip,
-    to_learned, to_latents, to_learned_weight, to_place_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
+    begin, end, encoded_sh, latents, means, octaves, bound, output, output_gradient, kept,
+    back_feature, back_hidden, back_output, back_skip,
+    to_encoded_sh, to_latents, to_feature_weight, to_place_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
 ):  # fmt: skip
-    """As `differentiate_output` for the hidden layers, and write dL/d(learned) and dL/d(latents)."""
-    to_learned_weight[:], to_place_weight[:], to_first_bias[:] = 0, 0, 0
+    """As `differentiate_output` for the hidden layers, and write dL/d(encoded_sh) and dL/d(latents)."""
+    to_feature_weight[:], to_place_weight[:], to_first_bias[:] = 0, 0, 0
     to_hidden_weights[:], to_hidden_biases[:] = 0, 0
-    columns, wide, layers = learned.shape[1], kept.shape[2], len(back_hidden)
-    inputs = buffer_of(learned, latents)
+    columns, wide, layers = encoded_sh.shape[1], kept.shape[2], len(back_hidden)
+    features = buffer_of(encoded_sh, latents)
     places = zeros(_rounded_up(_encoded_size(3, octaves), TILE_ROWS), STRIP)
     before_output = zeros(STRIP, _rounded_up(output.shape[1], PANEL))
     gradient, before = matrix(STRIP, wide), matrix(STRIP, wide)
-    block = matrix(STRIP, back_learned.shape[1])
+    block = matrix(STRIP, back_feature.shape[1])
     nothing = zeros(1, max(wide, block.shape[1]))
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
-        read_strip(learned, latents, means, octaves, first, last, inputs, places)
+        read_strip(encoded_sh, latents, means, octaves, first, last, features, places)
         before_bound(output[first:last], output_gradient[first:last], bound, before_output)
         multiply(before_output, False, back_output, nothing, gradient, ANY)
         stop_at_zeros(gradient, kept[layers, first : first + STRIP])
@@ -147,16 +147,16 @@ def differentiate_hidden(
             multiply(gradient, False, back_hidden[layer], nothing, before, ANY)
             stop_at_zeros(before, here)
             gradient, before = before, gradient
-        add_products(inputs, True, gradient, to_learned_weight)
+        add_products(features, True, gradient, to_feature_weight)
         add_products(places, False, gradient, to_place_weight)
         add_rows(gradient, to_first_bias)
-        if to_learned.size or to_latents.size:
-            multiply(gradient, False, back_learned, nothing, block, ANY)
+        if to_encoded_sh.size or to_latents.size:
+            multiply(gradient, False, back_feature, nothing, block, ANY)
             if back_skip.size:
                 multiply(before_output, False, back_skip, block, block, ANY)
             for i in range(last - first):
-                for j in range(to_learned.shape[1]):
-                    to_learned[first + i, j] = block[i, j]
+                for j in range(to_encoded_sh.shape[1]):
+                    to_encoded_sh[first + i, j] = block[i, j]
                 for j in range(to_latents.shape[1]):
                     to_latents[first + i, j] = block[i, columns + j]
 

@@ -1,8 +1,8 @@
 """The MLP inside the SH transfer: the definition in plain torch, and the same in blocks for the CPU.
 
-h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i), y = bound * tanh((h_n V' + x_learned S' + b) / bound). The input x comes
-in two parts: `learned` columns, which receive a gradient and may also skip to the output, and the encoded places of the Gaussians,
-which do neither.
+h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i), y = bound * tanh((h_n V' + x_features S' + b) / bound). A Gaussian's
+input x has two parts: its features, gamma(sh) and behind it the latents if there are any, which receive a gradient and may also skip to the output;
+and its encoded place, which does neither.
 
 Blocks of ROWS rows are what threads share; `transfer_kernels` computes them. A row's result does not depend on what it is evaluated
 with, so bakes equal live renders bit for bit. Weight gradients are summed a block at a time and then in the order of
@@ -34,7 +34,7 @@ NOTHING = np.empty((0, 0), np.float32)
 class HiddenLayers(NamedTuple):
     """Weights (outputs, inputs) and biases: the first layer's for either part of the input, and the further hidden ones'."""
 
-    learned_weight: Float[Tensor, "width learned"]
+    feature_weight: Float[Tensor, "width features"]
     place_weight: Float[Tensor, "width encoded"]
     first_bias: Float[Tensor, " width"]
     hidden_weights: Float[Tensor, "more width width"]
@@ -50,7 +50,7 @@ class OutputLayer(NamedTuple):
 
 
 def plain_mlp(
-    learned: Float[Tensor, "n learned"],
+    features: Float[Tensor, "n features"],
     means: Float[Tensor, "n 3"],
     hidden_layers: HiddenLayers,
     output_layer: OutputLayer,
@@ -63,17 +63,17 @@ def plain_mlp(
     """
     linear = torch.addmm  # a bias, or what is already there, plus a product: one kernel on a GPU
     hidden = linear(hidden_layers.first_bias, encoded_places(means, octaves), hidden_layers.place_weight.T)
-    hidden = torch.relu(linear(hidden, learned, hidden_layers.learned_weight.T))
+    hidden = torch.relu(linear(hidden, features, hidden_layers.feature_weight.T))
     for weight, bias in zip(hidden_layers.hidden_weights, hidden_layers.hidden_biases):
         hidden = torch.relu(linear(bias, hidden, weight.T))
     output = linear(output_layer.output_bias, hidden, output_layer.output_weight.T)
     if output_layer.skip_weight.shape[1]:
-        output = linear(output, learned, output_layer.skip_weight.T)
+        output = linear(output, features, output_layer.skip_weight.T)
     return bound * torch.tanh(output / bound)
 
 
 def chunked_mlp(
-    learned: Float[Tensor, "n learned"],
+    features: Float[Tensor, "n features"],
     means: Float[Tensor, "n 3"],
     hidden_layers: HiddenLayers,
     output_layer: OutputLayer,
@@ -81,21 +81,21 @@ def chunked_mlp(
     bound: float,
 ) -> Float[Tensor, "n out"]:
     """`plain_mlp` within CHUNK_BYTES: rows that do not fit go in chunks, of which the backward pass computes each again."""
-    inputs = learned.shape[1] + hidden_layers.place_weight.shape[1]
+    inputs = features.shape[1] + hidden_layers.place_weight.shape[1]
     layers = 1 + len(hidden_layers.hidden_weights)
     # Kept for the backward pass: both inputs, each hidden layer before and after its ReLU, and three steps of the output.
     kept = inputs + 2 * len(hidden_layers.first_bias) * layers + 3 * len(output_layer.output_bias)
-    rows = max(1, CHUNK_BYTES // (kept * learned.element_size()))
+    rows = max(1, CHUNK_BYTES // (kept * features.element_size()))
     given = hidden_layers, output_layer, octaves, bound
-    if len(learned) <= rows:
-        return plain_mlp(learned, means, *given)
-    parts = zip(learned.split(rows), means.split(rows))
+    if len(features) <= rows:
+        return plain_mlp(features, means, *given)
+    parts = zip(features.split(rows), means.split(rows))
     options = {"use_reentrant": False, "preserve_rng_state": False}
     return torch.cat([checkpoint(plain_mlp, *part, *given, **options) for part in parts])
 
 
 def blockwise_mlp(
-    learned: Float[Tensor, "n l"],
+    encoded_sh: Float[Tensor, "n g"],
     latents: Float[Tensor, "n k"] | None,
     means: Float[Tensor, "n 3"],
     hidden_layers: HiddenLayers,
@@ -103,24 +103,24 @@ def blockwise_mlp(
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on core.system.threads.threads() threads. The latents are the last columns of the learned input.
+    """`plain_mlp` for float32 on the CPU, on core.system.threads.threads() threads. The latents are the last columns of the features.
 
     output_layer: makes the output layer. It is called twice: first for its values alone, and then, once the hidden layers are in the graph, to be
     part of the graph as well. Autograd goes back in the reverse order of creation. So what the output layer is made of has its gradient before the
     backward pass through the hidden layers begins.
     """
-    inputs = _inputs_of(learned, latents, means, octaves, bound)
+    inputs = _inputs_of(encoded_sh, latents, means, octaves, bound)
     keeps = torch.is_grad_enabled()
     with torch.no_grad():
         evaluated = _evaluated(inputs, hidden_layers, output_layer(), NOTHING, keeps)
-    output = _ThroughHidden.apply(evaluated, learned, latents, *hidden_layers)
+    output = _ThroughHidden.apply(evaluated, encoded_sh, latents, *hidden_layers)
     return _ThroughOutput.apply(evaluated, output, *output_layer())
 
 
 @torch.no_grad()
 def blockwise_sum(
     base: Float[Tensor, "n out"],
-    learned: Float[Tensor, "n l"],
+    encoded_sh: Float[Tensor, "n g"],
     latents: Float[Tensor, "n k"] | None,
     means: Float[Tensor, "n 3"],
     hidden_layers: HiddenLayers,
@@ -129,14 +129,14 @@ def blockwise_sum(
     bound: float,
 ) -> Float[Tensor, "n out"]:
     """base + blockwise_mlp(...), the same bits: without a gradient, in one pass."""
-    inputs = _inputs_of(learned, latents, means, octaves, bound)
+    inputs = _inputs_of(encoded_sh, latents, means, octaves, bound)
     return torch.from_numpy(_evaluated(inputs, hidden_layers, output_layer, _array_of(base), keeps=False).output)
 
 
 class _Inputs(NamedTuple):
     """What the layers are evaluated on, as the kernels take it."""
 
-    learned: np.ndarray
+    encoded_sh: np.ndarray
     latents: np.ndarray
     means: np.ndarray
     octaves: int
@@ -156,15 +156,15 @@ class _Evaluated(NamedTuple):
     output: np.ndarray
 
 
-def _inputs_of(learned: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float) -> _Inputs:
+def _inputs_of(encoded_sh: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float) -> _Inputs:
     latent_array = NOTHING if latents is None else _array_of(latents)
-    return _Inputs(_array_of(learned), latent_array, _array_of(means), octaves, np.float32(bound))
+    return _Inputs(_array_of(encoded_sh), latent_array, _array_of(means), octaves, np.float32(bound))
 
 
 def _evaluated(inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool) -> _Evaluated:
     """All layers; onto `base` unless that is empty."""
     weights = [_with_padding(weight) for weight in (*_transposed(hidden_layers), *_transposed(output_layer))]
-    rows = len(inputs.learned)
+    rows = len(inputs.encoded_sh)
     # Kept for the backward pass: 4 * layers * width bytes per Gaussian. Computing it again instead took 15 % more of a step.
     shape = 1 + len(hidden_layers.hidden_weights), rounded_up(rows, STRIP) if keeps else 0, weights[0].shape[1]
     # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake. Large blocks, so that two threads seldom meet
@@ -179,10 +179,10 @@ def _evaluated(inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: Outpu
 
 
 class _ThroughHidden(torch.autograd.Function):
-    """The output, as a function of the learned input and of the hidden layers."""
+    """The output, as a function of the features and of the hidden layers."""
 
     @staticmethod
-    def forward(ctx, evaluated: _Evaluated, learned: Tensor, latents: Tensor | None, *weights: Tensor) -> Tensor:
+    def forward(ctx, evaluated: _Evaluated, encoded_sh: Tensor, latents: Tensor | None, *weights: Tensor) -> Tensor:
         ctx.save_for_backward(*weights)
         ctx.evaluated = evaluated
         return torch.from_numpy(evaluated.output)
@@ -191,9 +191,9 @@ class _ThroughHidden(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, output_gradient: Tensor):
         (inputs, output_layer, kept, output), hidden_layers = ctx.evaluated, HiddenLayers(*ctx.saved_tensors)
-        learned_parts, wants = (inputs.learned, inputs.latents), ctx.needs_input_grad[1:3]
-        to_inputs = [np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(learned_parts, wants)]
-        back = hidden_layers.learned_weight, hidden_layers.hidden_weights, output_layer.output_weight, output_layer.skip_weight
+        feature_parts, wants = (inputs.encoded_sh, inputs.latents), ctx.needs_input_grad[1:3]
+        to_inputs = [np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(feature_parts, wants)]
+        back = hidden_layers.feature_weight, hidden_layers.hidden_weights, output_layer.output_weight, output_layer.skip_weight
         given = *inputs, output, _array_of(output_gradient), kept, *map(_with_padding, back), *to_inputs
         gradients = _summed(differentiate_hidden, given, len(output), hidden_layers, ctx.needs_input_grad[3:])
         return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
@@ -212,7 +212,7 @@ class _ThroughOutput(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, output_gradient: Tensor):
         (inputs, _, kept, output), output_layer = ctx.evaluated, OutputLayer(*ctx.saved_tensors)
-        given = inputs.learned, inputs.latents, inputs.bound, output, _array_of(output_gradient), kept
+        given = inputs.encoded_sh, inputs.latents, inputs.bound, output, _array_of(output_gradient), kept
         gradients = _summed(differentiate_output, given, len(output), output_layer, ctx.needs_input_grad[2:])
         return None, output_gradient, *gradients
 

@@ -24,7 +24,7 @@ def measure_bake(scale: float) -> dict:
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
     model, latents = AppearanceModel(BAKED, ()), torch.randn(count, BAKED.latent_size)
     hidden, output = (layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer))
-    weights = [hidden.learned_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]
+    weights = [hidden.feature_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]
     factors = [(torch.randn(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
     own = threading.local()  # products: a thread writes into its own
 

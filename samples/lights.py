@@ -75,7 +75,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
     with Terminal() as terminal:
         if not styles:
             styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
-        seen_from = [trained.collection.view(view) for view in views or (None,)]
+        seen_from = [trained.collection.photo(view) for view in views or (None,)]
         for style in styles:
             check_known(trained, style)
             if not (renders or Path(style).is_file()):
@@ -83,7 +83,7 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
         words = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
         looks = {word: find_look(trained, word, report=terminal) for word in words}  # each takes seconds
         if lights is not None:
-            from_left = trained.collection.view(PLAZA_VIEWS[0])
+            from_left = trained.collection.photo(PLAZA_VIEWS[0])
             shots = [tile(rendered(trained, looks[word], from_left), LARGE_PX) for word in PLAZA_LOOKS]
             shots = [shot if word == "neutral" else with_inset(shot, source(trained, word)) for word, shot in zip(PLAZA_LOOKS, shots, strict=True)]
             write_jpeg(lights, [shots[:3], shots[3:]], terminal)
@@ -181,7 +181,7 @@ def nearness(trained: TrainedRun, style: str, own: Look) -> str | None:
 
 def true_view(trained: TrainedRun, name: str, path: Path) -> tuple[Camera, Float[Tensor, "h w 3"]]:
     """The camera of the photo called `name`, and the true picture that it sees."""
-    camera = trained.camera(trained.collection.view(name))
+    camera = trained.camera(trained.collection.photo(name))
     pixels = cv2.resize(read_pixels(path), (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     return camera, torch.from_numpy(pixels).to(trained.device).float() / 255
 

@@ -107,7 +107,7 @@ def cameras_beside(name: str, taken: dict) -> list[list[str]]:
 
 def standpoint(trained: TrainedRun, name: str, taken: dict) -> Standpoint:
     """That of the photo called `name`. taken: its camera as looks.json has it."""
-    photo = trained.collection.view(name)
+    photo = trained.collection.photo(name)
     centre, turned = (np.array(taken[part]) for part in ("centre", "world_to_camera"))
     return Standpoint(trained.camera(photo), View(turned, centre, taken["focal_px"], photo.camera.width, photo.camera.height))
 

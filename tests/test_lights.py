@@ -47,7 +47,7 @@ def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
     assert (np.abs(pixels[[middle, 3 * middle], wide // 2].astype(int) - ((0, 0, 200), (200, 0, 0))) < 8).all()  # JPEG
     # The strip begins with the first look and ends with the last.
     live = load_run(folder)
-    photo = live.collection.view("photo_5.png")
+    photo = live.collection.photo("photo_5.png")
     frame = lights.rendered(live, find_look(live, styles[1]), photo)
     shown = lights.sheet(live, find_look(live, "neutral"), {style: find_look(live, style) for style in styles}, photo)[-1]
     np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
@@ -64,7 +64,7 @@ def test_a_sheet_without_photos(folder, tmp_path):
     live = load_run(folder)
     for row, view in enumerate(("photo_5.png", "photo_1.png")):
         for column, word in enumerate(("neutral", str(style))):
-            frame = lights.rendered(live, find_look(live, word), live.collection.view(view))
+            frame = lights.rendered(live, find_look(live, word), live.collection.photo(view))
             drawn = pixels[row * lights.TILE_PX :, column * wide :][: lights.TILE_PX, :wide]
             assert abs(drawn[..., ::-1] - lights.tile(frame, lights.TILE_PX)).mean() < 4  # JPEG
 
@@ -116,4 +116,4 @@ def test_nearness_to_a_truth(folder):
     assert words.startswith("own.png: ") and "in 1 view; the nearest of 4 looks of training photos" in words
     own, fitted = (float(words.split(mark)[1].split()[0]) for mark in ("own.png: ", "fitted to the truth "))
     assert fitted >= own - 0.1  # fitted by L1, told in dB
-    assert len(lights.sheet(live, find_look(live, "neutral"), {str(style): look}, live.collection.view("photo_2.png"))[0]) == 4  # the truth beside it
+    assert len(lights.sheet(live, find_look(live, "neutral"), {str(style): look}, live.collection.photo("photo_2.png"))[0]) == 4  # the truth beside it

@@ -119,7 +119,7 @@ class Collection:
             names = list_names([photo.name for photo in photos])
             raise BadInput(f"{name} may be {counted(len(photos), 'photo')}: {names}.", "Give the whole name of one.")
 
-    def view(self, name: str | None) -> Photo:
+    def photo(self, name: str | None) -> Photo:
         """As `called`; for None the first held-out photo, or the first of all. Raises BadInput if there is no such photo."""
         if name is None:
             return (self.split("test") or self.photos)[0]

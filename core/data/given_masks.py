@@ -104,8 +104,9 @@ def size_for_mask(photo: Photo) -> tuple[int, int]:
 
 
 def fits(size: tuple[int, int], wanted: tuple[int, int]) -> bool:
-    """Whether a mask of this `size` (px) has the aspect of its picture, within what drawing it by hand may change."""
-    return abs(log(size[0] * wanted[1] / (size[1] * wanted[0]))) <= SHAPE_TOLERANCE + 1 / min(size)
+    """Whether a mask of this `size` has the aspect of its picture, within what drawing it by hand may change. Both: width and height, px."""
+    (width, height), (wanted_width, wanted_height) = size, wanted
+    return abs(log(width * wanted_height / (height * wanted_width))) <= SHAPE_TOLERANCE + 1 / min(size)
 
 
 def check_fits(mask: Path, size: tuple[int, int], wanted: tuple[int, int]) -> None:
@@ -155,13 +156,13 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
 
 def with_same_masks(collection: Collection, before: Collection) -> Collection:
     """The collection with the masks that it had when it was read `before`, so that a run can go on. BadInput if one of a training photo is gone."""
-    masks = {photo.name: (photo.mask, photo.mask_lens) for photo in before.photos}
+    then = {photo.name: photo for photo in before.photos}
     if gone := [photo.mask for photo in before.split("train") if photo.mask and not photo.mask.is_file()]:
         raise BadInput(f"{counted(len(gone), 'mask')} of the run cannot be found, such as {gone[0]}.", "Put them back.")
     photos = []
     for photo in collection.photos:
-        mask, mask_lens = masks.get(photo.name, (None, None))
-        photos.append(replace(photo, mask=mask, mask_lens=mask_lens))
+        as_before = then.get(photo.name, replace(photo, mask=None, mask_lens=None))
+        photos.append(replace(photo, mask=as_before.mask, mask_lens=as_before.mask_lens))
     return replace(collection, photos=tuple(photos))
 
 

@@ -118,7 +118,7 @@ def find_view(trained: TrainedRun, word: str | None) -> Photo:
             return photo
         if lost := _left_out(trained, word):
             raise BadInput(f"{lost.name} was left out when the cameras were found.", f"Choose another, such as {trained.collection.photos[0].name}.")
-    return trained.collection.view(word)
+    return trained.collection.photo(word)
 
 
 def _left_out(trained: TrainedRun, word: str) -> Path | None:

@@ -24,7 +24,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 
 def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained):
     assert find_look(trained, "photo_1", refine=False).source == "training photo photo_1.png"
-    assert find_view(trained, "photo_1").name == trained.collection.view("photo_1").name == "photo_1.png"
+    assert find_view(trained, "photo_1").name == trained.collection.photo("photo_1").name == "photo_1.png"
     first, second, *rest = trained.collection.photos
     twins = replace(trained.collection, photos=(first, replace(second, name="photo_0.jpg"), replace(rest[0], name="photo_0")))
     assert twins.called("photo_0").name == "photo_0"
@@ -35,7 +35,7 @@ def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained
     with pytest.raises(BadInput, match=r"photo_0 may be 2 photos: photo_0.png, photo_0.jpg\. Give the whole name of one"):
         find_look(replace(trained, collection=twins), "photo_0")
     with pytest.raises(BadInput, match="photo_0 may be 2 photos"):
-        twins.view("photo_0")
+        twins.photo("photo_0")
 
 
 def test_photos_that_were_moved_are_known_by_name_and_size(trained, tmp_path):
@@ -88,7 +88,7 @@ def test_a_photo_may_have_the_longest_name_there_is(trained, tmp_path, monkeypat
 def test_a_view_is_called_as_a_look_is(trained):
     photo = trained.collection.photos[4]
     assert find_view(trained, str(photo.path)) is photo
-    assert find_view(trained, None).name == trained.collection.view(None).name == "photo_2.png"
+    assert find_view(trained, None).name == trained.collection.photo(None).name == "photo_2.png"
     with pytest.raises(BadInput, match="no photo bogus in this run. Choose another, such as photo_0.png"):
         find_view(trained, "bogus")
 

@@ -53,7 +53,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 
 def rendered(trained: TrainedRun, look) -> torch.Tensor:
     """The look from a held-out camera, in 8-bit steps."""
-    camera = trained.camera(trained.collection.view(None))
+    camera = trained.camera(trained.collection.photo(None))
     image = core.rasterizer.create("auto").render(bake(trained, look), camera)
     return 255 * image.clamp(0, 1)
 
@@ -126,7 +126,7 @@ def darkened(photo, folder, gain: float):
 
 def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     """No look within the known range is that dark: a gain brings the rest, and is saved, mixed and told with the look."""
-    photo = trained.collection.view("photo_03.png")
+    photo = trained.collection.photo("photo_03.png")
     night = darkened(photo, tmp_path, 0.15)
     look = find_look(trained, str(night))
     wanted = torch.from_numpy(cv2.imread(str(night))[..., ::-1].copy())
@@ -147,7 +147,7 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
 
 def test_only_what_lies_beyond_the_known_range_becomes_a_gain(trained, tmp_path):
     """None for a photo like those of the collection; the less, the nearer it is to them, and all for a black one."""
-    photo = trained.collection.view("photo_03.png")
+    photo = trained.collection.photo("photo_03.png")
     paths = [darkened(photo, tmp_path, gain) for gain in (1.0, 0.3, 0.15, 0.05, 0.0)]
     looks = [find_look(trained, str(path)) for path in paths]
     assert looks[0].colouring.tone is None
@@ -162,7 +162,7 @@ def test_only_what_lies_beyond_the_known_range_becomes_a_gain(trained, tmp_path)
 def test_no_training_photo_lies_beyond_the_known_range_as_a_file_from_outside_either(trained):
     """The encoder has the weights of the last step there, and sees no mask and no jitter: unlike when training met the photos."""
     names = trained.model.photo_names
-    pictures = [trained.sized_photo(trained.collection.view(name)).encoder_input for name in names]
+    pictures = [trained.sized_photo(trained.collection.photo(name)).encoder_input for name in names]
     seen = [trained.model.embedding_from_outside(picture) for picture in pictures]
     assert max(map(trained.known_range.distance, seen)) <= 1 + 1e-5
     assert torch.equal(trained.photo_embeddings, torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]))
@@ -170,7 +170,7 @@ def test_no_training_photo_lies_beyond_the_known_range_as_a_file_from_outside_ei
 
 def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_path):
     """What the neutral look shows there is no light to compare a photo's with."""
-    night = darkened(trained.collection.view("photo_03.png"), tmp_path, 0.15)
+    night = darkened(trained.collection.photo("photo_03.png"), tmp_path, 0.15)
     of_renders = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
     look = find_look(of_renders, str(night), refine=False)
     assert look.colouring.tone is None and trained.known_range.distance(look.colouring.embedding) <= 1 + 1e-5
@@ -191,7 +191,7 @@ def test_what_is_sky_in_a_view_is_what_place_and_dome_leave_to_the_dome(trained)
 def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
     neutral = bake(trained, find_look(trained, "neutral"))
     night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)
-    photo = trained.collection.view(None)
+    photo = trained.collection.photo(None)
     path = tmp_path / "lit.png"
     write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo))))
     place, sky = find_look(trained, str(path)).colouring.tone.mean(dim=1)

@@ -40,7 +40,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 
 def off(trained: TrainedRun, look, name: str = "0.png") -> float:
     """The mean difference, which a refinement makes smaller, between the look, seen by the camera of a photo, and that photo."""
-    sized = trained.sized_photo(trained.collection.view(name))
+    sized = trained.sized_photo(trained.collection.photo(name))
     image = trained.rasterizer.render(bake(trained, look), sized.camera, trained.background)
     return float((image - torch.from_numpy(sized.pixels).float() / 255).abs().mean())
 
@@ -53,7 +53,7 @@ def alike(first: Colouring, second: Colouring) -> bool:
 
 def test_a_crowd_before_the_place_is_not_painted_onto_it(trained, monkeypatch):
     """How far an orange crowd on a seventh of the photo moves what is seen in its look, with and without being found strange."""
-    sized = trained.sized_photo(trained.collection.view("0.png"))
+    sized = trained.sized_photo(trained.collection.photo("0.png"))
     clean = torch.from_numpy(sized.pixels).float() / 255
     crowded, begin, seen = clean.clone(), find_look(trained, "0.png", refine=False), trained.seen_by(sized.camera)
     crowded[HEIGHT // 2 : HEIGHT - 8, WIDTH // 4 : WIDTH // 2] = torch.tensor([0.9, 0.4, 0.05])
@@ -95,7 +95,7 @@ def test_a_refined_look_is_saved_whole_and_fades_evenly(trained, tmp_path):
     (tmp_path / "run").mkdir()
     new = replace(trained, folder=tmp_path / "run")
     saved_look.save(new.folder, replace(refined, name="kept"), new.identity, new.step)
-    camera = trained.camera(trained.collection.view("0.png"))
+    camera = trained.camera(trained.collection.photo("0.png"))
     frames = [trained.seen_by(camera).render(blend(find_look(new, "kept"), other, share / 9).colouring) for share in range(10)]
     assert torch.equal(frames[0], trained.seen_by(camera).render(refined.colouring))
     steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
@@ -104,7 +104,7 @@ def test_a_refined_look_is_saved_whole_and_fades_evenly(trained, tmp_path):
 
 def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, monkeypatch):
     """What lies out of view moves less than what is in view, and much less than if nothing held it."""
-    sized = trained.sized_photo(trained.collection.view("0.png"))
+    sized = trained.sized_photo(trained.collection.photo("0.png"))
     half = sized.camera.cropped(0, 0, sized.camera.width // 2, sized.camera.height)
     seen, photo = trained.seen_by(half), Wanted.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None)
     start = find_look(trained, "0.png", refine=False).colouring
@@ -124,7 +124,7 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
 
 def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_nothing_that_is_not_finite(trained):
     """Two opaque Gaussians on the axis of a camera, one behind the other, one that is not finite, and those of the run."""
-    photo = trained.collection.view("0.png")
+    photo = trained.collection.photo("0.png")
     camera = trained.camera(photo)
     count = len(trained.splats) - trained.sky
     axis = camera.world_to_camera[2]
@@ -151,7 +151,7 @@ def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_noth
 
 def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_path):
     outside = tmp_path / "outside.png"
-    outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
+    outside.write_bytes(trained.collection.photo("0.png").path.read_bytes())
     encoded, refined = (find_look(trained, str(outside), refine=refine) for refine in (False, True))
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.96 was seen, after seconds of training
     assert "from outside the collection, refined from where it was taken (" in refined.source
@@ -172,7 +172,7 @@ def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path
 
 def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without_the_scene(trained, tmp_path):
     outside = tmp_path / "outside.png"
-    outside.write_bytes(trained.collection.view("0.png").path.read_bytes())
+    outside.write_bytes(trained.collection.photo("0.png").path.read_bytes())
     (tmp_path / "run").mkdir()
     new = replace(trained, folder=tmp_path / "run")
     gone = replace(new, collection=replace(trained.collection, points_from=tmp_path / "gone"))
@@ -192,7 +192,7 @@ def test_they_are_searched_for_again_once_all_photos_are_back(trained, tmp_path)
     shutil.copytree(trained.collection.photos[0].path.parent, tmp_path / "scene")
     (tmp_path / "run").mkdir()
     run = replace(trained, folder=tmp_path / "run", collection=prepared(tmp_path / "scene", tmp_path / "points", Report()))
-    lost, damaged = (run.collection.view(name).path for name in ("3.png", "4.png"))
+    lost, damaged = (run.collection.photo(name).path for name in ("3.png", "4.png"))
     whole = [path.read_bytes() for path in (lost, damaged)]
     heard = Heard()
     lost.unlink()
@@ -236,7 +236,7 @@ def test_in_a_run_that_was_replaced_meanwhile_they_are_not_kept(trained, tmp_pat
 
 
 def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_path, monkeypatch):
-    pixels = cv2.resize(cv2.imread(str(trained.collection.view("0.png").path)), (4 * WIDTH, 4 * HEIGHT), interpolation=cv2.INTER_CUBIC)
+    pixels = cv2.resize(cv2.imread(str(trained.collection.photo("0.png").path)), (4 * WIDTH, 4 * HEIGHT), interpolation=cv2.INTER_CUBIC)
     cv2.imwrite(str(tmp_path / "large.png"), pixels)
     drawn = []
     monkeypatch.setattr(refined_look, "refined", lambda trained, look, camera, *rest: drawn.append(camera) or look)
@@ -246,7 +246,7 @@ def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_pat
 
 def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_read(trained, tmp_path):
     """Three rows of four of a photo that is shrunk to a sixth: no pixel is averaged of used ones alone."""
-    pixels = cv2.resize(cv2.imread(str(trained.collection.view("0.png").path)), (6 * WIDTH, 6 * HEIGHT), interpolation=cv2.INTER_CUBIC)
+    pixels = cv2.resize(cv2.imread(str(trained.collection.photo("0.png").path)), (6 * WIDTH, 6 * HEIGHT), interpolation=cv2.INTER_CUBIC)
     mask = np.full(pixels.shape[:2], 255, np.uint8)
     mask[::4] = 0
     for name, picture in (("photo.png", pixels), ("mask.png", mask)):
@@ -258,7 +258,7 @@ def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_re
 
 
 def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path):
-    pixels, mask = cv2.imread(str(trained.collection.view("0.png").path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
+    pixels, mask = cv2.imread(str(trained.collection.photo("0.png").path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[HEIGHT // 2 :] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
     looks = []
@@ -271,7 +271,7 @@ def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path
 
 def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     """float32, and a sum over fewer Gaussians where those out of view are left out."""
-    look, camera = find_look(trained, "1.png"), trained.camera(trained.collection.view("0.png"))
+    look, camera = find_look(trained, "1.png"), trained.camera(trained.collection.photo("0.png"))
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
         shown = replace(look, colouring=look.colouring._replace(tone=tone))
         baked = trained.rasterizer.render(bake(trained, shown), camera, trained.background)
@@ -284,7 +284,7 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
 
 def test_cells_show_what_the_picture_shows(trained):
     """Sky, tone and a background of its own included: a refinement compares these in place of pictures."""
-    camera = trained.camera(trained.collection.view("0.png"))
+    camera = trained.camera(trained.collection.photo("0.png"))
     weight = torch.rand(camera.height, camera.width)
     tone = torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])
     for run in (trained, replace(trained, settings=trained.settings.changed(sky="none", transparency="empty"))):

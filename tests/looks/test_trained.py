@@ -27,14 +27,14 @@ def trained(tmp_path_factory) -> TrainedRun:
 
 def test_a_training_photo_is_known_by_a_link_to_it(trained, tmp_path):
     link = tmp_path / "link.png"
-    link.symlink_to(trained.collection.view("photo_1.png").path)
+    link.symlink_to(trained.collection.photo("photo_1.png").path)
     found, named = (find_look(trained, word, refine=False) for word in (str(link), "photo_1.png"))
     assert found.source == named.source == "training photo photo_1.png"
     assert torch.equal(found.colouring.embedding, named.colouring.embedding)
 
 
 def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_path):
-    own = trained.collection.view("photo_2.png")
+    own = trained.collection.photo("photo_2.png")
     outside = shutil.copy(own.path, tmp_path / "outside.png")
     picture = torch.from_numpy(cv2.imread(str(own.path))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
     whole, masked = trained.model.embedding_from_outside(picture), trained.model.read(picture).embedding

@@ -105,7 +105,7 @@ def test_photos_in_folders_below_are_found_with_their_cameras_and_masks(scene):
     found = load_collection(scene)
     assert used(found) == {"photo_0.png": "test", "noon/photo_1.png": "train", "photo_2.png": "train"}
     assert [photo.mask is not None for photo in found.split("train")] == [True, False]
-    assert (found.view("noon/photo_1.png").camera.centre == given.view("photo_1.png").camera.centre).all()
+    assert (found.photo("noon/photo_1.png").camera.centre == given.photo("photo_1.png").camera.centre).all()
 
 
 def matrix(change):

@@ -92,6 +92,6 @@ def test_transparent_photos_are_used_where_they_are_opaque(blender):
     pixels = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2BGRA)
     pixels[:, :40, 3] = 0
     assert cv2.imwrite(str(path), pixels)
-    photo = load_collection(blender).view("train/photo_1.png")
+    photo = load_collection(blender).photo("train/photo_1.png")
     picture = load_photo(photo, WIDTH, HEIGHT)
     assert not picture.valid[:, :40].any() and picture.valid[:, 40:].all()

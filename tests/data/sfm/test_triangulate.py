@@ -58,13 +58,13 @@ def test_points_lie_on_the_walls_and_photos_see_them(corner, kept):
     # 0.01 was seen in 1277 points: 0.3 px of 380 at a distance of 5, from about a unit apart.
     assert len(points) > 500 and np.median(off.min(axis=1)) < 0.02
     assert np.ptp(collection.point_colours) > 0.3
-    assert len(collection.view("0.png").points) == 0  # held out: points are of training photos
+    assert len(collection.photo("0.png").points) == 0  # held out: points are of training photos
     for photo in collection.split("train"):
         pixels, depth = photo.camera.project(collection.points[photo.points])
         assert len(photo.points) > 20 and (depth > 0).all()
         # COLMAP drops what is reprojected farther off than 4 px, so near the border points may be a little outside.
         assert (pixels > -5).all() and (pixels < (WIDTH + 5, HEIGHT + 5)).all()
-    hidden = collection.view("5.png")
+    hidden = collection.photo("5.png")
     assert (hidden.camera.project(collection.points[hidden.points])[0][:, 1] < HEIGHT / 2 + 5).all()
     assert load_photo(hidden, WIDTH, HEIGHT).valid[HEIGHT // 2 + 1 :].sum() == 0
 
@@ -72,7 +72,7 @@ def test_points_lie_on_the_walls_and_photos_see_them(corner, kept):
 def two_photos(scene):
     """Photos 1 and 2, each with its camera in the world."""
     collection = load_collection(scene)
-    return [(photo, photo.camera.in_world(collection.frame)) for photo in (collection.view("1.png"), collection.view("2.png"))]
+    return [(photo, photo.camera.in_world(collection.frame)) for photo in (collection.photo("1.png"), collection.photo("2.png"))]
 
 
 def test_matches_farther_than_two_pixels_off_their_lines_are_left_out(corner, tmp_path):

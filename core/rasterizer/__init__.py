@@ -1,4 +1,4 @@
-"""Rasterizers: one contract, several backends. Adding one is a module and a line in BACKENDS.
+"""Rasterizers: one contract, several backends. To add one: core/README.md, "Add a rasterizer".
 
 what all must do  contract; inputs, what kernels check; layout, what they keep; view, a camera as numbers
 the backends      reference, the definition; cpu; cuda

@@ -44,9 +44,9 @@ def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
 class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
 
-    known: what the backend knows of them by now, in a form of its own. Given to `render` with exactly these Gaussians, in whatever look, and
-    this view, it saves finding that out again: on a CPU their tile lists; on a GPU how many pairs of a Gaussian and a tile that it touches there
-    are at most, for which the host would have to wait. The reference knows nothing.
+    known: what the backend has found out about them, in a form of its own. Given back to `render` with exactly these Gaussians (in any look) and
+    this view, it need not be found out again. On a CPU it is their tile lists; on a GPU the largest number of pairs of a Gaussian and a tile that
+    there can be, for which the host would otherwise have to wait. The reference keeps nothing.
     """
 
     rows: Int[Tensor, " v"]
@@ -91,5 +91,5 @@ class Rasterizer(Protocol):
 
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         """How much each Gaussian makes up of each cell of the picture (core.scene.cells): the sum of weight * alpha * transmittance over its
-        pixels; not differentiable. In whatever look, a Gaussian adds as much of its colour to what the cell's pixels show in all.
+        pixels; not differentiable. Times a Gaussian's colour, it is what the Gaussian adds to the weighted sum of the cell's pixels, in any look.
         """

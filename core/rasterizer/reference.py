@@ -61,14 +61,8 @@ class ReferenceRasterizer:
 
     name, device = "reference", "any"
 
-    @torch.no_grad()
     def visible(self, splats: Splats, camera: Camera) -> Visible:
-        candidates = torch.nonzero(can_be_projected(splats, camera)).squeeze(1)
-        projection = project(splats[candidates], camera)
-        keep = touches_picture(projection, camera)
-        # Finite coefficients may add up beyond the dtype.
-        keep &= torch.isfinite(colour(splats.sh[candidates], projection.directions)).all(dim=1)
-        return Visible(candidates[keep])
+        return Visible(visible_rows(splats, camera))
 
     def render(
         self,
@@ -115,12 +109,23 @@ class ReferenceRasterizer:
 # ---------------------------------------------------------------------------------------------------------------- cull
 
 
+@torch.no_grad()
+def visible_rows(splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
+    """The rows of the Gaussians that are not culled, ascending."""
+    candidates = torch.nonzero(can_be_projected(splats, camera)).squeeze(1)
+    projection = project(splats[candidates], camera)
+    keep = touches_picture(projection, camera)
+    # Finite coefficients may add up beyond the dtype.
+    keep &= torch.isfinite(colour(splats.sh[candidates], projection.directions)).all(dim=1)
+    return candidates[keep]
+
+
 def projected(splats: Splats, camera: Camera) -> tuple[Int[Tensor, " v"], Projection]:
     """The rows of the visible Gaussians, front to back, and what the camera sees of these.
 
     Selected before any differentiable arithmetic: a NaN that enters it would come back out of the gradient of a mere mask, because 0 * NaN = NaN.
     """
-    rows = ReferenceRasterizer().visible(splats, camera).rows
+    rows = visible_rows(splats, camera)
     rows = rows[front_to_back(splats[rows], camera)]
     return rows, project(splats[rows], camera)
 
@@ -186,12 +191,15 @@ def project(splats: Splats, camera: Camera) -> Projection:
 
 
 def offsets_from(camera: Camera, means: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
-    """World axes, from the camera. Subtracted before anything is rotated: far from the origin float32 needs that."""
+    """The way from the camera's centre to each of the means, along the world's axes; scene units.
+
+    Subtracted before anything is rotated: far from the origin float32 needs that.
+    """
     return means - means.new_tensor(camera.centre)
 
 
 def in_camera_axes(camera: Camera, offsets: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]]:
-    """x right, y down, z forward."""
+    """The offsets along the camera's axes: x right, y down, z (the depth) forward; scene units."""
     x, y, z = offsets.unbind(dim=1)
     # Term by term: a matrix product may round each row in its own way, and equal depths have to stay equal.
     right, down, forward = [row[0] * x + row[1] * y + row[2] * z for row in camera.world_to_camera.tolist()]

@@ -39,7 +39,7 @@ class Splats:
         """The parameters by name, in the order of the fields."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def map(self, function) -> "Splats":
+    def map(self, function: Callable[[Tensor], Tensor]) -> "Splats":
         """`function` applied to every tensor."""
         return Splats(**{name: function(tensor) for name, tensor in self.tensors().items()})
 

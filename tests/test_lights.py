@@ -116,4 +116,6 @@ def test_nearness_to_a_truth(folder):
     assert words.startswith("own.png: ") and "in 1 view; the nearest of 4 looks of training photos" in words
     own, fitted = (float(words.split(mark)[1].split()[0]) for mark in ("own.png: ", "fitted to the truth "))
     assert fitted >= own - 0.1  # fitted by L1, told in dB
-    assert len(lights.sheet(live, find_look(live, "neutral"), {str(style): look}, live.collection.photo("photo_2.png"))[0]) == 4  # the truth beside it
+    assert (
+        len(lights.sheet(live, find_look(live, "neutral"), {str(style): look}, live.collection.photo("photo_2.png"))[0]) == 4
+    )  # the truth beside it

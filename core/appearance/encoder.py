@@ -71,8 +71,8 @@ def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4
 class Enc2(nn.Module):
     """l = Enc2(M * F' + F, I, M): three convolutions, the average over space, one linear layer to the embedding.
 
-    Beside those averages the linear layer sees the photo's colours from top to bottom (`band_colours`). Features that are
-    learned know a collection's few photos by heart; where the sky is how bright, and the ground beneath it, is no such thing.
+    Beside those averages the linear layer sees the photo's colours from top to bottom (`band_colours`). Learned features
+    may know a collection's few photos by heart; how bright the sky is and where, and the ground beneath it, they cannot.
     """
 
     def __init__(self, embedding_size: int, bands: int):

@@ -188,7 +188,7 @@ class AppearanceModel(nn.Module):
         return known if self.remembered else known[:0]
 
     def known_range(self) -> KnownRange:
-        """Where looks may lie: everywhere if there are none yet. It takes a singular value decomposition of what is known."""
+        """Where looks may lie: anywhere while no embedding is known. Costs a singular value decomposition of the known ones."""
         return KnownRange.of(self.known_embeddings)
 
     @torch.no_grad()

@@ -2,7 +2,7 @@
 
 In training the encoder saw every photo in other exposures and white balances, and its target with it. So a gain may be taken off a
 photo before it is encoded, and put on the Gaussians of the look that comes of it: colours are linear in their coefficients. Sky and
-place have one each, as at night, when one is black and the other lit.
+place have one each: at night the one is black and the other lit.
 """
 
 import torch

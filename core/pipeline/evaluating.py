@@ -16,6 +16,7 @@ from core.evaluation.results import Results
 from core.evaluation.sheet import Row, picture_sheet, pictures_kept, row_of, write_view
 from core.export.pictures import write_png
 from core.looks.held_out_views import over_views
+from core.looks.trained import TrainedRun
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
 from core.system.atomic import adding
@@ -39,12 +40,7 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     photos = trained.collection.split("test")
     if not photos:
         raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
-    over = ", over white" if trained.transparent_is_empty else ""
-    there = sum(is_file(photo.path) for photo in photos)
-    count = counted(len(photos), "held-out photo")
-    if there < len(photos):
-        count = f"{there} of {count}"
-    report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: {count}, protocol {protocol}{over}")
+    report.say(_what_is_measured(trained, photos, protocol))
     if (distance := lpips.load()) is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
     else:
@@ -85,6 +81,14 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
         written.append(f"{PICTURES}/{protocol}/")
     report.say(f"{trained.folder}: {', '.join(written)}")
     return results
+
+
+def _what_is_measured(trained: TrainedRun, photos: tuple[Photo, ...], protocol: str) -> str:
+    """A line: which run, on how many photos of those held out, and how."""
+    there, count = sum(is_file(photo.path) for photo in photos), counted(len(photos), "held-out photo")
+    found = count if there == len(photos) else f"{there} of {count}"
+    over = ", over white" if trained.transparent_is_empty else ""
+    return f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: {found}, protocol {protocol}{over}"
 
 
 def _gathered(

@@ -18,6 +18,7 @@ ROUNDS = 4  # of exposures and base colours in turn; the figures move by less th
 CLIP = 4.0  # medians; larger differences count as this large, so that wrong matches do not decide
 EXPOSURE_PRIOR = 0.4  # sightings' worth of belief in gain 1 and offset 0: against extrapolating from a few alike
 FEWEST_VIEWS = 7  # of a point, for the 4 unknowns of a colour linear in the viewing direction
+FEWEST_OF_MANY_VIEWS = 300  # sightings of such points
 CLOSEST = 1000  # expected or matched places looked at for passers-by: those seen again from nearest by
 FEWEST_CLOSEST = 300
 STRANGE, STRANGE_STEPS = 4.0, 20.0  # a place is strange if off by that many medians of its photo and 8-bit steps
@@ -120,11 +121,11 @@ def shared_spread(sightings: Sightings, difference: np.ndarray) -> float:
 def view_dependence(sightings: Sightings, difference: np.ndarray) -> float | None:
     """The share of the differences (N, 3) that a colour linear in the viewing direction explains, chance taken off.
 
-    Over the points with FEWEST_VIEWS; None if there are not FEWEST_CLOSEST sightings of such points. SS_explained minus
+    Over the points with FEWEST_VIEWS; None if there are not FEWEST_OF_MANY_VIEWS sightings of such points. SS_explained minus
     what as many random regressors would explain, as in the adjusted coefficient of determination.
     """
     enough = np.bincount(sightings.point)[sightings.point] >= FEWEST_VIEWS
-    if enough.sum() < FEWEST_CLOSEST:
+    if enough.sum() < FEWEST_OF_MANY_VIEWS:
         return None
     sightings, clipped = sightings[enough], _clipped(difference[enough])
     explained = total = 0.0

@@ -15,7 +15,7 @@ def decayed(rate: float, progress: float, final_share: float) -> float:
 
 
 def shrink_factor(settings: Settings, progress: float) -> int:
-    """By how much photos are shrunk now."""
+    """By how much photos are shrunk at this progress."""
     return next((factor for factor, end in zip(SHRINK_FACTORS, _phase_ends(settings)) if progress < end), SHRINK_FACTORS[-1])
 
 

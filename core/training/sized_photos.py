@@ -115,8 +115,8 @@ class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at the coarse-to-fine size of the moment.
 
     notes: lines to warn of photos left out for damage that shows only now that they are decoded, and of doubtful masks. device: of the
-    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it. share_canvas: whether targets are to be laid on one, see `canvas`;
-    not unless whoever trains on them says so.
+    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it. share_canvas: whether targets are to be laid on one, see `canvas`:
+    False until whoever trains on them sets it.
     """
 
     def __init__(

@@ -72,7 +72,10 @@ class StepInputs:
 
 @dataclass(frozen=True)
 class PreparedStep:
-    """A step that is yet to be taken, with its random draws. inputs: makes its inputs, given those that the step before leaves, by name."""
+    """A step that is yet to be taken, with its random draws.
+
+    inputs: makes its inputs of those that are known when the step before is over: largest_loss, mask_mean and neutral, given by name.
+    """
 
     moment: Moment
     inputs: Callable[..., StepInputs]

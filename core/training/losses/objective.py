@@ -3,7 +3,7 @@
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Generator, Tensor
 
 from core.appearance.model import AppearanceModel
@@ -28,8 +28,10 @@ class Objective:
         self.settings, self.rasterizer, self.model = settings, rasterizer, model
         self.zero = torch.zeros((), device=device)
 
-    def picture(self, image: Tensor, target: Target, mask: Tensor | None, moment: Moment, mask_mean: Tensor) -> Float[Tensor, ""]:
-        """The picture against its photo, where the mask lets it. mask_mean: see `mask_weights.pixel_weights`."""
+    def picture(
+        self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment, mask_mean: Float[Tensor, ""]
+    ) -> Float[Tensor, ""]:
+        """The picture against its photo, where the mask does not hide it. mask_mean: see `mask_weights.pixel_weights`."""
         settings = self.settings
         if mask is None or moment.progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
@@ -37,7 +39,7 @@ class Objective:
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
-    def mask(self, image: Tensor, target: Target, mask: Tensor | None, moment: Moment) -> Float[Tensor, ""]:
+    def mask(self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment) -> Float[Tensor, ""]:
         """What teaches the mask network, L_regM included."""
         settings = self.settings
         if mask is None or moment.progress < settings.mask_start:
@@ -47,17 +49,19 @@ class Objective:
             return photometric_of_mask(image, target, target.to_pixels(mask), settings.ssim_weight) + penalty
         return mask_loss(mask, image, target, settings.mask_regularisation)
 
-    def residual(self, residual: Float[Tensor, "v c 3"] | None, shown: Tensor | None) -> tuple[Tensor, Tensor | None, Tensor]:
+    def residual(
+        self, residual: Float[Tensor, "v c 3"] | None, shown: Int[Tensor, ""] | None
+    ) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"] | None, Float[Tensor, ""]]:
         """L_regSH, its gradient and the residual's size, as `regularisers.residual_loss` has them."""
         if residual is None:
             return self.zero, None, self.zero
         return regularisers.residual_loss(residual, self.settings.sh_regularisation, shown)
 
-    def drawn_for_gauge(self, gaussians: Gaussians, generator: Generator) -> Tensor | None:
+    def drawn_for_gauge(self, gaussians: Gaussians, generator: Generator) -> Int[Tensor, " 1024"] | None:
         """The rows of Gaussians that the gauge is asked for in a step, on the CPU; None where it does not count."""
         return draw_rows(gaussians, generator) if self.settings.gauge and self.model.predicts_residuals and len(gaussians) else None
 
-    def gauge(self, gaussians: Gaussians, rows: Tensor | None, neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
+    def gauge(self, gaussians: Gaussians, rows: Int[Tensor, " 1024"] | None, neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
         """The gauge, of the rows drawn for it. Its backward pass is here, too: it reaches nothing but the networks."""
         if rows is None:
             return self.zero
@@ -70,7 +74,9 @@ class Objective:
         settings = self.settings
         return settings.transients == "on" and moment.progress >= settings.mask_apply and moment.done % TRANSIENT_EVERY == 0
 
-    def transient(self, splats: Splats, view: Tensor, known: Any, mask: Tensor | None, moment: Moment) -> Float[Tensor, ""]:
+    def transient(
+        self, splats: Splats, view: Float[Tensor, "25"], known: Any, mask: Float[Tensor, "1 h w"] | None, moment: Moment
+    ) -> Float[Tensor, ""]:
         """L_regTS, at every TRANSIENT_EVERYth step.
 
         splats: the visible Gaussians in the look. view: the moment's camera as an array, see core.rasterizer.view. known: see `rasterizer.Visible`.

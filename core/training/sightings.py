@@ -59,8 +59,7 @@ def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sighting
     rays /= np.maximum(distances, 1e-12)[..., None]
     degrees = _degrees_to_nearest(rays, distances, matched)
     parts = [_in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number]) for number, sized in enumerate(photos)]
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    return Sightings(*columns)
+    return Sightings(*(np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
@@ -111,10 +110,8 @@ def _degrees_to_nearest(rays: np.ndarray, distances: np.ndarray, matched: np.nda
     return np.degrees(np.arccos(np.clip(largest, -1, 1)))
 
 
-def _in_photo(
-    number: int, sized: SizedPhoto, positions: np.ndarray, rays: np.ndarray, matched: np.ndarray, degrees: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """The columns of Sightings that one photo has.
+def _in_photo(number: int, sized: SizedPhoto, positions: np.ndarray, rays: np.ndarray, matched: np.ndarray, degrees: np.ndarray) -> Sightings:
+    """Those of one photo.
 
     number: the photo's. positions: (P, 3) points, scene frame. rays: (P, 3) unit vectors to them. matched: (P,) whether the photo matched them.
     degrees: (P,), see `_degrees_to_nearest`.
@@ -137,5 +134,12 @@ def _in_photo(
         column, line = pixels[rows].astype(np.int64).T
         shown = opaque[line, column]
         rows, colours = rows[shown], colours[shown]
-    photo = np.full(len(rows), number)
-    return photo, rows, pixels[rows] / diagonal, colours.astype(np.float64), rays[rows], matched[rows], degrees[rows]
+    return Sightings(
+        photo=np.full(len(rows), number),
+        point=rows,
+        pixel=pixels[rows] / diagonal,
+        colour=colours.astype(np.float64),
+        towards=rays[rows],
+        matched=matched[rows],
+        degrees=degrees[rows],
+    )

@@ -66,6 +66,7 @@ class Gaussians:
 
     @property
     def latents(self) -> Tensor | None:
+        """(N, L); None where Gaussians have none."""
         return self.parameters.get("latents")
 
     def to(self, device: torch.device) -> "Gaussians":

@@ -49,27 +49,27 @@ class _Photometric(torch.autograd.Function):
         slopes[:, :, :RADIUS] = 0
         slopes[:, :, -RADIUS:] = 0
         error = np.empty((height, width), np.float32)
-        share = np.float32(ssim_weight)
+        ssim_weight = np.float32(ssim_weight)
         scale = np.float32(1 / (3 * target.valid_pixels))
 
         def rows(begin: int, end: int) -> None:
-            _forward_rows(x, y, mean, mean_square, weights, share, scale, begin, end, error, slopes)
+            _forward_rows(x, y, mean, mean_square, weights, ssim_weight, scale, begin, end, error, slopes)
 
         in_parallel(rows, height, max(1, BLOCK_PIXELS // width))
-        ctx.state = (x, y, weights, slopes, share, scale, target.valid)
+        ctx.state = (x, y, weights, slopes, ssim_weight, scale, target.valid)
         loss = float(np.sum(error * weights, dtype=np.float64)) / target.valid_pixels
         return torch.tensor(loss, dtype=torch.float32)
 
     @staticmethod
     @once_differentiable
     def backward(ctx, loss_gradient):
-        x, y, weights, slopes, share, scale, valid = ctx.state
+        x, y, weights, slopes, ssim_weight, scale, valid = ctx.state
         height, width = weights.shape
         gradient = np.empty((height, width, 3), np.float32)
         factor = np.float32(loss_gradient)
 
         def rows(begin: int, end: int) -> None:
-            _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, gradient)
+            _backward_rows(x, y, weights, slopes, ssim_weight, scale, factor, begin, end, gradient)
 
         in_parallel(rows, height, max(1, BLOCK_PIXELS // width))
         if valid is not None:
@@ -94,7 +94,11 @@ def _along(line, i):
 
 
 @kernel
-def _forward_rows(x, y, y_mean, y_mean_square, weights, share, scale, begin, end, error, slopes):
+def _forward_rows(x, y, y_mean, y_mean_square, weights, ssim_weight, scale, begin, end, error, slopes):
+    """Write rows begin..end of the error (height, width), a mean over channels, and of its slopes (3 products, 3 channels, height + 10, width).
+
+    slopes: the derivatives of the loss by blur(x), blur(x^2) and blur(x y). scale: 1 / (3 V).
+    """
     width = weights.shape[1]
     lines = np.zeros((3, width + 2 * RADIUS), np.float32)
     for row in range(begin, end):
@@ -103,7 +107,7 @@ def _forward_rows(x, y, y_mean, y_mean_square, weights, share, scale, begin, end
             _blur_products(x[channel], y[channel], row, lines)
             _compare(
                 lines, x[channel, row + RADIUS], y[channel, row + RADIUS], y_mean[channel, row], y_mean_square[channel, row],
-                weights[row], share, scale, error[row],
+                weights[row], ssim_weight, scale, error[row],
                 slopes[0, channel, row + RADIUS], slopes[1, channel, row + RADIUS], slopes[2, channel, row + RADIUS],
             )  # fmt: skip
 
@@ -134,7 +138,7 @@ def _add_rows(tap, x, x_mirror, y, y_mirror, means, squares, products):
 
 
 @part
-def _compare(lines, x, y, y_means, y_squares, weights, share, scale, error, by_mean, by_square, by_product):
+def _compare(lines, x, y, y_means, y_squares, weights, ssim_weight, scale, error, by_mean, by_square, by_product):
     """One row of one channel: adds to `error`, and the derivatives of the loss by blur(x), blur(x^2) and blur(x y)."""
     means, squares, products = lines[0], lines[1], lines[2]
     for i in range(x.shape[0]):
@@ -148,8 +152,8 @@ def _compare(lines, x, y, y_means, y_squares, weights, share, scale, error, by_m
         contrast = x_variance + y_variance + _C2
         inverse = _ONE / (brightness * contrast)
         similarity = likeness * structure * inverse
-        error[i] += _THIRD * ((_ONE - share) * abs(x[i] - y[i]) + share * (_ONE - similarity))
-        slope = -share * scale * weights[i]
+        error[i] += _THIRD * ((_ONE - ssim_weight) * abs(x[i] - y[i]) + ssim_weight * (_ONE - similarity))
+        slope = -ssim_weight * scale * weights[i]
         product = _TWO * likeness * inverse
         square = -similarity * brightness * inverse
         mean = _TWO * inverse * (y_mean * structure - x_mean * similarity * contrast)
@@ -159,7 +163,8 @@ def _compare(lines, x, y, y_means, y_squares, weights, share, scale, error, by_m
 
 
 @kernel
-def _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, gradient):
+def _backward_rows(x, y, weights, slopes, ssim_weight, scale, factor, begin, end, gradient):
+    """Write rows begin..end of dL/dx (height, width, 3). slopes, scale: as in `_forward_rows`. factor: the gradient that arrives at the loss."""
     width = weights.shape[1]
     lines = np.zeros((3, width + 2 * RADIUS), np.float32)
     line = np.empty(width, np.float32)
@@ -167,7 +172,7 @@ def _backward_rows(x, y, weights, slopes, share, scale, factor, begin, end, grad
         for channel in range(3):
             for k in range(3):
                 _blur_down(slopes[k, channel], row, lines[k, RADIUS:])
-            _combine(lines, x[channel, row + RADIUS], y[channel, row + RADIUS], weights[row], (_ONE - share) * scale, factor, line)
+            _combine(lines, x[channel, row + RADIUS], y[channel, row + RADIUS], weights[row], (_ONE - ssim_weight) * scale, factor, line)
             for i in range(width):
                 gradient[row, i, channel] = line[i]
 

@@ -67,12 +67,12 @@ def blur_along(plane, taps, pixel, column, width, known):
 
 
 @triton.jit(do_not_specialize=SIZES)
-def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, share, height, width, BLOCK: tl.constexpr):
+def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, ssim_weight, height, width, BLOCK: tl.constexpr):
     """The error (height, width), a mean over channels, and the derivatives (3 products, 3, height, width) of its weighted sum by the means."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known, column = pixel < size, pixel % width
-    slope = tl.load(weights + pixel, mask=known, other=0.0) * (-share / 3)
+    slope = tl.load(weights + pixel, mask=known, other=0.0) * (-ssim_weight / 3)
     total = tl.zeros((BLOCK,), dtype=tl.float32)
     for channel in tl.static_range(3):
         x_mean = blur_along(blurred + channel * size, taps, pixel, column, width, known)
@@ -88,7 +88,7 @@ def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, sha
         inverse = 1.0 / (brightness * contrast)
         similarity = likeness * structure * inverse
         difference = tl.load(x + at, mask=known, other=0.0) - tl.load(y + at, mask=known, other=0.0)
-        total += tl.abs(difference) * (1 - share) + (1 - similarity) * share
+        total += tl.abs(difference) * (1 - ssim_weight) + (1 - similarity) * ssim_weight
         by_product = 2 * likeness * inverse
         by_square = -similarity * brightness * inverse
         by_mean = 2 * inverse * (y_mean * structure - x_mean * similarity * contrast)
@@ -99,12 +99,12 @@ def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, sha
 
 
 @triton.jit(do_not_specialize=SIZES)
-def combine(blurred, x, y, weights, taps, factor, gradient, share, height, width, BLOCK: tl.constexpr):
+def combine(blurred, x, y, weights, taps, factor, gradient, ssim_weight, height, width, BLOCK: tl.constexpr):
     """dL/dx (height, width, 3) from the derivatives blurred down; factor: a number in memory, dL/d(weighted sum of errors)."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known, column = pixel < size, pixel % width
-    pull = tl.load(weights + pixel, mask=known, other=0.0) * ((1 - share) / 3)
+    pull = tl.load(weights + pixel, mask=known, other=0.0) * ((1 - ssim_weight) / 3)
     for channel in tl.static_range(3):
         at = channel * size + pixel
         a, b = tl.load(x + at, mask=known, other=0.0), tl.load(y + at, mask=known, other=0.0)
@@ -127,13 +127,13 @@ def photometric_cuda(
 
 class _Photometric(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, image, target, weight, share):
+    def forward(ctx, image, target, weight, ssim_weight):
         height, width = image.shape[:2]
         x, y, valid = photometric.planes_of(image.detach(), target.valid), target.planes.contiguous(), target.valid
         weights = torch.ones_like(image[..., 0]) if weight is None else weight.detach()
         weights = (weights if valid is None else weights * valid).contiguous()
         taps = photometric.window(torch.float32, image.device)
-        ctx.sizes = share, height, width
+        ctx.sizes = ssim_weight, height, width
         blurred, slopes = (image.new_empty(9, height, width) for _ in range(2))
         error = image.new_empty(height, width)
         grid = blocks(height * width, BLOCK)
@@ -148,12 +148,12 @@ class _Photometric(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, loss_gradient):
         x, y, weights, taps, slopes = ctx.saved_tensors
-        share, height, width = ctx.sizes
+        ssim_weight, height, width = ctx.sizes
         grid = blocks(height * width, BLOCK)
         blurred, gradient = torch.empty_like(slopes), x.new_empty(height, width, 3)
         blur_down[(*grid, 9)](slopes, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
         factor = loss_gradient / ctx.valid_pixels
-        combine[grid](blurred, x, y, weights, taps, factor, gradient, share, height, width, BLOCK=BLOCK, **FUSED)
+        combine[grid](blurred, x, y, weights, taps, factor, gradient, ssim_weight, height, width, BLOCK=BLOCK, **FUSED)
         if ctx.valid is not None:
             gradient = torch.where(ctx.valid[..., None], gradient, 0)
         return gradient, None, None, None

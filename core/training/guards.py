@@ -15,7 +15,7 @@ from torch import Tensor
 
 SPIKE = 10.0  # times the usual picture loss
 # No photo alone costs that much: L1 and SSIM against a render in [0, 1] stay below 1.6, exposure jitter included. So an
-# odd photo (black, white, of another place) is never taken for a spike; the render has left the range.
+# odd photo (black, white, of another place) is never taken for a spike: beyond this, it is the render that has left the range.
 LEAST_SPIKE = 2.0
 
 

@@ -42,8 +42,8 @@ def encoder_backward_beside(
     """Runs the encoder's backward pass, `work`, in parallel with what remains of the SH transfer's, which is run inside the block.
 
     embedding: the leaf whose gradient `work` begins with. beside: see `threads.beside`; it is given `work` as soon as that gradient is there:
-    others are then still on their way through the SH transfer's hidden layers. At the end of the block it is waited for or, where the embedding
-    gets no gradient, done.
+    others are then still on their way through the SH transfer's hidden layers. At the end of the block it is waited for; where the embedding
+    gets no gradient, it is done there.
     """
     started: list[Callable[[], None]] = []
 

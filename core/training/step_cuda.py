@@ -31,8 +31,8 @@ class StepperOnGpu(Stepper):
     """Takes the steps of Stepper, and replays those that were recorded.
 
     Not where rows of a table are chosen by the host, nor where photos share no canvas. situation: of the last step. ran: the kinds of steps that
-    were taken in it: True for those that look at who stands at the front, False for others. The next of such a kind is recorded, with inputs that
-    those of others are copied into.
+    were taken in it: True for those that look at who stands at the front, False for others. The next step of a kind that ran is recorded, with
+    inputs of its own, into which those of later steps are copied.
     """
 
     situation: tuple = ()

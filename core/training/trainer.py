@@ -213,8 +213,8 @@ class Trainer:
         self.skipped += 1
         self.skipped_in_a_row += 1
         if self.skipped_in_a_row >= SKIPS_TO_STOP:
-            self.skipped_in_a_row = 0  # what goes on from here is given as many again
-            self._change_gaussians()  # what is due now would not be afterwards
+            self.skipped_in_a_row = 0  # a run that goes on from here is given as many again
+            self._change_gaussians()  # what is due after this step: a run that goes on from here begins with the next
             path = self.save()
             raise TrainingStopped(
                 f"{SKIPS_TO_STOP} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",

@@ -51,8 +51,8 @@ def sky_dome(collection: Collection, settings: Settings) -> Splats:
     1e-3 of what is behind shines through.
     """
     count = settings.sky_gaussians
-    # Too far off a dome has holes, as rasterizers clamp its discs (LOG_SCALE_RANGE): hence the range of sky_radius, and no camera counts that stands
-    # a million units off by mistake.
+    # A dome too far off has holes, because rasterizers clamp the size of its discs (LOG_SCALE_RANGE). Hence the range of sky_radius; and cameras that
+    # stand a million units off by mistake do not count.
     centres = np.stack([photo.camera.centre for photo in collection.photos])[~astray(collection.photos)]
     farthest = float(np.linalg.norm(centres, axis=1).max())
     radius = max(settings.sky_radius, SKY_MARGIN * farthest)

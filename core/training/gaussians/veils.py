@@ -20,7 +20,7 @@ VIEWS_PER_PHOTO, MOST_VIEWS = 4, 400  # new views: for each photo, and in all
 NEIGHBOURS, SAME_WAY = 3, 0.5  # how many cameras say how far one may step aside; the least cosine of their directions
 LARGEST_STEP = 0.5  # of the distance to the nearest that a camera shows
 NEAREST = 5  # percentile of the distances of points, for a few are wrong
-TIMES = 1 / (1 - LARGEST_STEP) ** 2  # as much of a new view as of any photo; stepping nearer explains no more
+MOST_BY_STEPPING = 1 / (1 - LARGEST_STEP) ** 2  # a step nearer makes a Gaussian cover this many times as much of a view at most; a veil, more
 LEAST_SHARE = 0.01  # of a new view, that a veil covers
 SHRUNK = 1 / 4  # views are drawn this small
 
@@ -34,7 +34,7 @@ def veils(
     views = len(photos) + len(new)
     in_photos = largest_shares(splats, photos, rasterizer, lambda done, _: told(done, views))
     in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: told(len(photos) + done, views))
-    return (in_new_views > LEAST_SHARE) & (in_new_views > TIMES * in_photos)
+    return (in_new_views > LEAST_SHARE) & (in_new_views > MOST_BY_STEPPING * in_photos)
 
 
 def cameras_beside(photos: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -> list[Camera]:

@@ -49,12 +49,10 @@ class Objective:
             return photometric_of_mask(image, target, target.to_pixels(mask), settings.ssim_weight) + penalty
         return mask_loss(mask, image, target, settings.mask_regularisation)
 
-    def residual(
-        self, residual: Float[Tensor, "v c 3"] | None, shown: Int[Tensor, ""] | None
-    ) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"] | None, Float[Tensor, ""]]:
-        """L_regSH, its gradient and the residual's size, as `regularisers.residual_loss` has them."""
+    def residual(self, residual: Float[Tensor, "v c 3"] | None, shown: Int[Tensor, ""] | None) -> regularisers.ResidualLoss:
+        """L_regSH; see `regularisers.residual_loss`."""
         if residual is None:
-            return self.zero, None, self.zero
+            return regularisers.ResidualLoss(self.zero, None, self.zero)
         return regularisers.residual_loss(residual, self.settings.sh_regularisation, shown)
 
     def drawn_for_gauge(self, gaussians: Gaussians, generator: Generator) -> Int[Tensor, " 1024"] | None:

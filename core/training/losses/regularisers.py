@@ -1,5 +1,7 @@
 """What holds masks open, residuals small and passers-by transparent (paper section IV-C, with the gaps of the text closed)."""
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -23,14 +25,19 @@ def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
     return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
 
 
-def residual_loss(
-    residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None
-) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
-    """weight * L_regSH, its gradient by the residual, and the mean absolute residual (0 without Gaussians).
+class ResidualLoss(NamedTuple):
+    """loss: weight * L_regSH. gradient: by the residual, None without one. size: mean absolute residual, 0 without Gaussians.
 
-    The gradient comes with it because it depends on nothing else of a step: it need not wait for the picture's. shown: on a GPU, how many
-    of the rows are Gaussians, the first ones; None for all.
+    The gradient comes with the loss because it depends on nothing else of a step: it need not wait for the picture's.
     """
+
+    loss: Float[Tensor, ""]
+    gradient: Float[Tensor, "v c 3"] | None
+    size: Float[Tensor, ""]
+
+
+def residual_loss(residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None) -> ResidualLoss:
+    """L_regSH at this weight. shown: on a GPU, how many of the rows are Gaussians, the first ones; None for all."""
     if residual.dtype == torch.float32 and residual.device.type == "cuda":
         from core.training.losses import residual_cuda  # Triton, which is there with a GPU only
 
@@ -38,13 +45,13 @@ def residual_loss(
     return plain_residual_loss(residual, weight)
 
 
-def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
+def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> ResidualLoss:
     """`residual_loss` in plain torch: what the kernel has to equal."""
     leaf = residual.detach().requires_grad_()
     loss = weight * residual_norm(leaf)
     loss.backward()
     size = leaf.detach().abs()
-    return loss.detach(), leaf.grad, size.mean() if len(leaf) else size.sum()
+    return ResidualLoss(loss.detach(), leaf.grad, size.mean() if len(leaf) else size.sum())
 
 
 def transient_rows(

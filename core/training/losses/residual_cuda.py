@@ -32,9 +32,7 @@ def weigh_residual(residual, gradient, sums, shown, count, weight, COEFFICIENTS:
     tl.store(sums + tl.num_programs(0) + tl.program_id(0), tl.sum(tl.sum(tl.abs(number), axis=1), axis=0) * (share / COLUMNS))
 
 
-def residual_loss(
-    residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None
-) -> tuple[Float[Tensor, ""], Float[Tensor, "v c 3"], Float[Tensor, ""]]:
+def residual_loss(residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None) -> regularisers.ResidualLoss:
     """`regularisers.residual_loss` for float32 on a GPU."""
     residual = residual.detach().contiguous()
     count, coefficients = residual.shape[:2]
@@ -44,4 +42,4 @@ def residual_loss(
     sums = residual.new_empty(2, *grid)
     weigh_residual[grid](residual, gradient, sums, shown, count, weight, COEFFICIENTS=coefficients, BLOCK=BLOCK, **FUSED)
     loss, size = sums.sum(dim=1).unbind()
-    return loss, gradient, size
+    return regularisers.ResidualLoss(loss, gradient, size)

@@ -15,22 +15,17 @@ from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
-from core.rasterizer.importance import largest_contributions
-from core.report import QUIET, Report, Told
-from core.scene.camera import Camera
+from core.report import QUIET, Report
 from core.system import device
 from core.system.threads import one_torch_thread, threads_for_blocks
 from core.training import decisions, guards, held_out, network_updates, schedule
 from core.training.background import background_of_figures
-from core.training.gaussians import densify
+from core.training.density import DensityControl
 from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
-from core.training.gaussians.passers_by import passers_by
-from core.training.gaussians.veils import veils
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
-from core.training.progress import within_step
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import PreparedStep, Stepper
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
@@ -38,7 +33,6 @@ from core.training.transparency import transparent_is_empty, transparent_may_be_
 SKIPS_TO_STOP = 10  # steps of no use in a row that stop the training
 HELD_OUT_PHOTOS = 4  # that a check of quality looks at
 MASK_MEAN_RATE = 0.05  # at which the running mean of all masks moves toward one photo's
-FIRST_BUDGET = 0.25  # of max_gaussians; what growth may reach rises from there to all of it
 REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
 
 
@@ -110,9 +104,7 @@ class Trainer:
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
         self.stepper = self._stepper()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
-        self.grow_at, self.prune_at = schedule.densification_steps(settings), schedule.contribution_steps(settings)
-        self.settled_at = schedule.settled_step(settings)
-        self.surroundings = densify.Surroundings(collection.points, settings.reach) if settings.reach else None
+        self.density = DensityControl(settings, collection.points, self.photos, self.model, self.rasterizer, self.generator, report)
         self.done = 0
         self.seconds = 0.0
         self.order: list[int] = []
@@ -148,7 +140,7 @@ class Trainer:
         while self.done < settings.steps:
             start = time.perf_counter()
             report = self.step()
-            told = (*report.messages, *self._change_gaussians())
+            told = (*report.messages, *self.change_gaussians())
             self.seconds += time.perf_counter() - start
             psnr, ssim = self.held_out_quality() if self.done in checks else (None, None)
             now = {"seconds": self.seconds, "gaussians": self.gaussians.solid, "held_out_psnr": psnr, "held_out_ssim": ssim}
@@ -214,7 +206,7 @@ class Trainer:
         self.skipped_in_a_row += 1
         if self.skipped_in_a_row >= SKIPS_TO_STOP:
             self.skipped_in_a_row = 0  # a run that goes on from here is given as many again
-            self._change_gaussians()  # what is due after this step: a run that goes on from here begins with the next
+            self.change_gaussians()  # what is due after this step: a run that goes on from here begins with the next
             path = self.save()
             raise TrainingStopped(
                 f"{SKIPS_TO_STOP} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",
@@ -253,59 +245,14 @@ class Trainer:
         self._put_back()
         self.stepper.forget()
 
-    # --- density, quality, checkpoints
-
-    def _change_gaussians(self) -> list[str]:
-        """Grow and prune where the schedule says so, and at the end thicken; a line if that leaves none."""
-        before = self.gaussians.solid
-        if self.done in self.grow_at:
-            self.control_density()
-        if self.done in self.prune_at:
-            self.prune_by_contribution()
-        if self.done == self.settled_at:
-            self.clear_the_view()
-        if self.done == self.settings.steps:
-            densify.thicken(self.gaussians)
-        return [densify.ALL_GONE] if before and not self.gaussians.solid else []
-
-    def control_density(self) -> None:
-        """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
+    def change_gaussians(self) -> list[str]:
+        """Density control where it is due after this step; a line if that leaves none."""
+        if not self.density.is_due(self.done):
+            return []
         self._forget()
-        densify.prune(self.gaussians, self.settings, self.surroundings)
-        now = sum(step <= self.done for step in self.grow_at) / len(self.grow_at)
-        allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
-        densify.grow(self.gaussians, allowed - self.gaussians.solid, self.generator)
+        return self.density.change(self.gaussians, self.done, self.mask_mean)
 
-    def prune_by_contribution(self) -> None:
-        """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
-        self._forget()
-        largest = largest_contributions(self.gaussians.splats, self.photos.cameras, self.rasterizer, self._told("pruning"))
-        densify.prune_by_contribution(self.gaussians, largest, self.settings.prune_contribution)
-
-    def clear_the_view(self) -> None:
-        """Remove what stands in the way of whoever looks from elsewhere: see `gaussians.veils` and `gaussians.passers_by`."""
-        self._forget()
-        splats, in_the_way = self.gaussians.splats, torch.zeros(len(self.gaussians), dtype=torch.bool, device=self.device)
-        if self.settings.remove_veils:
-            in_the_way |= veils(splats, self.photos.cameras, self.collection.points, self.rasterizer, self._told("veils"))
-        if self.settings.remove_passers_by and self._masks_can_be_trusted():
-            in_the_way |= passers_by(splats, self._masked_photos(), self.rasterizer)
-        self.gaussians.keep(~in_the_way)
-
-    def _masks_can_be_trusted(self) -> bool:
-        """Whether masks hide passers-by by now, and not the place itself."""
-        hide = self.settings.transients == "on" and self.done >= self.settings.mask_apply * self.settings.steps
-        return hide and self.mask_mean >= mask_weights.LEAST_STATIC and len(self.photos) >= decisions.FEWEST_FOR_MASKS
-
-    @torch.no_grad()
-    def _masked_photos(self) -> Iterator[tuple[Camera, Tensor]]:
-        tell = self._told("passers-by")
-        for index, sized in enumerate(self.photos):
-            yield sized.camera, self.model.read(sized.encoder_input, index).mask
-            tell(index + 1, len(self.photos))
-
-    def _told(self, what: str) -> Told:
-        return within_step(self.done - 1, what, self.settings, self.report)
+    # --- quality, checkpoints
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of a few test photos."""

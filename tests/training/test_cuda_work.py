@@ -141,7 +141,8 @@ def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer):
     """What a replayed step has of the recorded one is the same in both."""
     losses = [trainer.step().loss for _ in range(STEPS)]
     assert Again.recorded == 1 and losses == pytest.approx(losses_on_cpu, abs=2e-5)
-    trainer.prune_by_contribution()
+    trainer.density.prune_at = {trainer.done}
+    trainer.change_gaussians()
     assert trainer.stepper.room is None and not trainer.stepper.recordings
 
 

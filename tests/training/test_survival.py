@@ -298,7 +298,7 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
     for _ in range(12):
         trainer.step()
     spoil(trainer, SKIPS_TO_STOP, WRONG[words])
-    trainer.grow_at, few = [22], trainer.gaussians.solid
+    trainer.density.grow_at, few = [22], trainer.gaussians.solid
     with pytest.raises(TrainingStopped, match=f"{SKIPS_TO_STOP} steps in a row.*{words}.*Saved .*checkpoint_000022"):
         for _ in trainer.train():
             pass

@@ -59,7 +59,7 @@ def test_veils_are_removed_once_when_gaussians_have_settled(collection, tmp_path
         asked.append((trainer.done, len(photos), len(points)))
         return torch.arange(len(splats)) < 2
 
-    monkeypatch.setattr("core.training.trainer.veils", first_two)
+    monkeypatch.setattr("core.training.density.veils", first_two)
     trainer = Trainer(collection, small_settings(steps=20, prune_contribution=0.0, densify_until=0.2), tmp_path)
     gaussians = {report.step: report.gaussians for report in trainer.train()}
     assert asked == [(14, len(trainer.photos), len(collection.points))]
@@ -91,12 +91,11 @@ def test_passers_by_are_removed_where_masks_can_be_trusted(collection, tmp_path,
         seen.extend(photos)
         return torch.arange(len(splats)) < 2
 
-    monkeypatch.setattr("core.training.trainer.passers_by", first_two)
+    monkeypatch.setattr("core.training.density.passers_by", first_two)
     monkeypatch.setattr("core.training.decisions.FEWEST_FOR_MASKS", fewest)
     trainer = Trainer(collection, small_settings(steps=20, **changes), tmp_path)
-    trainer.done, trainer.mask_mean = trainer.settled_at, mask_mean
     before = trainer.gaussians.solid
-    trainer.clear_the_view()
+    trainer.density.clear_the_view(trainer.gaussians, trainer.density.settled_at, mask_mean)
     assert trainer.gaussians.solid == before - 2 * asked
     assert [camera for camera, _ in seen] == trainer.photos.cameras * asked
     assert all(mask.ndim == 3 and not mask.requires_grad for _, mask in seen)
@@ -201,12 +200,11 @@ def test_the_cap_always_holds(collection, tmp_path):
 
 def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
     trainer = trainer_of(steps=40, densify_rounds=4, max_gaussians=600)
-    rounds = sorted(trainer.grow_at)
+    rounds = trainer.density.grow_at
     for number, step in enumerate(rounds, 1):
-        trainer.done = step
         trainer.gaussians.gradient_sum.fill_(1.0)
         trainer.gaussians.seen.fill_(1.0)
-        trainer.control_density()
+        trainer.density.grow(trainer.gaussians, step)
         assert trainer.gaussians.solid <= round(600 * (0.25 + 0.75 * number / len(rounds))), number
     assert trainer.gaussians.solid == 600
 

@@ -166,8 +166,9 @@ def _other_models(model: Path) -> list[Note]:
 
 
 def _bases(root: Path, model: Path) -> list[Path]:
-    """The folders in which the photos of the model, or the folders that hold them, may lie."""
-    return [root, model.parent.parent if model.name.isdecimal() else model.parent]
+    """The folders in which the photos of the model, or the folders that hold them, may lie; the nearest first, as the others may hold the originals
+    of undistorted ones."""
+    return [model.parent.parent if model.name.isdecimal() else model.parent, root]
 
 
 def _has_photos(root: Path, model: Path) -> bool:
@@ -177,7 +178,7 @@ def _has_photos(root: Path, model: Path) -> bool:
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
-    """The first folder with at least half of the model's photos, or else the one with most: images/, images_N/, the same below dense/, or root
+    """The first folder with at least half of the model's photos, or else the one with most: images/ or images_N/ in one of the bases, or a base
     itself; input/ or photos/ only if none of these holds any. So whoever takes a photo out of images/ does not get the smaller copies instead.
     """
     bases = _bases(root, model)

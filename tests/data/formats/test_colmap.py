@@ -52,6 +52,13 @@ def test_whole_photos_are_preferred_to_shrunken_ones(tmp_path, base, shrunken):
     assert [photo.path for photo in load_collection(root).photos] == [photo.path for photo in (photos[0], *photos[2:])]
 
 
+def test_an_undistorted_model_takes_the_photos_beside_it_not_the_originals_above(tmp_path):
+    root = SmallScene().write(tmp_path / "scene", "dense/images", "dense/sparse")
+    SmallScene(model="SIMPLE_RADIAL").write(tmp_path / "originals")
+    (tmp_path / "originals" / "images").rename(root / "images")
+    assert {photo.path.parent for photo in load_collection(root).photos} == {root / "dense" / "images"}
+
+
 @pytest.mark.parametrize("form", ["binary", "text", "old binary", "old text"])
 def test_formats(tmp_path, form):
     """Since COLMAP 3.12 models have rigs and frames; before, they had not."""

@@ -61,7 +61,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     A mask is named after its photo: `0001.png` or, as for COLMAP, `0001.jpg.png` belongs to `0001.jpg`. For photos in subfolders
     (`left/0001.jpg`) a mask in the same subfolder beats one in `folder` itself. A photo without a mask here is used whole, even if the
     scene gives it one. Notes: as `with_masks_by_name`, and which masks belong to no photo. Raises BadInput for a folder without a
-    usable mask, and for two masks of one photo.
+    usable mask, for two masks of one photo, and for one of two training photos.
     """
     listed = {path: _by_stem(folder / path) for path in {Path(), *(relative_path(photo.name).parent for photo in collection.photos)}}
     masks = {}
@@ -75,6 +75,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
             masks[photo.name] = mask
     unused = sorted({path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values()))
     training = collection.split("train")
+    _check_not_shared({photo.name: masks[photo.name] for photo in training if photo.name in masks})
     if not any(photo.name in masks for photo in training):
         raise _none_fits(folder, training[0].name)
     found = with_masks_by_name(collection, masks, folder)
@@ -88,6 +89,15 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     if unused:
         notes.append(Note(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}."))
     return replace(found, notes=(*found.notes, *notes))
+
+
+def _check_not_shared(masks: dict[str, Path]) -> None:
+    """Raise BadInput if a mask may be that of several photos, which differ in folder or suffix alone. masks: by photo name."""
+    photo_of: dict[Path, str] = {}
+    for photo, mask in masks.items():
+        if (other := photo_of.setdefault(mask, photo)) != photo:
+            fix = f"Name each mask as its photo, in a folder as the photo's, such as {relative_path(other)}.png."
+            raise BadInput(f"{mask} may be the mask of {other} or of {photo}.", fix)
 
 
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:

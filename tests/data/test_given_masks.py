@@ -95,6 +95,9 @@ def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_pat
     masks = {photo.name: photo.mask for photo in found.photos}
     assert [masks[name] for name in names.values()] == wanted
     assert found.notes[-1].text == "1 mask of no photo in use, such as left/b.tif."
+    wanted[1].unlink()
+    with pytest.raises(BadInput, match="a.png may be the mask of left/a.jpg or of right/a.jpg. Name each .* such as left/a.jpg.png."):
+        with_masks_in(replace(collection, photos=photos), folder)
 
 
 def test_photos_named_by_whole_paths_or_through_the_folder_above_are_not_their_own_masks(collection, tmp_path):

@@ -1,5 +1,6 @@
 """From a folder to a Collection: find out its kind, then read it."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,7 +118,18 @@ def find_photos(path: Path) -> Path:
     if lacks_photos(path):
         fix = "Give the folder above it that holds the photos as well."
         raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)
+    if scene := _scene_below(path):
+        raise BadInput(f"{path} holds no photos and no COLMAP model; its folder {scene.relative_to(path)} is a scene.", "Give that folder.")
     raise no_photos(path, "no photos and no COLMAP model")
+
+
+def _scene_below(path: Path) -> Path | None:
+    """The outermost folder below `path` that is a scene with cameras, and photos, or None: archives wrap theirs in one folder more."""
+    for folder in folders_below(path):
+        with suppress(BadInput, OSError):  # half a model is no scene, nor is one that may not be read
+            if kind_with_cameras(folder) and (list_photos(folder) or photos_below(folder)):
+                return folder
+    return None
 
 
 def warn_of_others(path: Path, photos: Path, report: Report) -> None:

@@ -87,7 +87,9 @@ def test_what_lies_around_instead_of_photos_is_named(tmp_path):
         find_kind(tmp_path / "days")
     with pytest.raises(BadInput, match=f"there are photos in its folder {Path('days', 'monday')}. Name that"):
         find_kind(tmp_path)
-    root = SmallScene().write(tmp_path / "scene")
+    root = SmallScene().write(tmp_path / "archive" / "scene")
+    with pytest.raises(BadInput, match="archive holds no photos and no COLMAP model; its folder scene is a scene. Give that folder."):
+        find_kind(root.parent)  # not "Name scene/images": its cameras would be found anew
     for model in (root / "sparse" / "0", root / "sparse"):
         with pytest.raises(BadInput, match="holds a COLMAP model, but not the photos.*folder above"):
             find_kind(model)

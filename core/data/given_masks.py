@@ -156,10 +156,12 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
         said.add("with a damaged mask, used whole", named_with_fault(photo.name, mask, problem))
         return whole
     found = with_mask(photo, mask, size, taken_through)
-    if not fits(size, size_for_mask(found)):
-        said.add("with a mask of another shape, used whole", photo.name)
+    wanted = size_for_mask(found)
+    if not fits(size, wanted):
+        how = "on its side, used whole (turn it as EXIF turns the photo)" if fits(size[::-1], wanted) else "of another shape, used whole"
+        said.add(f"with a mask {how}", photo.name)
         return whole
-    if size != size_for_mask(found):
+    if size != wanted:
         said.add("with a mask of another size, which is resized", photo.name)
     return found
 

@@ -26,7 +26,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
     """
     places = dict.fromkeys((root, model, *(folder for folder in model.parents if root in folder.parents)))
     tables, others = find_tables(*places)
-    unlike = f"holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}."
+    unlike = f"holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}, tab-separated."
     no_splits = [Note(f"{path.name} {unlike}") for path in others]
     lists = [path for folder in places for path in _find(folder, *TEST_LISTS)]
     if tables:

@@ -172,7 +172,7 @@ def test_a_split_table_that_cannot_be_read(tmp_path, content, words):
 
 @pytest.mark.parametrize("content", [b"", b"x" * 200_000, b"name\tvalue\n1\t2\n", b"\xff\xfe\x80\n", b"filename\tid\n"])
 def test_a_tsv_of_something_else_beside_the_split_is_not_used(tmp_path, content):
-    unused = "a.tsv holds no split, not used: its first line does not name filename, id, split."
+    unused = "a.tsv holds no split, not used: its first line does not name filename, id, split, tab-separated."
     (tmp_path / "a.tsv").write_bytes(content)
     (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
     splits, notes = split(tmp_path, NAMES[:2])

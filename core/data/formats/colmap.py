@@ -172,9 +172,11 @@ def _bases(root: Path, model: Path) -> list[Path]:
 
 
 def _has_photos(root: Path, model: Path) -> bool:
-    """Whether there is a folder of photos for the model: COLMAP's workspaces hold models without, beside the undistorted scenes made of them."""
-    bases = _bases(root, model)
-    return any((base / name).is_dir() for base in bases for name in ("images", *SHRUNKEN, *ORIGINALS)) or any(map(list_photos, bases))
+    """Whether there is a folder of photos for the model: COLMAP's workspaces hold models without, beside the undistorted scenes made of them. Loose
+    pictures are photos if they are half as many as the model has, and else previews."""
+    bases, enough = _bases(root, model), max(1, photos_in_model(model) / 2)
+    has_folder = any((base / name).is_dir() for base in bases for name in ("images", *SHRUNKEN, *ORIGINALS))
+    return has_folder or any(len(list_photos(base)) >= enough for base in bases)
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:

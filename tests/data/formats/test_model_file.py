@@ -97,6 +97,8 @@ def test_of_a_workspace_the_scene_that_has_photos_is_used(tmp_path):
     other = SmallScene(offset=np.array([9.0, 0.0, 0.0])).write(tmp_path / "other")
     (other / "sparse").rename(root / "sparse")
     check_geometry(load_collection(root), scene)
+    shutil.copy(other / "images" / scene.names[0], root / "preview.png")
+    check_geometry(load_collection(root), scene)
     (other / "images").rename(root / "images")
     assert load_collection(root).photos[0].path.parent == root / "images"
 

@@ -1,6 +1,17 @@
-"""`python -m wegs_cli` is `wegs`, also where that is not on the PATH."""
+"""The program `wegs`; `python -m wegs_cli` is the same, also where that is not on the PATH."""
 
-from wegs_cli.main import run
+import sys
+
+
+def run() -> None:
+    """Run `wegs_cli.main`, which has an answer to Ctrl-C once it is loaded; until then, it ends the program in silence."""
+    try:
+        from wegs_cli.main import run
+
+        run()
+    except KeyboardInterrupt:
+        sys.exit(130)  # INTERRUPTED of `wegs_cli.main`
+
 
 if __name__ == "__main__":
     run()

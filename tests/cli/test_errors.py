@@ -167,6 +167,13 @@ def test_a_second_signal_does_not_change_the_last_words(tmp_path, name):
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
 
 
+def test_a_stop_in_the_first_moments_is_silent(tmp_path):
+    (tmp_path / "click.py").write_text("raise KeyboardInterrupt")  # while even the command line still loads
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from wegs_cli.__main__ import run; run()"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
 def test_a_program_without_a_terminal_works_all_the_same():
     program = "import sys; sys.stdout = sys.stderr = None; from wegs_cli.main import run; run()"
     done = subprocess.run([sys.executable, "-c", program, "--version"], capture_output=True, text=True, check=False)

@@ -62,6 +62,17 @@ def read_mark(path: Path) -> dict:
     return facts if isinstance(facts, dict) else {}
 
 
+def fault_of_mark(path: Path) -> str | None:
+    """Why `read_mark` reads nothing of a file, in words that follow its name; None where it is JSON."""
+    try:
+        json.loads(path.read_bytes())
+    except OSError as problem:
+        return f"cannot be read ({problem.strerror})"
+    except (ValueError, RecursionError):
+        return "is damaged: it is no JSON"
+    return None
+
+
 def path_from(root: Path, path: Path) -> str:
     """The path relative to `root`, so that both may be moved together: through a link if `root` holds it by one, and through `..` if it lies
     outside. The whole path if there is no other, as on another drive of Windows."""

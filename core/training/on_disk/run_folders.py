@@ -10,7 +10,7 @@ from pathlib import Path
 
 from core.config import Settings
 from core.data.collection import Collection
-from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, names_wegs, read_mark
+from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, fault_of_mark, names_wegs, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
 from core.system.atomic import remove, swept
@@ -66,6 +66,8 @@ def find_run(path: Path | None) -> Path:
     if not path.is_dir():
         raise BadInput(f"There is no folder {path}.", "Give one that `wegs train` made.")
     if not is_run(path):
+        if (config := path / CONFIG).is_file() and (fault := fault_of_mark(config)):  # it may have been one's
+            raise BadInput(f"{config} {fault}, and {path} has no checkpoint.", "If it was a run, train it again.")
         fix = "Give a folder that `wegs train` made." if (inner := newest_in(path)) is None else f"Give a run in it, such as {inner}."
         raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", fix)
     return path

@@ -109,7 +109,7 @@ def test_a_folder_of_another_program_is_no_run(here, text):
     with pytest.raises(BadInput, match="no run"):
         run_folders.choose_folder(folder, "plaza", force=True)
     for wanted in (None, folder):
-        with pytest.raises(BadInput, match="no run|is not a run"):
+        with pytest.raises(BadInput, match="no run|is not a run|is no JSON, .* If it was a run,"):
             run_folders.find_run(wanted)
 
 
@@ -119,6 +119,25 @@ def test_a_run_whose_config_was_garbled_is_one_still(here, text):
     Path("old/config.json").write_text(text)
     Path("old/checkpoint_000100.safetensors").write_text("")
     assert run_folders.choose_folder(Path("old"), "plaza", force=True) == Path("old")
+
+
+@pytest.mark.parametrize("text", ["", '{"wegs": "0.1.0", "photos": ['])
+def test_a_config_that_was_garbled_before_the_first_checkpoint_is_named(here, text):
+    begin(Path("old"))
+    Path("old/config.json").write_text(text)
+    with pytest.raises(BadInput, match="^old/config.json is damaged: it is no JSON, and old has no checkpoint. If it was a run, train it again.$"):
+        run_folders.find_run(Path("old"))
+
+
+def test_a_config_that_may_not_be_read_is_named(here, monkeypatch):
+    begin(Path("old"))
+
+    def refused(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_bytes", refused)
+    with pytest.raises(BadInput, match=r"^old/config.json cannot be read \(Permission denied\)"):
+        run_folders.find_run(Path("old"))
 
 
 def test_a_run_that_cannot_be_begun_leaves_nothing(tmp_path, collection, monkeypatch):

@@ -31,6 +31,7 @@ class Photo:
     points: indices into Collection.points of the SfM points it sees; none of a photo from outside.
     mask: a picture, white where training uses the photo (core.data.given_masks), or None. mask_lens: as lens, if the photo is an
     undistorted copy and the mask was drawn on the original.
+    bytes, mask_bytes: of a run's photos, the sizes of both files when it began; None where unknown.
     """
 
     name: str
@@ -41,6 +42,8 @@ class Photo:
     lens: Lens | None = None
     mask: Path | None = None
     mask_lens: Lens | None = None
+    bytes: int | None = None
+    mask_bytes: int | None = None
 
     def stands_as(self, other: "Photo") -> bool:
         """Whether both have the same split and the same camera, up to rounding, which differs between processors."""

@@ -17,6 +17,6 @@ def open_run(folder: Path | None, report: Report) -> TrainedRun:
         stopped = f"was stopped; {checkpoint.how_to_go_on(trained.folder)} goes on"
         state = "is still being trained" if run_folders.is_at_work(trained.folder) else stopped
         report.warn(f"{trained.folder} {state}: this is step {trained.step} of {trained.settings.steps}.")
-    if changed := run_config.changed_files(trained.folder, trained.collection):
+    if changed := run_config.changed_files(trained.collection):
         report.warn(f"Photos or their masks changed since this run began, so looks and figures may be wrong: {list_names(changed)}")
     return trained

@@ -82,7 +82,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     if not before.root.is_dir():
         raise run_config.scene_gone(folder, before, f"{folder} cannot go on")
     collection = with_same_masks(load_collection(before.read_from, settings.all_photos), before)
-    _check_same_photos(folder, before, collection.changed_since(before) or run_config.changed_files(folder, before))
+    _check_same_photos(folder, before, collection.changed_since(before) or run_config.changed_files(before))
     trainer = Trainer(collection, settings, folder, report)
     if path:
         _resume(trainer, path, before)

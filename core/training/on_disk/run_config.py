@@ -92,20 +92,14 @@ def check_same_run(folder: Path, identity: str) -> None:
         raise BadInput(f"{folder} holds another run than before.", "Run the same command again.")
 
 
-def changed_files(folder: Path, collection: Collection) -> list[str]:
-    """The names of photos in whose place, or in that of whose masks, lies another file than the run in `folder` began with, as far as sizes tell.
-    Missing ones do not count."""
-    began_with = {values["name"]: values for values in read_mark(folder / CONFIG)["photos"]}
+def changed_files(collection: Collection) -> list[str]:
+    """The names of photos in whose place, or in that of whose masks, lies another file than their run began with, as far as sizes tell.
+    Missing ones do not count. collection: as `read_config` gives it."""
 
     def is_another(path: Path | None, size: int | None) -> bool:
         return bool(path and size and is_file(path)) and path.stat().st_size != size
 
-    changed = []
-    for photo in collection.photos:
-        then = began_with.get(photo.name, {})
-        if is_another(photo.path, then.get("bytes")) or is_another(photo.mask, then.get("mask_bytes")):
-            changed.append(photo.name)
-    return changed
+    return [photo.name for photo in collection.photos if is_another(photo.path, photo.bytes) or is_another(photo.mask, photo.mask_bytes)]
 
 
 def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:
@@ -150,6 +144,8 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
         lens=_lens_from_json(values, "lens"),
         mask=file("mask"),
         mask_lens=_lens_from_json(values, "mask_lens"),
+        bytes=values.get("bytes"),
+        mask_bytes=values.get("mask_bytes"),
     )
 
 

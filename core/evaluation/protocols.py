@@ -103,12 +103,12 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """Pictures to look at. look: a key of WAYS, what `render` shows. mask: [0, 1], of any size, or None."""
+    """Pictures to look at. look: a key of WAYS, what `render` shows; None of a run that has but one. mask: [0, 1], of any size, or None."""
 
     name: str
     photo: UInt8[ndarray, "h w 3"]
     render: UInt8[ndarray, "h w 3"]
-    look: str
+    look: str | None
     mask: Float[ndarray, "h4 w4"] | None
 
 
@@ -143,7 +143,7 @@ def measure(
     mask = subject.mask(photo.permute(2, 0, 1).contiguous())
     overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
     drawn_mask = None if mask is None else mask.cpu().numpy()
-    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(images[shown]), shown, drawn_mask)
+    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(images[shown]), shown if subject.has_looks else None, drawn_mask)
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 

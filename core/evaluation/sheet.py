@@ -30,9 +30,9 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
 
 
 def titles(protocol: str, step: int, looks: str) -> tuple[str, str, str, str]:
-    """The titles of the columns. step: the run's, when it was measured. looks: those shown, in words."""
-    error = f"error ({looks}; brightest: {FULL_ERROR})"
-    return f"photo (protocol {protocol}, step {step})", f"render ({looks})", "mask (white: static)", error
+    """The titles of the columns. step: the run's, when it was measured. looks: those shown, in words; empty for a run that has but one."""
+    render, error = (f"render ({looks})", f"error ({looks}; ") if looks else ("render", "error (")
+    return f"photo (protocol {protocol}, step {step})", render, "mask (white: static)", f"{error}brightest: {FULL_ERROR})"
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Row:
     """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB."""
 
     line: str
-    look: str
+    look: str | None
     tiles: tuple[UInt8[np.ndarray, "h w 3"], ...]
 
 
@@ -53,7 +53,7 @@ def row_of(view: ViewPictures, note: str) -> Row:
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """A line of titles, then all rows, each above its line of text; RGB."""
-    columns = titles(protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows)))
+    columns = titles(protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look)))
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 

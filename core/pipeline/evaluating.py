@@ -99,7 +99,7 @@ def _gathered(
     for photo, (result, pictures) in measured:
         views.append(result)
         scales.append(result.width / photo.camera.width)
-        figures = (f"{WAYS[look]} {score.psnr:.2f} dB" for look, score in result.scores["photo"].items())
+        figures = (f"{WAYS[look]} {score.psnr:.2f} dB" if pictures.look else f"{score.psnr:.2f} dB" for look, score in result.scores["photo"].items())
         rows.append(row_of(pictures, ", ".join(figures)))
         if work is not None:
             write_view(work, paths[photo.name], pictures)

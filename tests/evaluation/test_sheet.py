@@ -53,10 +53,12 @@ def test_labels_are_written_and_a_missing_mask_is_grey():
 def test_titles_say_which_look_is_shown_by_which_protocol_and_after_which_step():
     photo, render, _, error = titles("full", 600, "refined")
     assert (photo, render) == ("photo (protocol full, step 600)", "render (refined)") and error.startswith("error (refined;")
+    assert titles("full", 600, "")[1::2] == ("render", "error (brightest: 0.5)")
     one, other = row(8, 300), replace(row(8, 300), look="zero_shot")
     refined, zero_shot = map(sheet_of, (one, other))
     places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(4)]
     assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, False, True]
+    assert picture_sheet([row_of(replace(one, look=None), "")], "half", 9).shape == refined.shape  # of a run with one look
 
 
 def test_a_sheet_names_the_step_it_is_given():

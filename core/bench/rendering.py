@@ -72,8 +72,8 @@ class Choice:
 
 
 @torch.no_grad()
-def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int, report: Report, budget: float) -> Figure:
-    """All backends on a CPU and levers on `what`, these splats (float32) and cameras. budget: see `stopwatch.timed`."""
+def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int, report: Report, budget: float, name: str = "rendering") -> Figure:
+    """All backends on a CPU and levers on `what`, these splats (float32) and cameras. budget: see `stopwatch.timed`. name: the figure's."""
     exact = [draw(splats, camera, Levers(sh_degree=splats.degree)) for camera in cameras]
     unthresholded = [draw(splats, camera, UNTHRESHOLDED) for camera in cameras]
     chosen = list(choices(splats, cameras))
@@ -88,7 +88,7 @@ def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int
         points.append(Point(choice.curve, choice.label, measured[choice.way], choice.is_default))
         report.progress("Rendering", number + 1, len(chosen), f"{choice.curve}: {choice.label}")
     title = f"Rendering {what}: {len(splats)} Gaussians of degree {splats.degree}, {cameras[0].width} x {cameras[0].height} px"
-    return Figure("rendering", title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
+    return Figure(name, title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
 
 
 def choices(splats: Splats, cameras: list[Camera]) -> Iterator[Choice]:

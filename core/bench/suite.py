@@ -1,6 +1,6 @@
 """Which figures are drawn, of what, and where they go: what `wegs bench` and `wegs eval --curve` do."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from torch import Tensor
@@ -193,8 +193,7 @@ def _rendering_of(trained: TrainedRun, size: Size, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
-    figure = rendering_figure(trained.folder.resolve().name, splats, cameras, trained.settings.seed, report, size.budget)
-    return replace(figure, name=OF_RUN)
+    return rendering_figure(trained.folder.resolve().name, splats, cameras, trained.settings.seed, report, size.budget, OF_RUN)
 
 
 # --- what is trained

@@ -13,7 +13,6 @@ import torch
 
 from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
-from core.bench.figure import Figure, Point
 from core.config import PRESETS
 from core.errors import BadInput
 from core.looks.find_look import find_look
@@ -86,12 +85,11 @@ def test_what_a_killed_bench_left_is_removed_by_the_next(tmp_path, monkeypatch):
 
 def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypatch):
     asked = []
-    figure = Figure("rendering", "", (), (), (Point("", "", {}),), {})
-    monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments) or figure)
+    monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments))
     monkeypatch.chdir(small_run)
     trained = load_run(Path())
-    named = suite._rendering_of(trained, replace(TINY, cameras=1), Report()).name
-    what, splats, cameras = asked[0][:3]
+    suite._rendering_of(trained, replace(TINY, cameras=1), Report())
+    what, splats, cameras, *_, named = asked[0]
     assert torch.equal(splats.sh, bake(trained, find_look(trained, "neutral")).sh)
     assert (cameras[0].width, cameras[0].height) == (WIDTH, HEIGHT)
     assert named == suite.OF_RUN and what == small_run.name

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.formats.text_model import fault_in, is_pose
+from core.data.formats.text_model import fault_in, is_not_finite, is_pose
 from core.errors import BadInput
 from core.system.atomic import temporary_place
 
@@ -84,9 +84,9 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     suffix = points.suffix if points else next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED)), None)
     if suffix is None:
         raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking_files(folder))}.", fix)
-    names = {}
+    names, broken = {}, {}
     if suffix == ".txt":
-        names = _names_with_spaces(folder / "images.txt")
+        names, broken = _misread(folder / "images.txt")
     else:
         for part, end_of_record in RECORDS.items():
             file = folder / f"{part}.bin"
@@ -95,11 +95,11 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     try:
         with quiet():
             try:
-                model = _read(folder, suffix, None if points else EMPTY_POINTS[suffix])
+                model = _read(folder, suffix, None if points else EMPTY_POINTS[suffix], broken)
             except REFUSALS:
                 if not points:
                     raise
-                model = _read(folder, suffix, _without_tracks(points))
+                model = _read(folder, suffix, _without_tracks(points), broken)
             for number, name in names.items():
                 model.image(number).name = name
             return model
@@ -132,23 +132,27 @@ def _points_file(folder: Path) -> Path | None:
     return next((folder / (POINTS + suffix) for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
 
 
-def _read(folder: Path, suffix: str, points: bytes | None) -> pycolmap.Reconstruction:
-    """The model of the files in `folder` with this suffix. points: the content of a file of points in place of theirs.
+def _read(folder: Path, suffix: str, points: bytes | None, broken: dict[int, bytes]) -> pycolmap.Reconstruction:
+    """The model of the files in `folder` with this suffix. points: the content of a file of points in place of theirs. broken: see `_misread`.
 
     The files are read from a folder of their own: pycolmap insists on all three, and reads whatever else lies beside them.
     """
     with tempfile.TemporaryDirectory(dir=temporary_place()) as place:
         for part in (*NEEDED, POINTS) if points is None else NEEDED:
-            _put_into(Path(place), folder / (part + suffix))
+            _put_into(Path(place), folder / (part + suffix), broken if part == "images" else {})
         if points is not None:
             Path(place, POINTS + suffix).write_bytes(points)
         return pycolmap.Reconstruction(place)
 
 
-def _put_into(place: Path, file: Path) -> None:
-    """Put a file of a model into another folder: a link, or a copy where there can be none, or where a text begins with a mark."""
-    if file.suffix == ".txt" and _is_marked(file):
-        (place / file.name).write_bytes(file.read_bytes().removeprefix(BOM_UTF8))
+def _put_into(place: Path, file: Path, others: dict[int, bytes]) -> None:
+    """Put a file of a model into another folder: a link, or a copy where there can be none, or where a text begins with a mark.
+
+    others: lines of a text, by number from 0, in place of its own.
+    """
+    if file.suffix == ".txt" and (others or _is_marked(file)):
+        lines = file.read_bytes().removeprefix(BOM_UTF8).split(b"\n")
+        (place / file.name).write_bytes(b"\n".join(others.get(number, line) for number, line in enumerate(lines)))
         return
     try:
         os.symlink(file.resolve(), place / file.name)
@@ -162,21 +166,27 @@ def _is_marked(file: Path) -> bool:
         return start.read(len(BOM_UTF8)) == BOM_UTF8
 
 
-def _names_with_spaces(path: Path) -> dict[int, str]:
-    """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. BadInput if an image has one line,
-    not two: pycolmap would skip every other image."""
-    names = {}
-    with open(path, encoding="utf-8-sig", errors="replace") as file:
-        for line in file:
+def _misread(path: Path) -> tuple[dict[int, str], dict[int, bytes]]:
+    """What pycolmap would not read of an images.txt as it does of an images.bin: names with spaces, by image id, of which it would take the first
+    words; and lines with a pose that is not finite, by number from 0, for which it would refuse the model, each with no rotation in its place.
+
+    BadInput if an image has one line, not two: pycolmap would skip every other image.
+    """
+    names, broken = {}, {}
+    with open(path, encoding="utf-8-sig", errors="replace", newline="\n") as file:
+        lines = enumerate(file)
+        for number, line in lines:
             words = line.split(maxsplit=9)
             if len(words) < 10 or not words[0].isdecimal():
                 continue
-            name, features = words[9].strip(), next(file, None)
+            name, (_, features) = words[9].strip(), next(lines, (number, None))
             if features is None or is_pose(features):
                 raise BadInput(f"{path} gives {name} one line in place of two.", "Add the line of its features after it, which may be empty.")
             if " " in name:
                 names[int(words[0])] = name
-    return names
+            if any(is_not_finite(word) for word in words[1:8]):
+                broken[number] = " ".join([words[0], *["0"] * 7, *words[8:]]).encode().rstrip(b"\n")
+    return names, broken
 
 
 def _without_tracks(path: Path) -> bytes:

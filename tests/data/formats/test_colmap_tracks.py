@@ -132,6 +132,21 @@ def test_names_with_spaces_in_text(tmp_path):
     assert [photo.name for photo in load_collection(root).photos] == [f"a photo {index}.png" for index in range(4)]
 
 
+@pytest.mark.parametrize(("column", "word"), [(1, "nan"), (4, "inf"), (5, "-nan"), (7, "1e400")])
+def test_a_pose_in_text_that_is_not_finite_is_left_out_alone(tmp_path, column, word):
+    """pycolmap reads such a pose from a binary model, and would refuse the whole text."""
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
+    pose = next(number for number, line in enumerate(lines) if line.endswith("photo_1.png"))
+    words = lines[pose].split()
+    lines[pose] = " ".join([*words[:column], word, *words[column + 1 :]])
+    (model / "images.txt").write_text("\n".join(lines) + "\n")
+    collection = load_collection(root)
+    assert [photo.name for photo in collection.photos] == ["photo_0.png", "photo_2.png", "photo_3.png"]
+    assert notes_with(collection, "1 photo with a camera or pose that is broken, not used: photo_1.png")
+    assert all(len(photo.points) for photo in collection.photos)
+
+
 def test_images_of_one_line_in_text_are_refused_and_those_of_an_empty_second_line_read(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     model, lines = in_text(root)

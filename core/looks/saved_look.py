@@ -79,6 +79,8 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
         found = _tensor(numbers)
         tone = _tensor(facts["tone"]) if "tone" in facts else None
         changes = {name: _tensor(change) for name, change in facts.get("changes", {}).items()}
+    except PermissionError:  # no fault of the look's
+        raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as problem:
         raise BadInput(f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME.") from None
     if owner != identity:

@@ -1,6 +1,8 @@
 """Looks kept by name: exact, of one run at one step, and never called as something else."""
 
+import errno
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -73,6 +75,17 @@ def test_a_look_of_no_use_is_refused(tmp_path, text, words):
     path.write_text(text)
     with pytest.raises(BadInput, match=words):
         loaded(path, 2)
+
+
+def test_a_look_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    (tmp_path / "a.json").touch()
+
+    def refused(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_bytes", refused)
+    with pytest.raises(PermissionError):
+        loaded(tmp_path / "a.json", 2)
 
 
 @pytest.mark.parametrize("name", ["photo_1", "photo_1.png"])

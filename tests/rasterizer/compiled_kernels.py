@@ -50,7 +50,7 @@ KERNELS = [  # with the options that they are launched with, and what differs fr
 # What the parameters of that name are; all others are arrays of float32.
 TYPES = {
     **dict.fromkeys(("count", "sections", "columns", "width", "height", "size", "solid"), "i32"),
-    **dict.fromkeys(("background_red", "background_green", "background_blue", "share", "weight"), "fp32"),
+    **dict.fromkeys(("background_red", "background_green", "background_blue", "ssim_weight", "weight"), "fp32"),
     **dict.fromkeys(("sources", "copies", "values", "first", "second", "gradients"), ("*fp32",) * 6),  # of each parameter
     **dict.fromkeys(("order", "slot_starts", "tile_starts", "part_ends", "entry_slots", "rows", "shown"), "*i64"),
     **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts", "visible"), "*i32"),

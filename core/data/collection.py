@@ -24,14 +24,25 @@ FAR = 100.0  # times the median camera's distance from the scene's centre
 
 
 @dataclass(frozen=True)
+class GivenMask:
+    """A mask that came with a photo: a picture, white where training uses the photo (core.data.given_masks).
+
+    lens: that of the photo's original, if the photo is an undistorted copy and the mask was drawn on the original, else None.
+    bytes: as `Photo.bytes`.
+    """
+
+    path: Path
+    lens: Lens | None = None
+    bytes: int | None = None
+
+
+@dataclass(frozen=True)
 class Photo:
     """A posed photo. `camera`: a pinhole in the scene frame, at the size of the photo on disk (as displayed).
 
     lens: that of the file if it is distorted, else None.
     points: indices into Collection.points of the SfM points it sees; none of a photo from outside.
-    mask: a picture, white where training uses the photo (core.data.given_masks), or None. mask_lens: as lens, if the photo is an
-    undistorted copy and the mask was drawn on the original.
-    bytes, mask_bytes: of a run's photos, the sizes of both files when it began; None where unknown.
+    bytes: of a run's photo, the size of its file when the run began; None where unknown.
     """
 
     name: str
@@ -40,10 +51,8 @@ class Photo:
     split: str  # "train" or "test"
     points: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     lens: Lens | None = None
-    mask: Path | None = None
-    mask_lens: Lens | None = None
+    mask: GivenMask | None = None
     bytes: int | None = None
-    mask_bytes: int | None = None
 
     def stands_as(self, other: "Photo") -> bool:
         """Whether both have the same split and the same camera, up to rounding, which differs between processors."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 from math import log
 from pathlib import Path
 
-from core.data.collection import Collection, Photo
+from core.data.collection import Collection, GivenMask, Photo
 from core.data.photos.file import named_with_fault, probe
 from core.data.photos.folder import SUFFIXES, list_photos
 from core.data.photos.names import composed, is_file, names_without_suffixes, relative_path
@@ -82,7 +82,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     if not any(photo.mask for photo in found.split("train")):
         why = "; ".join(note.text for note in found.notes[len(collection.notes) :] if not note.harmless)
         raise BadInput(f"No mask in {folder} can be used: {why}.", "Copy or draw them again.")
-    _check_usable([photo.mask for photo in found.split("train") if photo.mask][:TRIED])
+    _check_usable([photo.mask.path for photo in found.split("train") if photo.mask][:TRIED])
     notes = []
     if any(photo.mask for photo in collection.photos):
         notes.append(Note("The masks that the scene itself gives are not used."))
@@ -103,13 +103,13 @@ def _check_not_shared(masks: dict[str, Path]) -> None:
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:
     """The photo with its mask, of this `size` (px). taken_through: the lens of the original photo, where the photo's file is an undistorted
     copy of it; the mask is then one of the original, unless it has the size of the copy."""
-    copy = replace(photo, mask=mask, mask_lens=None)
-    return copy if size == size_for_mask(copy) else replace(copy, mask_lens=taken_through)
+    of_copy = replace(photo, mask=GivenMask(mask))
+    return of_copy if size == size_for_mask(of_copy) else replace(photo, mask=GivenMask(mask, taken_through))
 
 
 def size_for_mask(photo: Photo) -> tuple[int, int]:
     """Width and height (px) of the picture that the photo's mask was drawn on: the photo, or the original that it is an undistorted copy of."""
-    lens = photo.mask_lens
+    lens = photo.mask.lens
     return (photo.camera.width, photo.camera.height) if lens is None else (lens.width, lens.height)
 
 
@@ -143,7 +143,7 @@ def with_masks_by_name(collection: Collection, masks: dict[str, Path], source: P
 
 def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | None, said: Reasons) -> Photo:
     """The photo with its mask, or without one if the mask cannot be used; what is odd about it goes into `said`."""
-    whole = replace(photo, mask=None, mask_lens=None)
+    whole = replace(photo, mask=None)
     if mask is None:
         said.add("without a mask, used whole", photo.name)
         return whole
@@ -168,14 +168,10 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
 
 def with_same_masks(collection: Collection, before: Collection) -> Collection:
     """The collection with the masks that it had when it was read `before`, so that a run can go on. BadInput if one of a training photo is gone."""
-    then = {photo.name: photo for photo in before.photos}
-    if gone := [photo.mask for photo in before.split("train") if photo.mask and not photo.mask.is_file()]:
+    then = {photo.name: photo.mask for photo in before.photos}
+    if gone := [photo.mask.path for photo in before.split("train") if photo.mask and not photo.mask.path.is_file()]:
         raise BadInput(f"{counted(len(gone), 'mask')} of the run cannot be found, such as {gone[0]}.", "Put them back.")
-    photos = []
-    for photo in collection.photos:
-        as_before = then.get(photo.name, replace(photo, mask=None, mask_lens=None))
-        photos.append(replace(photo, mask=as_before.mask, mask_lens=as_before.mask_lens))
-    return replace(collection, photos=tuple(photos))
+    return replace(collection, photos=tuple(replace(photo, mask=then.get(photo.name)) for photo in collection.photos))
 
 
 def _by_stem(folder: Path) -> dict[str, list[Path]]:

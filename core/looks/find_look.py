@@ -159,7 +159,7 @@ def _sized(trained: TrainedRun, photo: Photo, mask: Path | None, report: Report)
     except BadInput as problem:
         if photo.mask is None:
             raise
-        whole = trained.sized_photo(replace(photo, mask=None, mask_lens=None))
+        whole = trained.sized_photo(replace(photo, mask=None))
         report.warn(f"{problem.what} {photo.name} is read without its mask.")
         return whole
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from core.data import load_collection
+from core.data.collection import GivenMask
 from core.data.given_masks import (
     check_fits,
     check_masks,
@@ -43,6 +44,10 @@ def save_mask(path, height=36, width=48, hidden=np.s_[20:, :10]):
     return save(path, mask)
 
 
+def masks_of(photos):
+    return [photo.mask and photo.mask.path for photo in photos]
+
+
 def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(collection, tmp_path):
     folder = tmp_path / "masks"
     save_mask(folder / "photo_0.jpg")
@@ -51,7 +56,7 @@ def test_masks_are_found_by_stem_in_any_format_and_what_is_missing_is_said(colle
     save_mask(folder / "passer.png")
     (folder / "read.me").write_text("not a picture")
     found = with_masks_in(collection, folder)
-    assert [photo.mask and photo.mask.name for photo in found.photos] == ["photo_0.jpg", "photo_1.bmp", "photo_2.png", None, None, None]
+    assert [photo.mask and photo.mask.path.name for photo in found.photos] == ["photo_0.jpg", "photo_1.bmp", "photo_2.png", None, None, None]
     assert all(photo.mask is None for photo in found.split("test"))
     assert texts_of(found.notes) == [
         f"2 photos with a mask from {folder}.",
@@ -67,7 +72,7 @@ def test_masks_of_photos_whose_cameras_were_found_are_known_by_the_name_the_user
     """Structure from motion makes a photo.png.jpg of a photo.png."""
     photos = tuple(replace(photo, name=f"{photo.name}.jpg") for photo in collection.photos)
     wanted = save_mask(tmp_path / "masks" / "photo_0.png")
-    assert with_masks_in(replace(collection, photos=photos), tmp_path / "masks").photos[0].mask == wanted
+    assert with_masks_in(replace(collection, photos=photos), tmp_path / "masks").photos[0].mask.path == wanted
 
 
 def test_names_in_another_form_of_unicode_are_the_same_names(collection, tmp_path):
@@ -75,14 +80,14 @@ def test_names_in_another_form_of_unicode_are_the_same_names(collection, tmp_pat
     collection = replace(collection, photos=(as_macos_writes_it, *collection.photos[1:]))
     mask = save_mask(tmp_path / "masks" / "Pl\u00e4tze.png")
     check_masks(tmp_path / "masks", [as_macos_writes_it.name])
-    assert with_masks_in(collection, tmp_path / "masks").photos[0].mask == mask
+    assert with_masks_in(collection, tmp_path / "masks").photos[0].mask.path == mask
 
 
 def test_masks_named_as_colmap_names_them_are_found(collection, tmp_path):
     folder = tmp_path / "masks"
     wanted = [save_mask(folder / f"photo_{index}.png.png") for index in (0, 1)]
     found = with_masks_in(collection, folder)
-    assert [photo.mask for photo in found.photos[:2]] == wanted and not notes_with(found, "no photo in use")
+    assert masks_of(found.photos[:2]) == wanted and not notes_with(found, "no photo in use")
 
 
 def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_path):
@@ -92,7 +97,7 @@ def test_photos_in_folders_take_the_mask_of_their_own_folder(collection, tmp_pat
     wanted = [save_mask(folder / "a.png"), save_mask(folder / "right" / "a.png"), save_mask(folder / "b.tif")]
     save_mask(folder / "left" / "b.tif")  # a name that is in use elsewhere
     found = with_masks_in(replace(collection, photos=photos), folder)
-    assert [photo.mask for photo in found.photos if photo.name in names.values()] == wanted
+    assert masks_of(photo for photo in found.photos if photo.name in names.values()) == wanted
     assert found.notes[-1].text == "1 mask of no photo in use, such as left/b.tif."
     wanted[1].unlink()
     with pytest.raises(BadInput, match="a.png may be the mask of left/a.jpg or of right/a.jpg. Name each .* such as left/a.jpg.png."):
@@ -106,7 +111,7 @@ def test_photos_named_by_whole_paths_or_through_the_folder_above_are_not_their_o
     wanted = [save_mask(folder / f"photo_{index}.png") for index in (0, 3)]
     save_mask(folder / "passer.png")
     found = with_masks_in(replace(collection, photos=photos), folder)
-    assert [photo.mask for photo in found.photos if photo.mask] == wanted
+    assert masks_of(photo for photo in found.photos if photo.mask) == wanted
     assert found.notes[-1].text == "1 mask of no photo in use, such as passer.png."
 
 
@@ -114,9 +119,9 @@ def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
     own = {photo.name: save_mask(tmp_path / "own" / photo.name) for photo in collection.photos[:2]}
     given = save_mask(tmp_path / "masks" / "photo_1.png")
     scene = with_masks_by_name(collection, own, tmp_path / "transforms.json")
-    assert [photo.mask for photo in scene.photos[:3]] == [own["photo_0.png"], own["photo_1.png"], None]
+    assert masks_of(scene.photos[:3]) == [own["photo_0.png"], own["photo_1.png"], None]
     found = with_masks_in(scene, tmp_path / "masks")
-    assert [photo.mask for photo in found.photos[:3]] == [None, given, None]
+    assert masks_of(found.photos[:3]) == [None, given, None]
     assert found.notes[-1].text == "The masks that the scene itself gives are not used."
 
 
@@ -183,7 +188,7 @@ def test_damaged_masks_of_training_photos_are_named_and_the_others_used(collecti
         with_masks_in(collection, folder)
     wanted = save_mask(folder / "photo_1.png")
     found = with_masks_in(collection, folder)
-    assert [photo.mask for photo in found.photos] == [None, wanted, None, None, None, None]
+    assert masks_of(found.photos) == [None, wanted, None, None, None, None]
     assert notes_with(found, "damaged mask") == ["1 photo with a damaged mask, used whole: photo_0.png (is not a photo that can be read)"]
 
 
@@ -195,7 +200,7 @@ def test_a_mask_that_is_missing_is_called_so(collection, tmp_path):
     missing = f"photo_0.png ({given['photo_0.png']}), photo_1.png ({given['photo_1.png']})"
     assert found.notes[-2].text == f"2 photos whose mask is missing, used whole: {missing}"
     with pytest.raises(BadInput, match="The mask .*gone.png cannot be opened"):
-        load_photo(replace(found.photos[1], mask=tmp_path / "gone.png"), 48, 36)
+        load_photo(replace(found.photos[1], mask=GivenMask(tmp_path / "gone.png")), 48, 36)
 
 
 def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
@@ -204,7 +209,7 @@ def test_a_mask_as_it_was_taken_fits_however_wide_the_lens(tmp_path):
     photo = photo_at(save(tmp_path / "copy.png", np.zeros((114, 199, 3), np.uint8)), 199, 114)
     photo = replace(photo, camera=replace(photo.camera, fx=112.0, fy=112.0))
     found = with_mask(photo, save_mask(tmp_path / "mask.png", 106, 160, np.s_[:50]), (160, 106), lens)
-    check_fits(found.mask, (160, 106), size_for_mask(found))
+    check_fits(found.mask.path, (160, 106), size_for_mask(found))
     assert 0.2 < load_photo(found, 199, 114).valid.mean() < 0.8
 
 
@@ -225,7 +230,7 @@ def test_a_mask_lies_on_the_photo_as_displayed(tmp_path, orientation):
     whole = read_pixels(path)
     height, width = whole.shape[:2]
     mask = save_mask(tmp_path / "m.png", height, width, np.s_[: height // 3, : width // 2])
-    loaded = load_photo(replace(photo_at(path, width, height), mask=mask), width, height)
+    loaded = load_photo(replace(photo_at(path, width, height), mask=GivenMask(mask)), width, height)
     use = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE) == 255
     np.testing.assert_array_equal(loaded.valid, use)
     np.testing.assert_array_equal(loaded.pixels[use], whole[use])
@@ -240,13 +245,13 @@ def test_what_is_transparent_and_what_a_mask_hides_are_both_invalid(tmp_path):
     path, mask = save(tmp_path / "a.png", pixels), save_mask(tmp_path / "m.png", hidden=np.s_[6:20, 20:40])
     expected = np.ones((36, 48), bool)
     expected[:12, :30] = expected[6:20, 20:40] = False
-    np.testing.assert_array_equal(load_photo(replace(photo_at(path, 48, 36), mask=mask), 48, 36).valid, expected)
+    np.testing.assert_array_equal(load_photo(replace(photo_at(path, 48, 36), mask=GivenMask(mask)), 48, 36).valid, expected)
 
 
 def test_masks_of_other_sizes_and_shrunk_photos(tmp_path):
     path = save(tmp_path / "a.jpg", noise(64, 96))
     half = save_mask(tmp_path / "m.png", 32, 48, np.s_[8:16, 16:32])
-    photo = replace(photo_at(path, 96, 64), mask=half)
+    photo = replace(photo_at(path, 96, 64), mask=GivenMask(half))
     expected = np.ones((64, 96), bool)
     expected[16:32, 32:64] = False
     np.testing.assert_array_equal(load_photo(photo, 96, 64).valid, expected)
@@ -263,7 +268,7 @@ def test_a_mask_is_undistorted_with_its_photo(tmp_path):
     stored[hidden], stored[~hidden] = 0, 255
     painted = save(tmp_path / "painted.png", stored)  # the photo itself shows its mask
     loaded = load_photo(replace(photo, path=painted), WIDTH, HEIGHT)
-    masked = load_photo(replace(photo, path=painted, mask=marked), WIDTH, HEIGHT)
+    masked = load_photo(replace(photo, path=painted, mask=GivenMask(marked)), WIDTH, HEIGHT)
     assert not (loaded.pixels[masked.valid] < 250).any()  # nothing dark is left to be used
     rim = loaded.valid is not None and ~loaded.valid
     dark = (loaded.pixels < 128).all(axis=2) | rim
@@ -275,7 +280,7 @@ def test_a_mask_that_leaves_nothing_is_a_mistake(tmp_path):
     path = save(tmp_path / "a.png", noise())
     mask = save(tmp_path / "m.png", np.zeros((30, 44), np.uint8))
     with pytest.raises(BadInput, match=r"a.png is left with 0.0% .* White \(255\)"):
-        load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
+        load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30)
     with pytest.raises(BadInput, match="White"):
         read_light(path, mask)
 
@@ -284,14 +289,14 @@ def test_zeros_and_ones_are_black_and_white(tmp_path):
     path, ones = save(tmp_path / "a.png", noise()), np.ones((30, 44), np.uint8)
     ones[:10] = 0
     mask = save(tmp_path / "m.png", ones)
-    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30).valid, ones == 1)
+    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30).valid, ones == 1)
 
 
 def test_of_a_cut_out_the_transparency_is_the_mask(tmp_path):
     path, alpha = save(tmp_path / "a.png", noise()), np.full((30, 44, 1), 255, np.uint8)
     alpha[:10] = 0
     mask = save(tmp_path / "m.png", np.dstack([noise(), alpha]))
-    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30).valid, alpha[..., 0] == 255)
+    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30).valid, alpha[..., 0] == 255)
 
 
 def test_what_is_neither_black_nor_white_is_no_mask(tmp_path):
@@ -299,13 +304,13 @@ def test_what_is_neither_black_nor_white_is_no_mask(tmp_path):
     red = save(tmp_path / "r.png", np.full((30, 44, 3), (0, 0, 255), np.uint8))
     for mask in (photo, red):
         with pytest.raises(BadInput, match=rf"The mask .*{mask.name} is none: \d+% .* neither black nor white. White \(255\)"):
-            load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30)
+            load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30)
 
 
 @pytest.mark.parametrize(("rows", "is_mistake"), [(1, True), (3, False)])
 def test_a_mask_that_leaves_less_than_a_hundredth_is_a_mistake(tmp_path, rows, is_mistake):
     path, mask = save(tmp_path / "a.png", noise(200, 20)), save_mask(tmp_path / "m.png", 200, 20, np.s_[rows:])
-    photo = replace(photo_at(path, 20, 200), mask=mask)
+    photo = replace(photo_at(path, 20, 200), mask=GivenMask(mask))
     if is_mistake:
         with pytest.raises(BadInput, match=r"a.png is left with 0.5% of its pixels by its mask\. White"):
             load_photo(photo, 20, 200)
@@ -330,7 +335,7 @@ def test_the_mask_of_a_photo_as_it_was_taken_lies_on_its_undistorted_copy(tmp_pa
     stretched = ~load_photo(with_mask(photo, mask, (width, height), None), width + 8, height + 6).valid
     assert (disc & ~stretched).sum() > 20
     own = with_mask(photo, save(tmp_path / "own.png", copy[..., 0]), (width + 8, height + 6), lens)  # drawn on the copy, whose size tells
-    assert own.mask_lens is None and (~load_photo(own, width + 8, height + 6).valid == disc).all()
+    assert own.mask.lens is None and (~load_photo(own, width + 8, height + 6).valid == disc).all()
 
 
 def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tmp_path):
@@ -339,12 +344,12 @@ def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tm
     collection = replace(collection, photos=(first, *collection.photos[1:]))
     run_folders.create(tmp_path / "run", collection, small_settings())
     before = run_config.read_config(tmp_path / "run")[2]
-    assert before.photos[0].mask_lens == lens and before.photos[1].mask_lens is None
-    bare = replace(collection, photos=(replace(first, mask=None, mask_lens=None), *collection.photos[1:]))
+    assert before.photos[0].mask.lens == lens and before.photos[1].mask is None
+    bare = replace(collection, photos=(replace(first, mask=None), *collection.photos[1:]))
     again = with_same_masks(bare, before).photos[0]
-    assert (again.mask, again.mask_lens) == (mask, lens)
+    assert (again.mask.path, again.mask.lens) == (mask, lens)
     mask.unlink()
     with pytest.raises(BadInput, match="1 mask of the run cannot be found"):
         with_same_masks(bare, before)
     held_out = replace(before, photos=(replace(before.photos[0], split="test"), *before.photos[1:]))
-    assert with_same_masks(bare, held_out).photos[0].mask == mask  # training never asks for it
+    assert with_same_masks(bare, held_out).photos[0].mask.path == mask  # training never asks for it

@@ -12,6 +12,7 @@ import torch
 
 import core.rasterizer
 from core.appearance.tone import band_means, tone_between, toned
+from core.data.collection import GivenMask
 from core.data.sfm import originals
 from core.errors import BadInput
 from core.export.pictures import to_8_bit, write_png
@@ -89,7 +90,7 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
 
 def test_a_held_out_photo_whose_mask_is_gone_is_read_without_it(trained, tmp_path):
     photo = trained.collection.split("test")[0]
-    photos = tuple(replace(one, mask=tmp_path / "gone.png") if one.name == photo.name else one for one in trained.collection.photos)
+    photos = tuple(replace(one, mask=GivenMask(tmp_path / "gone.png")) if one.name == photo.name else one for one in trained.collection.photos)
     masked, heard = replace(trained, collection=replace(trained.collection, photos=photos)), Heard()
     found = find_look(masked, photo.name, refine=False, report=heard)
     assert torch.equal(found.colouring.embedding, find_look(trained, photo.name, refine=False).colouring.embedding)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from core.data.collection import GivenMask
 from core.system import memory
 from core.training import sized_photos as module
 from core.training.sized_photos import SizedPhotos, Sizes
@@ -62,7 +63,7 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, 4:5] = mask[:, 9:24] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    valid = SizedPhotos((replace(photo, mask=tmp_path / "mask.png"),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
+    valid = SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
     expected = torch.ones(HEIGHT // 4, WIDTH // 4, dtype=torch.bool)
     expected[:, 2:6] = False
     assert torch.equal(valid, expected)
@@ -75,7 +76,7 @@ def test_where_a_mask_leaves_less_than_half_of_every_shrunk_pixel_those_count_of
     mask[:, :2] = mask[:, 4] = 255
     mask[::4, 0] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    valid = SizedPhotos((replace(photo, mask=tmp_path / "mask.png"),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
+    valid = SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
     assert valid[:, :2].all() and not valid[:, 2:].any()
 
 

@@ -80,7 +80,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
         pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
     if photo.mask is not None:
         shown = pixels.shape[1::-1] if swaps_sides(header.orientation) else pixels.shape[:2]
-        use = as_stored(read_mask(photo.mask, shown, photo), header.orientation)
+        use = as_stored(read_mask(photo.mask.path, shown, photo), header.orientation)
         valid = use if valid is None else valid & use
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
@@ -102,7 +102,7 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
 def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
     """(H, W) bool: where the mask of a photo of this `size` is white, both as displayed; resized by nearest pixel.
 
-    photo: of a collection. If it has a mask_lens, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
+    photo: of a collection, whose mask it is. If that has a lens, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
     Transparent pixels are not white, as many programs save selections; of a cut-out photo only the transparency counts. Raises BadInput
     like `read_pixels`, and for a mask that is grey or coloured.
     """
@@ -117,8 +117,8 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
         shade[:] = 3 * 255  # a cut-out
     shade = shade if alpha is None else shade * (alpha / 255)
     white = upright((shade >= 3 * 128).astype(np.uint8), header.orientation)
-    if photo is not None and photo.mask_lens is not None:
-        found, seen = distortion.undistort(255 * white[..., None], photo.mask_lens, photo.camera.resized(*size[::-1]))
+    if photo is not None and photo.mask.lens is not None:
+        found, seen = distortion.undistort(255 * white[..., None], photo.mask.lens, photo.camera.resized(*size[::-1]))
         return (found[..., 0] >= 128) | ~seen
     return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
 

@@ -32,7 +32,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     root = collection.root.resolve()
     made_of = {}
     for photo, camera in training:
-        mask = [] if photo.mask is None else [path_from(collection.root, photo.mask), *stamp(photo.mask)]
+        mask = [] if photo.mask is None else [path_from(collection.root, photo.mask.path), *stamp(photo.mask.path)]
         made_of[path_from(collection.root, photo.path)] = [*stamp(photo.path), *camera.numbers(), photo.lens and asdict(photo.lens), *mask]
     same = {"kind": collection.kind, "made_of": made_of}
 

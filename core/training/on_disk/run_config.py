@@ -10,7 +10,7 @@ import numpy as np
 
 import core
 from core.config import Settings
-from core.data.collection import Collection, Photo
+from core.data.collection import Collection, GivenMask, Photo
 from core.data.made import CONFIG, followed, path_from, read_mark, way_to
 from core.data.photos.distortion import is_sound
 from core.data.photos.names import is_file
@@ -39,14 +39,15 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
         "photos": [_photo_to_json(photo, collection.root) for photo in collection.photos],
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the sizes stand for the content.
-    files = [path for photo in collection.photos for path in (photo.path, photo.mask) if path is not None and path.is_file()]
+    files = [path for photo in collection.photos for path in _files_of(photo).values() if path is not None and path.is_file()]
     sizes = [path.stat().st_size for path in files]
     made_of = [core.__version__, facts, sizes]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
     facts["scene"]["from_run"] = way_to(collection.read_from, folder)
     size_of = dict(zip(files, sizes, strict=True))
     for photo, values in zip(collection.photos, facts["photos"], strict=True):
-        values |= {"bytes": size_of.get(photo.path), "mask_bytes": size_of.get(photo.mask)}
+        of_photo = _files_of(photo)
+        values |= {"bytes": size_of.get(of_photo["path"]), "mask_bytes": size_of.get(of_photo["mask"])}
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
@@ -96,10 +97,10 @@ def changed_files(collection: Collection) -> list[str]:
     """The names of photos in whose place, or in that of whose masks, lies another file than their run began with, as far as sizes tell.
     Missing ones do not count. collection: as `read_config` gives it."""
 
-    def is_another(path: Path | None, size: int | None) -> bool:
-        return bool(path and size and is_file(path)) and path.stat().st_size != size
+    def is_another(file: Photo | GivenMask | None) -> bool:
+        return bool(file and file.bytes and is_file(file.path)) and file.path.stat().st_size != file.bytes
 
-    return [photo.name for photo in collection.photos if is_another(photo.path, photo.bytes) or is_another(photo.mask, photo.mask_bytes)]
+    return [photo.name for photo in collection.photos if is_another(photo) or is_another(photo.mask)]
 
 
 def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:
@@ -112,7 +113,7 @@ def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:
 def _photo_to_json(photo: Photo, home: Path) -> dict:
     camera = asdict(photo.camera)
     camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}
-    files = {"path": photo.path, "mask": photo.mask}
+    files = _files_of(photo)
     ways = {key: path and path_from(home, path) for key, path in files.items()}
     outside = [key for key, way in ways.items() if way and ".." in Path(way).parts]
     return {
@@ -122,8 +123,13 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
         "split": photo.split,
         "camera": camera,
         "lens": photo.lens and asdict(photo.lens),
-        "mask_lens": photo.mask_lens and asdict(photo.mask_lens),
+        "mask_lens": asdict(photo.mask.lens) if photo.mask and photo.mask.lens else None,
     }
+
+
+def _files_of(photo: Photo) -> dict[str, Path | None]:
+    """The photo and its mask, by their keys."""
+    return {"path": photo.path, "mask": photo.mask and photo.mask.path}
 
 
 def _photo_from_json(values: dict, home: Path) -> Photo:
@@ -136,16 +142,15 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
         together, apart = home / values[key], values.get(f"whole_{key}")  # a whole path stays as it is
         return Path(apart) if apart and not together.is_file() and Path(apart).is_file() else together
 
+    mask = file("mask")
     return Photo(
         name=values["name"],
         path=file("path"),
         camera=_camera_from_json(values),
         split=values["split"],
         lens=_lens_from_json(values, "lens"),
-        mask=file("mask"),
-        mask_lens=_lens_from_json(values, "mask_lens"),
+        mask=mask and GivenMask(mask, _lens_from_json(values, "mask_lens"), values.get("mask_bytes")),
         bytes=values.get("bytes"),
-        mask_bytes=values.get("mask_bytes"),
     )
 
 

@@ -91,7 +91,7 @@ def test_masks_belong_to_the_photo_of_their_stem(scene):
     for split, stem in (("train", "photo_2"), ("test", "photo_0")):
         assert cv2.imwrite(str(scene / "final" / split / "mask" / f"{stem}.jpg"), mask)
     collection = load_collection(scene)
-    assert [photo.mask and photo.mask.name for name in ("test", "train") for photo in collection.split(name)] == [None, None, "photo_2.jpg"]
+    assert [photo.mask and photo.mask.path.name for name in ("test", "train") for photo in collection.split(name)] == [None, None, "photo_2.jpg"]
     assert notes_with(collection, "1 photo without a mask, used whole: photo_1.png")
 
 

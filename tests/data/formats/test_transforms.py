@@ -283,12 +283,12 @@ def test_masks_hide_parts_of_training_photos_only(scene):
         lambda facts: [frame.update(mask_path=f"masks/{number}.png") for number, frame in enumerate(facts["frames"])],
     )
     collection = load_collection(scene)
-    assert [photo.mask and photo.mask.name for photo in collection.split("train")] == ["1.png", "2.png", None]
-    assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.name == "0.png"
+    assert [photo.mask and photo.mask.path.name for photo in collection.split("train")] == ["1.png", "2.png", None]
+    assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.path.name == "0.png"
     assert notes_with(collection, "2 photos with a mask from") and notes_with(collection, "whose mask is missing, used whole: photo_3.png (")
     assert not load_photo(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
     undivided = load_collection(scene, all_photos=True)
-    assert undivided.split("train")[0].mask.name == "0.png" and notes_with(undivided, "3 photos with a mask from")
+    assert undivided.split("train")[0].mask.path.name == "0.png" and notes_with(undivided, "3 photos with a mask from")
 
 
 def test_names_of_files_that_are_none_are_told(scene):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.data.collection import Photo
+from core.data.collection import GivenMask, Photo
 from core.data.photos import distortion
 from core.data.photos.file import probe
 from core.data.photos.pixels import OPAQUE, load_photo, read_light, read_mask, read_pixels, read_pixels_and_alpha, upright
@@ -156,7 +156,7 @@ def test_what_is_empty_goes_through_lens_and_mask_as_colours_do(tmp_path, size):
     lens = Lens("SIMPLE_RADIAL", 88, 60, [50.0, 44.0, 30.0, 0.2])
     loaded = []
     for name, kept in (("a.png", pixels), ("b.png", grey)):
-        photo = replace(photo_at(save(tmp_path / name, kept), 88, 60, lens), mask=save(tmp_path / "mask.png", mask))
+        photo = replace(photo_at(save(tmp_path / name, kept), 88, 60, lens), mask=GivenMask(save(tmp_path / "mask.png", mask)))
         loaded.append(load_photo(photo, *size, transparent_is_empty=True))
     transparent, opaque = loaded
     assert 0.3 < opaque.valid.mean() < 0.9 and np.array_equal(transparent.valid, opaque.valid)
@@ -169,7 +169,7 @@ def test_what_is_transparent_in_a_mask_is_hidden(tmp_path, white, hidden):
     mask = np.empty((30, 44, 4), np.uint8)
     mask[:10], mask[10:] = hidden, white
     path = save(tmp_path / "mask.png", mask)
-    photo = replace(photo_at(save(tmp_path / "a.png", noise()), 44, 30), mask=path)
+    photo = replace(photo_at(save(tmp_path / "a.png", noise()), 44, 30), mask=GivenMask(path))
     assert (load_photo(photo, 44, 30).valid == (np.arange(30) >= 10)[:, None]).all()
 
 
@@ -179,7 +179,7 @@ def test_white_of_a_mask_of_16_bits_is_255_or_1_as_well(tmp_path, suffix, white)
     path, shades = save(tmp_path / "a.png", noise()), np.full((30, 44), white, np.uint16)
     shades[:10] = 0
     mask = save(tmp_path / f"m{suffix}", shades)
-    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=mask), 44, 30).valid, shades == white)
+    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30).valid, shades == white)
 
 
 def test_what_is_white_is_told_by_the_mean_of_the_colours(tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from core.data.collection import GivenMask
 from core.errors import BadInput
 from core.scene.lens import Lens
 from core.training.on_disk import run_config, run_folders
@@ -75,12 +76,12 @@ def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, c
     for photo in collection.photos[:2]:
         (project / "pool" / photo.name).touch()
         (project / "masks" / photo.name).touch()
-        photos.append(replace(photo, path=project / ways[photo.name] / photo.name, mask=project / "masks" / photo.name))
+        photos.append(replace(photo, path=project / ways[photo.name] / photo.name, mask=GivenMask(project / "masks" / photo.name)))
     run_folders.create(project / "run", replace(collection, root=project / "scene", photos=tuple(photos)), small_settings())
 
     def files(run):
         photos = run_config.read_config(run)[2].photos
-        return [(photo.path.resolve(), photo.mask.resolve()) for photo in photos]
+        return [(photo.path.resolve(), photo.mask.path.resolve()) for photo in photos]
 
     def expected(folder):
         return [(folder / "pool" / photo.name, folder / "masks" / photo.name) for photo in photos]
@@ -124,7 +125,7 @@ def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, c
 def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
     identities = set()
     mask = tmp_path / "mask.png"
-    masked = replace(collection, photos=(replace(collection.photos[0], mask=mask), *collection.photos[1:]))
+    masked = replace(collection, photos=(replace(collection.photos[0], mask=GivenMask(mask)), *collection.photos[1:]))
     for number, (scene, settings, drawn) in enumerate(
         [
             (collection, small_settings(), ""),

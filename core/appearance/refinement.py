@@ -56,7 +56,7 @@ class Refinable(Protocol):
         """The embedding, or the nearest to it that a refinement may take."""
 
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
-        """The SH of these Gaussians in this look, before tone and sky; differentiable in all of the look that they follow."""
+        """The SH of these Gaussians in this look, before tone and sky; differentiable by whatever of the look they depend on."""
 
 
 @runtime_checkable
@@ -69,7 +69,7 @@ class InCells(Protocol):
     unseen: Int[Tensor, " u"]
 
     def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
-        """The sums of the pixels of each cell in this look; differentiable in all of the look that they follow."""
+        """The sums of the pixels of each cell in this look; differentiable by whatever of the look they depend on."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ class RunView:
         self.in_view = trained.splats[rows]
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
-        """The view in this look; differentiable in all of the look that it follows."""
+        """The view in this look; differentiable by whatever of the look it depends on."""
         return self.trained.rasterizer.render(self.in_look(look), self.camera, self.trained.background, known=self.visible.known)
 
     def in_look(self, look: Colouring) -> Splats:
@@ -75,7 +75,7 @@ class RunInCells:
         self.basis = basis(torch.nn.functional.normalize(directions, dim=1), view.in_view.degree)
 
     def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
-        """The sums of the pixels of each cell in this look; differentiable in all of the look that they follow."""
+        """The sums of the pixels of each cell in this look; differentiable by whatever of the look they depend on."""
         sh = self.view.in_look(look).sh
         colours = (evaluated(self.basis, sh) + 0.5).clamp_min(0)
         return self.shares.mixed(colours) + self.background

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from core.config import PRESETS, Settings, preset
+from core.config import FIELDS, PRESETS, Settings, preset
 from core.errors import BadInput, BadSetting
+from core.rasterizer import BACKENDS
 from wegs_cli.options import InputPath, OutputPath, settings_from
 
 NOTHING: dict = {"steps": None, "seed": None}
@@ -25,6 +26,11 @@ def test_what_the_command_line_replaces_in_a_file_is_not_judged(tmp_path):
         settings_from(None, path, (), {"steps": 100})
     with pytest.raises(BadSetting, match="^sky_radius="):
         settings_from(None, write_toml(tmp_path, "seed = 1\n"), ("sky_radius=-1",), {})
+
+
+def test_every_rasterizer_can_be_chosen():
+    """The settings import none, so that help comes at once."""
+    assert FIELDS["backend"].metadata["choices"] == ("auto", *BACKENDS)
 
 
 def test_an_output_behind_a_folder_that_is_not_there_is_the_one_it_leads_to(tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.training.gaussians.densify import STIFFEST
 from core.training.gaussians.initialisation import initial_gaussians
 from core.training.on_disk import checkpoint
 from core.training.trainer import Trainer
@@ -50,55 +49,6 @@ def test_photos_are_learned_from_coarse_to_fine(trainer_of):
     for _ in range(10):
         trainer.step()
     assert factors == [4] * 4 + [2] * 4 + [1] * 2
-
-
-def test_veils_are_removed_once_when_gaussians_have_settled(collection, tmp_path, monkeypatch):
-    asked = []
-
-    def first_two(splats, photos, points, rasterizer, progress):
-        asked.append((trainer.done, len(photos), len(points)))
-        return torch.arange(len(splats)) < 2
-
-    monkeypatch.setattr("core.training.density.veils", first_two)
-    trainer = Trainer(collection, small_settings(steps=20, prune_contribution=0.0, densify_until=0.2), tmp_path)
-    gaussians = {report.step: report.gaussians for report in trainer.train()}
-    assert asked == [(14, len(trainer.photos), len(collection.points))]
-    assert gaussians[14] == gaussians[13] - 2
-
-
-def test_no_gaussian_is_left_thinner_than_viewers_can_draw(collection, tmp_path):
-    trainer, _ = run(collection, tmp_path / "run", small_settings(steps=30, scale_rate=0.4))
-    scales = trainer.gaussians.splats.log_scales[: trainer.gaussians.solid]
-    stiffest = float((scales.amax(dim=1) - scales.amin(dim=1)).exp().max())
-    assert stiffest == pytest.approx(STIFFEST, rel=1e-4)  # without the limit some are
-
-
-@pytest.mark.parametrize(
-    "changes, mask_mean, fewest, asked",
-    [
-        ({}, 0.9, 4, True),
-        ({}, 0.9, 5, False),  # more photos than there are
-        ({"remove_passers_by": False}, 0.9, 4, False),
-        ({"transients": "off"}, 1.0, 4, False),
-        ({"mask_apply": 0.9}, 0.9, 4, False),  # nothing is hidden yet
-        ({}, 0.5, 4, False),  # masks hide the place itself
-    ],
-)
-def test_passers_by_are_removed_where_masks_can_be_trusted(collection, tmp_path, monkeypatch, changes, mask_mean, fewest, asked):
-    seen = []
-
-    def first_two(splats, photos, rasterizer):
-        seen.extend(photos)
-        return torch.arange(len(splats)) < 2
-
-    monkeypatch.setattr("core.training.density.passers_by", first_two)
-    monkeypatch.setattr("core.training.decisions.FEWEST_FOR_MASKS", fewest)
-    trainer = Trainer(collection, small_settings(steps=20, **changes), tmp_path)
-    before = trainer.gaussians.solid
-    trainer.density.clear_the_view(trainer.gaussians, trainer.density.settled_at, mask_mean)
-    assert trainer.gaussians.solid == before - 2 * asked
-    assert [camera for camera, _ in seen] == trainer.photos.cameras * asked
-    assert all(mask.ndim == 3 and not mask.requires_grad for _, mask in seen)
 
 
 def test_latents_wait_for_the_masks(collection, tmp_path):
@@ -191,22 +141,6 @@ def test_nothing_of_a_step_is_left_behind(collection, tmp_path, changes):
             break
         time.sleep(0.01)
     assert [found() for found in met] == [None] * 3
-
-
-def test_the_cap_always_holds(collection, tmp_path):
-    _, reports = run(collection, tmp_path / "run", small_settings(max_gaussians=150))
-    assert max(report.gaussians for report in reports) <= 150
-
-
-def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
-    trainer = trainer_of(steps=40, densify_rounds=4, max_gaussians=600)
-    rounds = trainer.density.grow_at
-    for number, step in enumerate(rounds, 1):
-        trainer.gaussians.gradient_sum.fill_(1.0)
-        trainer.gaussians.seen.fill_(1.0)
-        trainer.density.grow(trainer.gaussians, step)
-        assert trainer.gaussians.solid <= round(600 * (0.25 + 0.75 * number / len(rounds))), number
-    assert trainer.gaussians.solid == 600
 
 
 def test_what_is_off_is_never_built(collection, tmp_path):

@@ -12,7 +12,7 @@ from core.data.formats.model_file import holds_model, lacking_files, photos_in_m
 from core.data.found_file import SHRUNKEN, nearly_named, with_files_found
 from core.data.photos.folder import list_photos
 from core.data.photos.names import is_file, relative_path
-from core.data.posed import Points, Posed, PosedPhoto, usable_points
+from core.data.posed import LARGEST_COORDINATE, Points, Posed, PosedPhoto, usable_points
 from core.errors import BadInput
 from core.words import Note, name_them
 
@@ -114,11 +114,11 @@ def posed_photo(image: pycolmap.Image, images: Path) -> PosedPhoto:
     """What the model says of an image, whose photo lies in the folder `images`."""
     pose = image.cam_from_world()
     camera = copy(image.camera)  # the model's own is freed with the model
-    length = np.linalg.norm(pose.rotation.quat)
-    if abs(length - 1) > LENGTH_SLACK:
-        pose.rotation = pycolmap.Rotation3d(pose.rotation.quat / length) if length else pycolmap.Rotation3d(np.full(4, np.nan))
-    rotation, translation = pose.rotation.matrix(), pose.translation
     with np.errstate(invalid="ignore", over="ignore"):  # an impossible pose is left out when the photo is placed
+        length = np.linalg.norm(pose.rotation.quat)
+        if abs(length - 1) > LENGTH_SLACK:
+            pose.rotation = pycolmap.Rotation3d(pose.rotation.quat / length if 0 < length < LARGEST_COORDINATE else np.full(4, np.nan))
+        rotation, translation = pose.rotation.matrix(), pose.translation
         centre = -rotation.T @ translation
     return PosedPhoto(image.name, images / image.name, lambda width, height: camera, rotation, centre)
 

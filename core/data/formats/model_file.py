@@ -5,6 +5,7 @@ record.
 """
 
 import os
+import re
 import shutil
 import struct
 import tempfile
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.formats.text_model import fault_in, is_not_finite, is_pose
+from core.data.formats.text_model import fault_in, is_pose
 from core.errors import BadInput
 from core.system.atomic import temporary_place
 
@@ -28,6 +29,9 @@ POSE_BYTES = 7 * 8  # quaternion and translation
 # A point in a binary file. Its track follows: for each photo that sees it the photo's id and the number of its feature.
 POINT = np.dtype([("id", "<u8"), ("position", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("photos", "<u8")])
 TRACK_COLUMN = 8  # of a point in text, after its id, place, colour and error
+# Numbers in text that are not finite, as programs spell them, or too large, and one in their place that pycolmap reads and nobody can use: begun with
+# a point, it is no id either.
+NOT_FINITE, ENDLESS = re.compile(rb"(?i)(?<!\S)[+-]?(nan(\(\w*\))?|inf(inity)?|\d[\d.]*e\+?\d{3,})(?!\S)"), b".1e121"
 REFUSALS = (ValueError, IndexError, RuntimeError)  # of pycolmap
 
 
@@ -84,9 +88,9 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     suffix = points.suffix if points else next((suffix for suffix in SUFFIXES if _has(folder, suffix, *NEEDED)), None)
     if suffix is None:
         raise BadInput(f"The COLMAP model in {folder} lacks {', '.join(lacking_files(folder))}.", fix)
-    names, broken = {}, {}
+    names = {}
     if suffix == ".txt":
-        names, broken = _misread(folder / "images.txt")
+        names = _names_with_spaces(folder / "images.txt")
     else:
         for part, end_of_record in RECORDS.items():
             file = folder / f"{part}.bin"
@@ -94,12 +98,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
                 raise BadInput(f"{file} is truncated or damaged.", fix)
     try:
         with quiet():
-            try:
-                model = _read(folder, suffix, None if points else EMPTY_POINTS[suffix], broken)
-            except REFUSALS:
-                if not points:
-                    raise
-                model = _read(folder, suffix, _without_tracks(points), broken)
+            model = _read(folder, suffix, points)
             for number, name in names.items():
                 model.image(number).name = name
             return model
@@ -132,68 +131,72 @@ def _points_file(folder: Path) -> Path | None:
     return next((folder / (POINTS + suffix) for suffix in SUFFIXES if _has(folder, suffix, *NEEDED, POINTS)), None)
 
 
-def _read(folder: Path, suffix: str, points: bytes | None, broken: dict[int, bytes]) -> pycolmap.Reconstruction:
-    """The model of the files in `folder` with this suffix. points: the content of a file of points in place of theirs. broken: see `_misread`.
+def _read(folder: Path, suffix: str, points: Path | None) -> pycolmap.Reconstruction:
+    """The model of the files in `folder` with this suffix; refused files are read again, texts `_mended`, and at last without tracks.
 
     The files are read from a folder of their own: pycolmap insists on all three, and reads whatever else lies beside them.
     """
     with tempfile.TemporaryDirectory(dir=temporary_place()) as place:
-        for part in (*NEEDED, POINTS) if points is None else NEEDED:
-            _put_into(Path(place), folder / (part + suffix), broken if part == "images" else {})
+        files = [Path(place, part + suffix) for part in (*NEEDED, POINTS)]
+        for file in files:
+            if file.stem == POINTS and points is None:
+                file.write_bytes(EMPTY_POINTS[suffix])
+            else:
+                _put_into(place, folder / file.name)
+        with suppress(*REFUSALS):
+            return pycolmap.Reconstruction(place)
+        if suffix == ".txt":
+            for file in files:
+                _replace(file, _mended(file.read_bytes()))
+            with suppress(*REFUSALS):
+                return pycolmap.Reconstruction(place)
         if points is not None:
-            Path(place, POINTS + suffix).write_bytes(points)
+            _replace(files[-1], _without_tracks(files[-1]))
         return pycolmap.Reconstruction(place)
 
 
-def _put_into(place: Path, file: Path, others: dict[int, bytes]) -> None:
-    """Put a file of a model into another folder: a link, or a copy where there can be none, or where a text begins with a mark.
-
-    others: lines of a text, by number from 0, in place of its own.
-    """
-    if file.suffix == ".txt" and (others or _is_marked(file)):
-        lines = file.read_bytes().removeprefix(BOM_UTF8).split(b"\n")
-        (place / file.name).write_bytes(b"\n".join(others.get(number, line) for number, line in enumerate(lines)))
-        return
+def _put_into(place: str, file: Path) -> None:
+    """Put a file of a model into another folder: a link, or a copy where there can be none."""
     try:
-        os.symlink(file.resolve(), place / file.name)
+        os.symlink(file.resolve(), Path(place, file.name))
     except OSError:  # Windows lets few users do so
-        shutil.copyfile(file, place / file.name)
+        shutil.copyfile(file, Path(place, file.name))
 
 
-def _is_marked(file: Path) -> bool:
-    """Whether a text begins with the mark of UTF-8 that programs of Windows write, which pycolmap would read as a word."""
-    with file.open("rb") as start:
-        return start.read(len(BOM_UTF8)) == BOM_UTF8
+def _replace(link: Path, content: bytes) -> None:
+    """Put a file in place of a link, not of what it leads to."""
+    link.unlink()
+    link.write_bytes(content)
 
 
-def _misread(path: Path) -> tuple[dict[int, str], dict[int, bytes]]:
-    """What pycolmap would not read of an images.txt as it does of an images.bin: names with spaces, by image id, of which it would take the first
-    words; and lines with a pose that is not finite, by number from 0, for which it would refuse the model, each with no rotation in its place.
+def _mended(text: bytes) -> bytes:
+    """A text so that pycolmap reads it as the same model in binary: without the mark of UTF-8 that programs of Windows write, and with ENDLESS for
+    numbers that are not finite, so that they cost their own point or photos alone."""
+    return NOT_FINITE.sub(ENDLESS, text.removeprefix(BOM_UTF8))
 
-    BadInput if an image has one line, not two: pycolmap would skip every other image.
-    """
-    names, broken = {}, {}
-    with open(path, encoding="utf-8-sig", errors="replace", newline="\n") as file:
-        lines = enumerate(file)
-        for number, line in lines:
+
+def _names_with_spaces(path: Path) -> dict[int, str]:
+    """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. BadInput if an image has one line,
+    not two: pycolmap would skip every other image."""
+    names = {}
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
+        for line in file:
             words = line.split(maxsplit=9)
             if len(words) < 10 or not words[0].isdecimal():
                 continue
-            name, (_, features) = words[9].strip(), next(lines, (number, None))
+            name, features = words[9].strip(), next(file, None)
             if features is None or is_pose(features):
                 raise BadInput(f"{path} gives {name} one line in place of two.", "Add the line of its features after it, which may be empty.")
             if " " in name:
                 names[int(words[0])] = name
-            if any(is_not_finite(word) for word in words[1:8]):
-                broken[number] = " ".join([words[0], *["0"] * 7, *words[8:]]).encode().rstrip(b"\n")
-    return names, broken
+    return names
 
 
 def _without_tracks(path: Path) -> bytes:
     """The content of a whole file of points, without their tracks."""
     data = path.read_bytes()
     if path.suffix == ".txt":
-        return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.removeprefix(BOM_UTF8).splitlines())
+        return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.splitlines())
     points = _points_and_observers(data)[0].copy()
     points["photos"] = 0
     return data[:8] + points.tobytes()

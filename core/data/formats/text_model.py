@@ -66,14 +66,6 @@ def is_pose(line: str) -> bool:
     return False
 
 
-def is_not_finite(word: str) -> bool:
-    """Whether a word is a number, but NaN, infinite or too large to be one."""
-    try:
-        return not math.isfinite(float(word))
-    except ValueError:
-        return False
-
-
 def _check(columns: Sequence[str], words: Sequence[str]) -> None:
     for column, word in zip_longest(columns, words[: len(columns)]):
         if word is None:

@@ -132,7 +132,7 @@ def test_names_with_spaces_in_text(tmp_path):
     assert [photo.name for photo in load_collection(root).photos] == [f"a photo {index}.png" for index in range(4)]
 
 
-@pytest.mark.parametrize(("column", "word"), [(1, "nan"), (4, "inf"), (5, "-nan"), (7, "1e400")])
+@pytest.mark.parametrize(("column", "word"), [(1, "nan"), (1, "1e200"), (4, "inf"), (5, "-nan"), (7, "1e400")])
 def test_a_pose_in_text_that_is_not_finite_is_left_out_alone(tmp_path, column, word):
     """pycolmap reads such a pose from a binary model, and would refuse the whole text."""
     root = SmallScene().write(tmp_path / "scene")
@@ -145,6 +145,40 @@ def test_a_pose_in_text_that_is_not_finite_is_left_out_alone(tmp_path, column, w
     assert [photo.name for photo in collection.photos] == ["photo_0.png", "photo_2.png", "photo_3.png"]
     assert notes_with(collection, "1 photo with a camera or pose that is broken, not used: photo_1.png")
     assert all(len(photo.points) for photo in collection.photos)
+
+
+@pytest.mark.parametrize("word", ["nan", "-nan(ind)", "Infinity", "1.5e+400"])
+@pytest.mark.parametrize(("column", "left"), [(1, 19), (7, 20)])  # a coordinate, and an error, which nobody uses
+def test_a_point_in_text_that_is_not_finite_is_left_out_alone(tmp_path, column, left, word):
+    root = SmallScene().write(tmp_path / "scene")
+    path = in_text(root)[0] / "points3D.txt"
+    lines = path.read_text().splitlines()
+    words = lines[-1].split()
+    path.write_text("\n".join([*lines[:-1], " ".join([*words[:column], word, *words[column + 1 :]])]))
+    collection = load_collection(root)
+    assert len(collection.points) == left and [len(photo.points) for photo in collection.photos] == [left] * 4
+    assert len(notes_with(collection, "1 point at NaN, infinite or absurd coordinates left out.")) == 20 - left
+
+
+def test_a_camera_in_text_that_is_not_finite_costs_its_own_photos_alone(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    model, lines = in_text(root)
+    (model / "images.txt").write_text("\n".join(lines).replace(" 1 photo_1.png", " 2 photo_1.png") + "\n")
+    (model / "cameras.txt").write_text("1 PINHOLE 160 120 150 165 78 63\n2 PINHOLE 160 120 150 inf 78 nan\n")
+    collection = load_collection(root)
+    assert [photo.name for photo in collection.photos] == ["photo_0.png", "photo_2.png", "photo_3.png"]
+    assert notes_with(collection, "1 photo with a camera or pose that is broken, not used: photo_1.png")
+    assert [len(photo.points) for photo in collection.photos] == [20] * 3
+
+
+@pytest.mark.parametrize(("part", "words", "other"), [("images", " 1 photo_1.png", " nan photo_1.png"), ("cameras", " 160 ", " inf ")])
+def test_a_number_in_text_that_is_to_be_whole_is_refused_all_the_same(tmp_path, part, words, other):
+    path = in_text(SmallScene().write(tmp_path / "scene"))[0] / f"{part}.txt"
+    text = path.read_text()
+    assert words in text
+    path.write_text(text.replace(words, other))
+    with pytest.raises(BadInput, match=f"{part}.txt line .* is '{other.split()[0]}', not a whole number"):
+        load_collection(tmp_path / "scene")
 
 
 def test_images_of_one_line_in_text_are_refused_and_those_of_an_empty_second_line_read(tmp_path):

@@ -12,10 +12,11 @@ from core.doctor import views
 from core.doctor.finding import Finding, counting
 from core.doctor.gaussians import look_at_gaussians
 from core.doctor.scene import odd_focal_lengths, placed_photos
-from core.errors import BadInput
+from core.errors import BadInput, command
 from core.export.ply import BYTES_PER_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
+from core.training import schedule
 from core.training.gaussians import densify
 from core.training.losses.mask_weights import LEAST_STATIC
 from core.training.on_disk import checkpoint, history, run_folders
@@ -52,7 +53,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
 
 
 def _progress(trained: TrainedRun) -> list[Finding]:
-    """How far the run got, how many steps were skipped, and whether quality fell."""
+    """How far the run got, how many steps were skipped, and how quality went."""
     steps, wanted = trained.step, trained.settings.steps
     advice, meaning = "", "what was asked for"
     if run_folders.is_at_work(trained.folder):
@@ -63,7 +64,7 @@ def _progress(trained: TrainedRun) -> list[Finding]:
             meaning += "; the results were not written"
     skipped = trained.trainer["skipped"]
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
-    findings = [
+    return [
         Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", meaning, advice),
         counting(
             "skipped steps",
@@ -72,15 +73,22 @@ def _progress(trained: TrainedRun) -> list[Finding]:
             "a loss or gradient that was not finite, or a spike",
             slower if skipped > OFTEN * steps else "",
         ),
+        *_course(trained),
     ]
+
+
+def _course(trained: TrainedRun) -> list[Finding]:
+    """Whether held-out quality fell, by what training recorded; nothing before its first check, and of a run without."""
+    name, settings = "held-out quality", trained.settings
     course = [row[history.HELD_OUT] for row in history.checks(trained.folder)]
     if course:
         best, last = max(course), course[-1]
-        fell = last < best - FELL_DB
-        advice = "It learned its photos by heart: train for fewer steps or with fewer Gaussians." if fell else ""
-        figure = f"{last:.2f} dB, {best:.2f} at best"
-        findings.append(Finding("held-out quality", figure, "of a few test photos, by history.csv", advice))
-    return findings
+        advice = "It learned its photos by heart: train for fewer steps or with fewer Gaussians." if last < best - FELL_DB else ""
+        return [Finding(name, f"{last:.2f} dB, {best:.2f} at best", "of a few test photos, by history.csv", advice)]
+    if trained.collection.split("test") and any(step <= trained.step for step in schedule.evenly(settings.held_out_checks, settings.steps)):
+        meaning = f"{history.FILE} was removed or damaged after the training, or no test photo could be read"
+        return [Finding(name, "not recorded", meaning, f"Measure it: {command('wegs', 'eval', '--run', trained.folder)}")]
+    return []
 
 
 def _settings(settings: Settings) -> Finding:

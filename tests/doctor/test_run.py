@@ -77,6 +77,21 @@ def test_by_how_much_held_out_quality_may_fall(trained, tmp_path, last, fell):
     assert bool(examined(folder)[0]["held-out quality"].advice) == fell
 
 
+@pytest.mark.parametrize("content", [None, "", "garbage", "step,seconds\n9,1.0\n", "step,held_out_psnr\n9,\n", "\0\0\0\n"])
+def test_a_run_whose_course_is_lost_is_not_sound(trained, tmp_path, content):
+    folder = shutil.copytree(trained, tmp_path / "run")
+    (folder / "history.csv").unlink() if content is None else (folder / "history.csv").write_text(content)
+    found = examined(folder)[0]["held-out quality"]
+    assert found.figure == "not recorded" and found.advice == f"Measure it: wegs eval --run {folder}"
+
+
+@pytest.mark.parametrize(("checks", "held_out"), [(0, True), (4, False)])
+def test_of_a_run_without_checks_no_course_is_asked_for(tmp_path, checks, held_out):
+    scene = SmallScene().write(tmp_path / "scene")
+    folder = pipeline.train(scene, small_settings(steps=1, held_out_checks=checks, all_photos=not held_out), tmp_path / "run")
+    assert "held-out quality" not in examined(folder)[0]
+
+
 def test_a_run_without_its_results_is_not_sound(trained, tmp_path):
     shutil.copytree(trained, tmp_path / "run")
     shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been killed after its last step

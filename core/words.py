@@ -8,8 +8,8 @@ CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 def counted(count: int, what: str) -> str:
-    """`count` and its noun: 1 photo, 2 photos."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+    """`count` and its noun: 1 photo, 2,000 photos."""
+    return f"{count:,} {what}" if count == 1 else f"{count:,} {what}s"
 
 
 def on_one_line(text: str) -> str:

@@ -1,6 +1,10 @@
 """Lines about photos: counted, named, and which of them ask for nothing."""
 
-from core.words import Note, Reasons, name_them
+from core.words import Note, Reasons, counted, name_them
+
+
+def test_one_thing_is_no_things():
+    assert [counted(number, "point") for number in (0, 1, 2, 12_345)] == ["0 points", "1 point", "2 points", "12,345 points"]
 
 
 def test_reasons_stand_in_the_order_in_which_they_came_up():

@@ -21,6 +21,7 @@ from core.rasterizer.importance import largest_contributions
 from core.report import QUIET, Report
 from core.scene.splats import Splats
 from core.system.atomic import scratch
+from core.words import counted
 
 LIMIT_STEPS = 255 * HALF_STEP_LINE[0], HALF_STEP_LINE[1]
 QUANTITIES = (
@@ -85,5 +86,5 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
                 is_all = share == 0 and degree == whole.degree
                 label = "everything (--prune off)" if is_all else f"{share:.0%} pruned"
                 add(f"SH degree {degree}", label, lambda rows=rows, degree=degree: bake(trained, neutral, rows).up_to_degree(degree))
-    title = f"Baking {trained.folder.resolve().name}: {len(whole)} Gaussians of degree {whole.degree}"
+    title = f"Baking {trained.folder.resolve().name}: {counted(len(whole), 'Gaussian')} of degree {whole.degree}"
     return Figure("baking", title, QUANTITIES, PANELS, tuple(points), made_on(trained.settings.seed), NOTES)

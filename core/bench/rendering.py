@@ -21,6 +21,7 @@ from core.rasterizer.contract import ALPHA_MIN, STOP_TRANSMITTANCE
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.words import counted
 
 QUANTITIES = (
     Quantity("milliseconds", "ms a picture", "log"),
@@ -87,7 +88,7 @@ def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int
             measured[choice.way] = values
         points.append(Point(choice.curve, choice.label, measured[choice.way], choice.is_default))
         report.progress("Rendering", number + 1, len(chosen), f"{choice.curve}: {choice.label}")
-    title = f"Rendering {what}: {len(splats)} Gaussians of degree {splats.degree}, {cameras[0].width} x {cameras[0].height} px"
+    title = f"Rendering {what}: {counted(len(splats), 'Gaussian')} of degree {splats.degree}, {cameras[0].width} x {cameras[0].height} px"
     return Figure(name, title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
 
 

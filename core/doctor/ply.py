@@ -15,6 +15,7 @@ from core.ply_file import bytes_beyond
 from core.report import Report
 from core.scene.frame import SceneFrame
 from core.scene.splats import Splats
+from core.words import counted
 
 MOST_CAMERAS = 100  # evenly spread over those known
 AGAIN = "Copy or export it again."
@@ -33,12 +34,12 @@ def examine_ply(path: Path, report: Report) -> list[Finding]:
 def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
     """Whether the header fits the rows."""
     size, beyond = path.stat().st_size, bytes_beyond(path)
-    figure = f"{len(splats):,} Gaussians of SH degree {splats.degree}, {size / 1e6:.1f} MB"
+    figure = f"{counted(len(splats), 'Gaussian')} of SH degree {splats.degree}, {size / 1e6:.1f} MB"
     findings = [Finding("file", figure, f"{(size - beyond) / len(splats):.0f} bytes a Gaussian")]
     if beyond:
-        findings.append(Finding("rest of the file", f"{beyond:,} bytes", "follow the last row that its header counts", AGAIN))
+        findings.append(Finding("rest of the file", counted(beyond, "byte"), "after the last row that its header counts", AGAIN))
     if sky > len(splats):
-        figure = f"{sky:,} of {len(splats):,} Gaussians"
+        figure = f"{sky:,} of {counted(len(splats), 'Gaussian')}"
         findings.append(Finding("sky", figure, "rows were taken out since wegs wrote them; it is taken for a part of the scene", AGAIN))
     return findings
 

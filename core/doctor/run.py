@@ -20,6 +20,7 @@ from core.training import schedule
 from core.training.gaussians import densify
 from core.training.losses.mask_weights import LEAST_STATIC
 from core.training.on_disk import checkpoint, history, run_folders
+from core.words import counted
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread
 NEAR_BOUND = 0.95  # of the residual's bound: beyond, the transfer has hardly any gradient
@@ -34,7 +35,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     trained = load_run(folder, on_gpu=False)
     sky, frame = trained.sky, trained.collection.frame
     neutral = bake(trained, neutral_look(trained))
-    size = f"{len(neutral):,} Gaussians ({sky:,} of them sky) of SH degree {neutral.degree}"
+    size = f"{counted(len(neutral), 'Gaussian')} ({sky:,} of them sky) of SH degree {neutral.degree}"
     findings = [
         Finding("file", size, f"{len(neutral) * BYTES_PER_GAUSSIAN / 1e6:.1f} MB per look as .ply", "" if len(neutral) > sky else densify.ALL_GONE),
         *_progress(trained),
@@ -156,7 +157,7 @@ class _Residuals:
         share = self.near_bound / self.numbers if bounded else 0.0
         near = f", {100 * share:.3g} % of them near the bound of {self.settings.residual_bound:g}" if bounded else ""
         advice = "Train with a larger residual_bound, or a lower network_rate." if share > AT_BOUND_SHARE else ""
-        figure = f"up to {self.most:.3g}{near}, over {self.looks} looks"
+        figure = f"up to {self.most:.3g}{near}, over {counted(self.looks, 'look')}"
         findings = [Finding("residuals", figure, "what looks add to SH coefficients", advice)]
         if self.looks > 1:
             variance = self.squares / self.looks - (self.total / self.looks) ** 2

@@ -47,7 +47,7 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
     collection = load_collection(root)
     train, test = (len(collection.split(name)) for name in ("train", "test"))
     return [
-        Finding("scene", f"{collection.kind}, {train} training and {test} test photos", "what `wegs train` would read"),
+        Finding("scene", f"{collection.kind}, {train:,} training and {counted(test, 'test photo')}", "what `wegs train` would read"),
         *map(_note, collection.notes),
         *placed_photos(root),
         *_cameras(collection),

@@ -18,6 +18,7 @@ from core.ply_file import HEADER_BYTES, read_rows, write_rows
 from core.scene.harmonics import MAX_DEGREE, coefficient_count
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 from core.system.atomic import replacing
+from core.words import counted
 
 _REST_OF_DEGREE = {degree: 3 * (coefficient_count(degree) - 1) for degree in range(MAX_DEGREE + 1)}
 
@@ -73,7 +74,7 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
     if dropped.any():
         table = table[~dropped]
     if not len(table):
-        raise BadInput(f"{path} was not written: none of {count} Gaussians can be drawn.", "Train again.")
+        raise BadInput(f"{path} was not written: none of {counted(count, 'Gaussian')} can be drawn.", "Train again.")
     rows = table.view([(name, "<f4") for name in PROPERTIES])[:, 0]
     line = " ".join(comment.encode("ascii", "backslashreplace").decode().split())
     with replacing(path) as temporary:
@@ -96,7 +97,7 @@ def read_ply(path: Path) -> Splats:
     rest = sum(name.startswith("f_rest_") for name in names)
     degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
     if degree is None:
-        raise BadInput(f"{path} has {rest} f_rest columns.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them.")
+        raise BadInput(f"{path} has {counted(rest, 'f_rest column')}.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them.")
     if "packed_position" in names:
         raise BadInput(f"{path} is a compressed .ply, as SuperSplat writes it.", "Export it uncompressed.")
     if "scale_1" in names and "scale_2" not in names:

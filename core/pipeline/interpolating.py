@@ -39,7 +39,7 @@ def interpolate(
     DiskFull.
     """
     if steps < 2:
-        raise BadSetting(f"{steps} steps are too few for a fade from one look to another.", "Take 2 steps or more.")
+        raise BadSetting(f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more.")
     if output is not None:
         check_named_as_folder(output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them")
     trained = open_run(folder, report)

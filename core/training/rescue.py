@@ -8,6 +8,7 @@ from core.errors import LESS_MEMORY, DiskFull, TrainingStopped, as_disk_full, as
 from core.rasterizer.inputs import ListsTooLarge
 from core.training.on_disk.checkpoint import how_to_go_on
 from core.training.trainer import Trainer
+from core.words import counted
 
 
 @contextmanager
@@ -30,4 +31,4 @@ def saved_if_room_runs_out(trainer: Trainer) -> Iterator[None]:
 
 
 def _kept(trainer: Trainer, path: Path) -> str:
-    return f"Saved at step {trainer.done}, with {len(trainer.gaussians)} Gaussians: {path}."
+    return f"Saved at step {trainer.done}, with {counted(len(trainer.gaussians), 'Gaussian')}: {path}."

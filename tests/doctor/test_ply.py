@@ -232,6 +232,14 @@ def test_rows_that_were_taken_out_or_that_no_header_counts(tmp_path):
     assert "rest of the file" not in findings
 
 
+def test_one_gaussian_is_no_gaussians(tmp_path):
+    path = write(tmp_path / "a.ply", sound_rows()[:1], "wegs 1.0, run 0a, sky 2, look dusk")
+    path.write_bytes(path.read_bytes() + b" ")
+    findings, _ = examined(path)
+    assert findings["file"].figure.startswith("1 Gaussian of SH degree 3, ")
+    assert findings["sky"].figure == "2 of 1 Gaussian" and findings["rest of the file"].figure == "1 byte"
+
+
 def test_scales_that_are_no_logarithms(tmp_path):
     rows = sound_rows()
     for axis in range(3):

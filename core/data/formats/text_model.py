@@ -8,6 +8,7 @@ from pathlib import Path
 import pycolmap
 
 from core.data.photos.distortion import MODELS
+from core.words import counted
 
 # The columns of each file. After them a camera has its parameters, a point its track, and an image a second line, of its features.
 CAMERA = ("CAMERA_ID", "MODEL", "WIDTH", "HEIGHT")
@@ -79,13 +80,13 @@ def _check_lens(model: str, params: Sequence[str]) -> None:
         raise _Fault(f"there is no camera model {model}")
     wanted = len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.__members__[model], 1.0, 2, 2).params)
     if len(params) != wanted:
-        raise _Fault(f"{len(params)} parameters, not the {wanted} of a {model} camera")
+        raise _Fault(f"{counted(len(params), 'parameter')}, not the {wanted} of a {model} camera")
     _check([f"parameter {number}" for number in range(1, wanted + 1)], params)
 
 
 def _check_features(words: Sequence[str]) -> None:
     if len(words) % len(FEATURE):
-        raise _Fault(f"{len(words)} words, which are no features of {' '.join(FEATURE)} each")
+        raise _Fault(f"{counted(len(words), 'word')} in place of features of {' '.join(FEATURE)} each")
     for start in range(0, len(words), len(FEATURE)):
         _check(FEATURE, words[start : start + len(FEATURE)])
 

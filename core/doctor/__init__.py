@@ -23,6 +23,8 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     if not (path.is_file() or path.is_dir()):  # a pipe would be waited for without end
         what = f"{path} is neither a file nor a folder." if path.exists() else f"There is no file or folder {path}."
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
+    if path.is_file() and path.suffix.lower() != ".ply" and (run := run_folders.run_around(path)):
+        raise BadInput(f"{path} is a file in a run.", f"Give the folder of the run: {run}")
     if run_folders.is_run(path):
         findings = examine_run(path, report)
     elif newest := max(path.glob(run_folders.CLOUDS), key=_step_and_date, default=None):

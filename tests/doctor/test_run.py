@@ -155,6 +155,13 @@ def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
 # --- the command line
 
 
+@pytest.mark.parametrize("name", ["config.json", "history.csv", "cameras.json", "cfg_args", "preview.png", "masks/photo_1.png"])
+def test_of_a_file_in_a_run_the_run_is_asked_for(trained, name):
+    assert (trained / name).is_file()
+    with pytest.raises(BadInput, match=f"{name} is a file in a run. Give the folder of the run: {trained}$"):
+        examine(trained / name, Heard())
+
+
 @pytest.mark.parametrize(("advice", "code", "mark"), [("", 0, "ok"), ("Copy it again.", 1, "!!")])
 def test_the_command_says_findings_and_leaves_with_1_if_anything_needs_doing(monkeypatch, trained, advice, code, mark):
     monkeypatch.setattr("core.doctor.examine_run", lambda *_: [Finding("steps", "30 of 30", "complete", advice)])

@@ -61,8 +61,8 @@ def find_run(path: Path | None) -> Path:
     if path is None:
         return newest_run()
     if path.is_file():
-        run = next((f": {folder}" for folder in path.parents if is_run(folder)), ", which `wegs train` made")
-        raise BadInput(f"{path} is a file, not a folder.", f"Give the folder of the run{run}.")
+        which = f": {run}" if (run := run_around(path)) else ", which `wegs train` made"
+        raise BadInput(f"{path} is a file, not a folder.", f"Give the folder of the run{which}.")
     if not path.is_dir():
         raise BadInput(f"There is no folder {path}.", "Give one that `wegs train` made.")
     if not is_run(path):
@@ -71,6 +71,11 @@ def find_run(path: Path | None) -> Path:
         fix = "Give a folder that `wegs train` made." if (inner := newest_in(path)) is None else f"Give a run in it, such as {inner}."
         raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", fix)
     return path
+
+
+def run_around(file: Path) -> Path | None:
+    """The run that a file lies in, however deep; None if it lies in none."""
+    return next(filter(is_run, file.parents), None)
 
 
 def is_at_work(folder: Path) -> bool:

@@ -3,6 +3,7 @@
 The only module that imports plyfile, whose licence is GPL-3.
 """
 
+import io
 import re
 from pathlib import Path
 
@@ -12,6 +13,15 @@ import plyfile
 from core.errors import BadInput
 
 HEADER_BYTES = 1 << 16  # no header is longer
+IN_ASCII = bytes(range(128)) + b"?" * 128  # what bytes are read as
+
+
+class _Opened(io.FileIO):
+    """A binary file for plyfile, which reads headers byte by byte, and none beyond ASCII, as comments of other programs may be."""
+
+    def read(self, size: int = -1) -> bytes:
+        data = super().read(size)
+        return data.translate(IN_ASCII) if len(data) == 1 else data
 
 
 def read_rows(path: Path, wanted: str) -> np.ndarray:
@@ -22,7 +32,7 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
     if not path.is_file():
         raise BadInput(f"There is no file {path}.", f"Give the path of a {wanted}.")
     try:
-        return plyfile.PlyData.read(str(path))["vertex"].data  # by path: a stream is read row by row, in minutes
+        return _parsed(path)["vertex"].data
     except OSError as problem:
         raise BadInput(f"{path} cannot be opened: {problem.strerror}.", f"Give the path of a {wanted}.") from None
     except plyfile.PlyElementParseError as problem:
@@ -31,7 +41,7 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
     except OverflowError as problem:  # text: a number that its column's type cannot hold
         raise BadInput(f"{path} is garbled: {problem}.", "Copy or export it again.") from None
     except (plyfile.PlyParseError, ValueError) as problem:
-        fault = "its header has letters beyond ASCII, or is no text" if isinstance(problem, UnicodeDecodeError) else problem
+        fault = "it is no text" if isinstance(problem, UnicodeDecodeError) else problem
         if not path.stat().st_size:
             fault = "it is empty"
         raise BadInput(f"{path} is not a .ply: {fault}.", f"Give a {wanted}.") from None
@@ -41,14 +51,28 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
         raise BadInput(f"{path} has no element `vertex`.", f"Give a {wanted}.") from None
 
 
+def _header(path: Path) -> bytes:
+    """The start of the file, with all of its header."""
+    with path.open("rb") as file:
+        return file.read(HEADER_BYTES)
+
+
+def _is_text(header: bytes) -> bool:
+    return re.match(rb"ply\s+format ascii", header) is not None
+
+
+def _parsed(path: Path) -> plyfile.PlyData:
+    with path.open(encoding="ascii", errors="backslashreplace") if _is_text(_header(path)) else _Opened(path) as file:
+        return plyfile.PlyData.read(file)
+
+
 def bytes_beyond(path: Path) -> int:
     """How many bytes follow the last row that the header of a readable file counts; 0 in a file of text, or with lists."""
-    with path.open("rb") as stream:
-        header = stream.read(HEADER_BYTES)
+    header = _header(path)
     end = re.search(rb"[\r\n]end_header(\r\n|\r|\n)", header)  # a line of its own: a comment may end in the word
-    if end is None or b"format ascii" in header[: end.start()]:
+    if end is None or _is_text(header):
         return 0
-    elements = plyfile.PlyData.read(str(path)).elements  # maps the rows, and reads none
+    elements = _parsed(path).elements  # maps the rows, and reads none
     if any(isinstance(column, plyfile.PlyListProperty) for element in elements for column in element.properties):
         return 0
     return path.stat().st_size - end.end() - sum(element.data.nbytes for element in elements)

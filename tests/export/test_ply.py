@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from core.errors import BadInput, WegsError
 from core.export import check_format, write
 from core.export.ply import PROPERTIES, read_ply, write_ply, write_points
+from core.ply_file import bytes_beyond
 from core.scene.splats import Splats
 
 
@@ -167,7 +168,7 @@ def _without(name: str):
         (lambda data: data[:-300], "at row 3"),
         (lambda data: data[:100], "not a .ply"),
         (lambda data: b"", "not a .ply"),
-        (lambda data: b"\xff\xd8\xff\xe0 a jpeg", "not a .ply: its header has letters beyond ASCII, or is no text"),
+        (lambda data: b"\xff\xd8\xff\xe0 a jpeg", "not a .ply: it is no text"),
         (lambda data: data.replace(b"element vertex", b"element corner"), "no element `vertex`"),
         (lambda data: header_of(data).replace(b"vertex 5", b"vertex 0"), "no Gaussians"),
         (_without("opacity"), "lacks the column opacity"),
@@ -184,6 +185,17 @@ def test_what_cannot_be_read_is_refused_by_name(tmp_path, spoil, words):
     with pytest.raises(BadInput, match=words) as caught:
         read_ply(path)
     assert str(path) in caught.value.what and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_a_comment_of_another_program_may_have_letters_beyond_ascii(tmp_path, text):
+    write_ply(tmp_path / "a.ply", splats := some_splats(300), "by XX")
+    plyfile.PlyData(plyfile.PlyData.read(str(tmp_path / "a.ply")).elements, text=text).write(str(tmp_path / "b.ply"))
+    data = (tmp_path / "b.ply").read_bytes()
+    (tmp_path / "b.ply").write_bytes(data.replace(b"by XX", "by é".encode()))
+    read = read_ply(tmp_path / "b.ply")
+    assert all(torch.equal(tensor, read.tensors()[name]) for name, tensor in splats.tensors().items())
+    assert bytes_beyond(tmp_path / "b.ply") == 0
 
 
 def test_a_number_that_its_column_cannot_hold_is_refused(tmp_path):

@@ -49,7 +49,7 @@ def training_figure(courses: list[Course], title: str, notes: tuple[str, ...] = 
 
 def checks(folder: Path) -> list[dict[str, float]]:
     """The rows of a run's history at which held-out quality was measured; BadInput if there is none."""
-    rows = history.checks(folder)
+    rows = [row for row in history.checks(folder) if row.keys() >= set(COLUMNS.values())]
     if not rows:
         raise BadInput(f"{folder / history.FILE} holds no held-out quality.", _how_to_check(folder))
     return [{name: row[column] for name, column in COLUMNS.items()} for row in rows]

@@ -19,6 +19,7 @@ STRAY = 1000.0  # radii of the scene; beyond, a viewer that fits the whole file 
 WASTE = 0.02  # share of Gaussians that do nothing
 COLOURS = (-0.5, 1.5)  # of the DC term; [0, 1] can be shown, and view dependence adds and subtracts some
 BURNT_SHARE = 0.02
+ROUNDED = 1e-4  # by which logarithms may be off after their way into the scene's frame
 SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 
 
@@ -35,7 +36,7 @@ def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Findi
         return [*findings, Finding("drawable", "0", "the file shows nothing", "Train or export it again.")]
     body = splats[good & (torch.arange(total) < total - sky)]
     if len(body):
-        findings += [*_opacities(body), *_shapes(body), _sizes(body), _extent(body, frame)]
+        findings += [*_opacities(body), *_shapes(body), _sizes(body, frame), _extent(body, frame)]
     return [*findings, *_colours(splats[good])]
 
 
@@ -45,9 +46,15 @@ def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
     return counting(name, count, len(flags), meaning, advice, "Remove those rows, or export the file again.")
 
 
+def _unconverted(values: torch.Tensor, share: float = 1.0) -> bool:
+    """Whether numbers that 3DGS stores as logits, logarithms or SH are as they were before that: none below 0, and this share up to 1."""
+    low, most, high = np.quantile(values.numpy(), [0.0, share, 1.0])
+    return bool(-ROUNDED <= low < high and most <= 1 + ROUNDED)
+
+
 def _opacities(splats: Splats) -> list[Finding]:
     logits = splats.logit_opacities.double()
-    if ((logits >= 0) & (logits <= 1)).all() and logits.unique().numel() > 1:
+    if _unconverted(logits):
         fix = "Write their logits, log(o / (1 - o)), as 3DGS does."
         return [Finding("opacities", "all from 0 to 1", "stored as they are, so viewers draw them all between 0.5 and 0.73", fix)]
     opacities = torch.sigmoid(logits)
@@ -95,7 +102,10 @@ def _shapes(splats: Splats) -> list[Finding]:
     ]
 
 
-def _sizes(splats: Splats) -> Finding:
+def _sizes(splats: Splats, frame: SceneFrame) -> Finding:
+    if _unconverted(splats.log_scales + np.log(frame.radius), 0.9):  # the rest may be a background
+        fix = "Write their natural logarithms, as 3DGS does."
+        return Finding("scales", "none below 0, nearly all up to 1", "stored as they are, so viewers draw them all 1 to 3 units long", fix)
     largest = splats.log_scales.amax(dim=1).exp()
     distances = splats.means.norm(dim=1)
     giants = largest > GIANT
@@ -123,6 +133,9 @@ def _extent(splats: Splats, frame: SceneFrame) -> Finding:
 
 
 def _colours(splats: Splats) -> list[Finding]:
+    if _unconverted(splats.sh[:, 0]):
+        fix = "Write (c - 0.5) / 0.2821 for a colour c, as 3DGS does."
+        return [Finding("colours", "f_dc all from 0 to 1", "stored as they are, so viewers draw them all between 0.5 and 0.78", fix)]
     dc = (0.5 + SH_0 * splats.sh[:, 0].double()).numpy()
     low, high = np.quantile(dc, [0.01, 0.99])
     burnt = int(((dc < COLOURS[0]) | (dc > COLOURS[1])).any(axis=1).sum())

@@ -134,6 +134,19 @@ def test_opacities_that_are_no_logits_are_told(tmp_path):
     assert asked_for(findings) == {"opacities"} and "between 0.5 and 0.73" in findings["opacities"].meaning
 
 
+@pytest.mark.parametrize("column, name", [("scale", "scales"), ("f_dc", "colours")])
+def test_scales_and_colours_that_are_stored_as_they_are_are_told(tmp_path, column, name):
+    rows, random = sound_rows(), np.random.default_rng(1)
+    for axis in "xyz":
+        rows[axis] *= 100  # so that a length of 1 to 3 is nothing odd
+    for part in range(3):
+        rows[f"{column}_{part}"] = random.random(ROWS)
+    findings, _ = examined(write(tmp_path / "a.ply", rows))
+    assert asked_for(findings) == {name} and "stored as they are" in findings[name].meaning
+    rows[f"{column}_0"][:50] -= 1.0  # a few below 0 are what they should be
+    assert not asked_for(examined(write(tmp_path / "a.ply", rows))[0])
+
+
 @pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)])
 def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, own):
     rows = sound_rows()

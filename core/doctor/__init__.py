@@ -11,6 +11,8 @@ from core.errors import BadInput
 from core.report import Report
 from core.training.on_disk import run_folders
 
+PACKED = (".sog", ".spz", ".splat", ".ksplat")  # Gaussians in other formats
+
 __all__ = ["Finding", "examine"]
 
 
@@ -25,12 +27,14 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
     if path.is_file() and path.suffix.lower() != ".ply" and (run := run_folders.run_around(path)):
         raise BadInput(f"{path} is a file in a run.", f"Give the folder of the run: {run}")
+    if path.is_file() and path.suffix.lower() in PACKED:
+        raise BadInput(f"{path} is no .ply.", "Convert it to one, in SuperSplat say.")
     if run_folders.is_run(path):
         findings = examine_run(path, report)
     elif newest := max(path.glob(run_folders.CLOUDS), key=_step_and_date, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
     elif path.is_dir() or path.suffix.lower() in (".json", *SUFFIXES, *VIDEO_SUFFIXES):
-        findings = examine_scene(path, report)  # which says what to do with a file
+        findings = _scene(path, report)
     else:
         findings = examine_ply(path, report)
     for finding in findings:
@@ -40,6 +44,16 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
             report.say(finding.line())
     report.say(f"{path}: {verdict(findings)}")
     return findings
+
+
+def _scene(path: Path, report: Report) -> list[Finding]:
+    """Findings about what is no run. BadInput if it is no scene, which says what to do with a file, and names a .ply that a folder holds."""
+    try:
+        return examine_scene(path, report)
+    except BadInput as problem:
+        if not (found := next((file for file in sorted(path.glob("*")) if file.suffix.lower() == ".ply"), None)):
+            raise
+        raise BadInput(problem.what, f"{problem.fix} For a .ply in it, give its path, such as {found}.") from None
 
 
 def _step_and_date(cloud: Path) -> tuple[int, int]:

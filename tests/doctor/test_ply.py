@@ -2,16 +2,13 @@
 
 import json
 import os
-from pathlib import Path
 
 import numpy as np
 import plyfile
 import pytest
 
-from core.doctor import examine
 from core.errors import BadInput
 from tests.doctor.examined import asked_for, examined
-from tests.heard import Heard
 
 ROWS = 400
 
@@ -339,23 +336,3 @@ def test_a_file_of_nothing_but_poison_is_read(tmp_path):
     rows["x"] = np.nan
     findings, _ = examined(write(tmp_path / "a.ply", rows))
     assert asked_for(findings) == {"not finite", "drawable"}
-
-
-def test_points_and_other_files_are_refused_in_one_line(tmp_path):
-    points = np.zeros(3, dtype=[(name, "<f4") for name in "xyz"])
-    with pytest.raises(BadInput, match="lacks the column f_dc_0. It is not a 3DGS .ply"):
-        examine(write(tmp_path / "points.ply", points), Heard())
-    os.mkfifo(tmp_path / "pipe")
-    for path, words in (
-        (tmp_path / "nowhere", f"There is no file or folder {tmp_path}/nowhere."),
-        (tmp_path / "pipe", f"{tmp_path}/pipe is neither a file nor a folder."),
-        (Path("/dev/null"), "/dev/null is neither a file nor a folder."),
-    ):
-        with pytest.raises(BadInput, match=f"^{words} Give a .ply, a run, a scene"):
-            examine(path, Heard())
-
-
-def test_of_a_photo_the_folder_is_asked_for(tmp_path):
-    (tmp_path / "a.JPG").write_bytes(b"\xff\xd8")
-    with pytest.raises(BadInput, match=f"a.JPG is a file, not a folder. Give the folder it is in: {tmp_path}$"):
-        examine(tmp_path / "a.JPG", Heard())

@@ -58,7 +58,8 @@ def _header(path: Path) -> bytes:
 
 
 def _is_text(header: bytes) -> bool:
-    return re.match(rb"ply\s+format ascii", header) is not None
+    """Whether the rows are text, too; no comment begins a line so."""
+    return re.search(rb"[\r\n]format ascii", header) is not None
 
 
 def _parsed(path: Path) -> plyfile.PlyData:

@@ -10,15 +10,7 @@ import pytest
 
 from core.data import load_collection
 from core.data.collection import GivenMask
-from core.data.given_masks import (
-    check_fits,
-    check_masks,
-    size_for_mask,
-    with_mask,
-    with_masks_by_name,
-    with_masks_in,
-    with_same_masks,
-)
+from core.data.given_masks import check_fits, check_masks, size_for_mask, with_mask, with_masks_by_name, with_masks_in, with_same_masks
 from core.data.photos import distortion
 from core.data.photos.pixels import load_photo, read_light, read_pixels
 from core.errors import BadInput

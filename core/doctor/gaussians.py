@@ -82,7 +82,7 @@ def _shapes(splats: Splats) -> list[Finding]:
         Finding(
             "axis ratios",
             f"longest to shortest {middle:.3g} (median), {high:.3g} (99 %), {most:.3g} (most)",
-            f"condition numbers of covariances are the squares, up to {most**2:.1e}",
+            f"condition numbers of covariances are the squares, up to {most**2:.3g}",
         ),
         counting(
             "stiff",

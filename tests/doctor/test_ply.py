@@ -79,6 +79,7 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
     for name, figure in figures.items():
         assert findings[name].figure == figure, name
     assert "20000 (most)" in findings["axis ratios"].figure.replace("2e+04", "20000")
+    assert findings["axis ratios"].meaning.endswith("up to 4e+08")
     assert "20 (5.1 %) beyond -0.5 to 1.5" in findings["colours"].figure
     assert "coefficients up to 12" in findings["harmonics"].figure
     expected = {*figures, "extent", "colours", "harmonics"} - {"saturated"}

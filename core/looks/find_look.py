@@ -16,7 +16,7 @@ from core.data.photos.file import probe
 from core.data.photos.names import is_file
 from core.data.photos.pixels import mask_size, read_light
 from core.data.sfm import originals
-from core.errors import BadInput
+from core.errors import BadInput, command
 from core.looks import saved_look
 from core.looks.outside import light_in_words, read_from_outside
 from core.looks.refined_look import not_refined, refined_of_collection, refined_outside
@@ -210,5 +210,5 @@ def _unknown(trained: TrainedRun, word: str) -> BadInput:
     near = [names[name] for name in difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.0)] or [NEUTRAL]
     return BadInput(
         f"{word} is neither a photo file, nor a photo or saved look of {trained.folder}.",
-        f"Give a path, a name such as {near[0]}, or {NEUTRAL}.",
+        f"Give a path, a name such as {command(near[0])}, or {NEUTRAL}.",
     )

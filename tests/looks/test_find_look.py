@@ -93,6 +93,12 @@ def test_a_view_is_called_as_a_look_is(trained):
         find_view(trained, "bogus")
 
 
+def test_the_nearest_name_is_quoted_where_it_has_a_space(trained):
+    named = tuple(replace(photo, name=f"my {photo.name}") for photo in trained.collection.photos)
+    with pytest.raises(BadInput, match="a name such as 'my photo_0.png', or neutral"):
+        find_look(replace(trained, collection=replace(trained.collection, photos=named)), "my photo_0.pgn")
+
+
 def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
     names = [*(photo.name for photo in trained.collection.photos), "lost.jpg"]
     for name in ("lost.jpg", "garbled.jpg"):

@@ -19,7 +19,7 @@ from core.evaluation.subject import last, refining_to
 from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
 from core.scene.camera import Camera
-from core.training.on_disk.run_config import check_same_run
+from core.training.on_disk.run_config import check_same_run, scene_gone
 from core.training.sized_photos import SizedPhoto, as_tensors
 from core.words import counted
 
@@ -72,6 +72,8 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path, trained.identity)) is not None:
         return kept
+    if not trained.collection.root.is_dir():
+        raise scene_gone(trained.folder, trained.collection, "its camera could not be located")
     collection = load_collection(trained.collection.read_from, trained.settings.all_photos)
     if not collection.in_world_of(trained.collection):
         raise BadInput(f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again.")

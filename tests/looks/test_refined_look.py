@@ -177,6 +177,9 @@ def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without
     new = replace(trained, folder=tmp_path / "run")
     gone = replace(new, collection=replace(trained.collection, points_from=tmp_path / "gone"))
     assert find_look(gone, str(outside)).source.endswith(f"not refined: There is no folder {tmp_path / 'gone'}")
+    moved = replace(new, collection=replace(trained.collection, root=tmp_path / "gone"))
+    unlocated = f"its camera could not be located: the scene {tmp_path / 'gone'} is gone"
+    assert find_look(moved, str(outside)).source.endswith(f"not refined: {unlocated}")
     photos = tuple(replace(photo, camera=replace(photo.camera, centre=photo.camera.centre + 0.01)) for photo in trained.collection.photos)
     anew = replace(new, collection=replace(trained.collection, photos=photos))
     assert find_look(anew, str(outside)).source.endswith(f"are not those that {new.folder} was trained with")

@@ -41,8 +41,8 @@ def is_run(folder: Path) -> bool:
 
 
 def newest_run() -> Path:
-    """The current folder if it is a run, else the run begun last under runs/; BadInput if there is none."""
-    if is_run(here := Path(".")):
+    """The current folder, by its full name, if it is a run, else the run begun last under runs/; BadInput if there is none."""
+    if is_run(here := Path.cwd()):
         return here
     newest = newest_in(RUNS)
     if newest is None:

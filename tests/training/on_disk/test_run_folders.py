@@ -42,7 +42,7 @@ def test_the_newest_run_is_the_one_begun_last(here, monkeypatch):
     assert run_folders.find_run(None) == Path("runs/b")
     assert run_folders.find_run(Path("runs/a")) == Path("runs/a")
     monkeypatch.chdir("runs/c")
-    assert run_folders.find_run(None) == Path(".")  # inside of one
+    assert run_folders.find_run(None) == here / "runs/c"  # inside of one, which lines name in full
 
 
 def test_no_run_and_no_such_run_are_refused(here):

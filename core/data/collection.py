@@ -54,6 +54,11 @@ class Photo:
     mask: GivenMask | None = None
     bytes: int | None = None
 
+    @staticmethod
+    def from_outside(path: Path, camera: Camera, mask: Path | None) -> "Photo":
+        """A photo file that is in no collection. mask: white where it is to be used; all of it for None."""
+        return Photo(path.name, path, camera, "test", mask=mask and GivenMask(mask))
+
     def stands_as(self, other: "Photo") -> bool:
         """Whether both have the same split and the same camera, up to rounding, which differs between processors."""
         same = self.split == other.split and self.lens == other.lens

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.data import load_collection
-from core.data.collection import GivenMask, Photo
+from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
 from core.data.sfm import landmarks
 from core.data.sfm.landmarks import Landmarks, known_photos, landmarks_of
@@ -45,7 +45,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     if found is None:
         return not_refined(look, "its camera could not be located (too few features match the training photos, or agree on a camera)")
     sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
-    photo = Photo(path.name, path, found.camera, "test", mask=mask and GivenMask(mask))
+    photo = Photo.from_outside(path, found.camera, mask)
     camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
     try:
         loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)

@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 from PIL import Image, ImageOps
 
-from core.data.collection import GivenMask, Photo
+from core.data.collection import Photo
 from core.data.formats.model_file import quiet
 from core.data.photos.file import probe
 from core.data.placing import focal_length_of, is_usual
@@ -48,7 +48,7 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     width, height = probe(path).displayed
     long_side = max(width, height)
     anywhere = Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
-    photo = Photo(path.name, path, anywhere, "test", mask=mask and GivenMask(mask))
+    photo = Photo.from_outside(path, anywhere, mask)
     with scratch("locate") as work, quiet():
         camera = write_picture(photo, anywhere, work, QUERY)
         lens = _lens(path, camera.width, camera.height)

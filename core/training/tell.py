@@ -34,7 +34,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     report.say(f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, at most {counted(settings.max_gaussians, 'Gaussian')}")
     points = len(trainer.collection.points)
     if points > (most := most_points(settings)):
-        report.say(f"It starts from {most} of the {counted(points, 'point')}, as half of the Gaussians are for growth")
+        report.say(f"It starts from {most:,} of the {counted(points, 'point')}, as half of the Gaussians are for growth")
     if trainer.transparent_is_empty:
         report.say("Transparent pixels are learned as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:

@@ -154,3 +154,18 @@ def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_p
         for camera in cameras:
             before, after = (trainer.rasterizer.render(one, camera).clamp(0, 1) for one in (look, pruned.splats))
             assert (before - after).abs().max() <= HALF_STEP
+
+
+def test_views_are_skipped_once_nothing_can_go():
+    """In most runs training has removed what no photo shows, and a collection may have thousands of views."""
+    look, told = ball(200)[:1], []
+    views = [ring_camera(0.0)] * 5
+    pruner = Pruner(look, views, RASTERIZER, told=lambda done, total: told.append((done, total)))
+    assert told == [(5, 5)] and pruner.kept.all()
+    behind = gaussians([[0.0, 0.0, -40.0]], 0.1, 0.9, 1.0)
+    told.clear()
+    assert Pruner(Splats.concatenate([look, behind]), views, RASTERIZER, told=lambda done, total: told.append((done, total))).kept.tolist() == [
+        True,
+        False,
+    ]
+    assert told == [(done, 5) for done in range(1, 6)]

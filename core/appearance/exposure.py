@@ -5,6 +5,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.appearance.colouring import UNCHANGED, Weights
+from core.appearance.sh_transfer import TransferInput
 from core.config import Settings
 from core.scene.harmonics import SH_0
 
@@ -25,19 +26,12 @@ class ExposureTransfer(nn.Module):
         nn.init.zeros_(self.map.weight)
         nn.init.zeros_(self.map.bias)
 
-    def forward(
-        self,
-        sh: Float[Tensor, "v c 3"],
-        means: Float[Tensor, "v 3"],
-        embedding: Float[Tensor, " e"],
-        latents: Float[Tensor, "v l"] | None = None,
-        changes: Weights = UNCHANGED,
-    ) -> Float[Tensor, "v c 3"]:
+    def forward(self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> Float[Tensor, "v c 3"]:
         """The residual sh' - sh. Interface of SHTransfer; means and latents do not enter, and no look has changes."""
-        base = sh.detach() if self.settings.detach_sh else sh
+        sh = base.sh.detach() if self.settings.detach_sh else base.sh
         matrix, offset = self.change(embedding)
         # Not a matrix product: a BLAS rounds a row differently in chunks of another size.
-        red, green, blue = base.split(1, dim=2)
+        red, green, blue = sh.split(1, dim=2)
         residual = red * matrix[:, 0] + green * matrix[:, 1] + blue * matrix[:, 2]
         shift = (matrix.sum(1) * 0.5 + offset) / SH_0
         return residual + torch.cat([shift[None], residual.new_zeros(sh.shape[1] - 1, 3)])
@@ -47,9 +41,9 @@ class ExposureTransfer(nn.Module):
         values = self.map(embedding).view(3, 4)
         return values[:, :3], values[:, 3]
 
-    def added(self, sh: Float[Tensor, "v c 3"], *given) -> Float[Tensor, "v c 3"]:
-        """sh + forward(sh, *given)."""
-        return sh + self(sh, *given)
+    def added(self, base: TransferInput, *given) -> Float[Tensor, "v c 3"]:
+        """The base SH plus `forward`."""
+        return base.sh + self(base, *given)
 
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
         """Embeddings give no weights."""

@@ -12,7 +12,7 @@ from core.appearance.encoder import PhotoEncoder, PlainMask, mask_size, shrink
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.known_range import KnownRange
 from core.appearance.mask_table import MaskTable
-from core.appearance.sh_transfer import SHTransfer
+from core.appearance.sh_transfer import SHTransfer, TransferInput
 from core.config import Settings
 from core.errors import BadInput, BadSetting
 from core.scene.splats import Splats
@@ -129,23 +129,17 @@ class AppearanceModel(nn.Module):
         self.finished_embeddings = torch.cat([masked, unmasked])
 
     def transfer(
-        self,
-        sh: Float[Tensor, "v c 3"],
-        means: Float[Tensor, "v 3"],
-        embedding: Float[Tensor, " e"],
-        latents: Float[Tensor, "v l"] | None = None,
-        changes: Weights = UNCHANGED,
+        self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED
     ) -> tuple[Float[Tensor, "v c 3"], Float[Tensor, "v c 3"] | None]:
         """(sh', residual): the coefficients in a look, and what was added to the base to get them.
 
-        sh: base coefficients; means: scene frame. changes: of the SH transfer, in a look that has some. The residual is None
-        where there is none to regularise: without appearance (sh' is sh itself), and where the transfer predicts sh' directly
-        (`residual` off).
+        changes: of the SH transfer's weights, in a look that has some. The residual is None where there is none to regularise: without
+        appearance (sh' is the base SH itself), and where the transfer predicts sh' directly (`residual` off).
         """
         if self.sh_transfer is None:
-            return sh, None
-        output = self.sh_transfer(sh, means, embedding, latents, changes)
-        return (sh + output, output) if self.predicts_residuals else (output, None)
+            return base.sh, None
+        output = self.sh_transfer(base, embedding, changes)
+        return (base.sh + output, output) if self.predicts_residuals else (output, None)
 
     @property
     def predicts_residuals(self) -> bool:
@@ -175,9 +169,9 @@ class AppearanceModel(nn.Module):
         changes: Weights = UNCHANGED,
     ) -> Splats:
         """The Gaussians in one look, without a gradient; on the CPU in float32 the same as by `transfer`, bit for bit."""
-        base = splats.detached()
-        given = base.sh, base.means, embedding, latents, changes
-        return base.with_sh(self.sh_transfer.added(*given) if self.predicts_residuals else self.transfer(*given)[0])
+        splats = splats.detached()
+        given = TransferInput(splats.sh, splats.means, latents), embedding, changes
+        return splats.with_sh(self.sh_transfer.added(*given) if self.predicts_residuals else self.transfer(*given)[0])
 
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:

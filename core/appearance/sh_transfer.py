@@ -1,5 +1,6 @@
 """G_phi: from the base SH of a Gaussian and the embedding of a photo to the SH of that photo's look."""
 
+from dataclasses import dataclass
 from functools import partial
 
 import torch
@@ -17,6 +18,18 @@ from core.system.threads import threads_for_blocks
 
 LAST_LAYER_SPREAD = 1e-3  # near zero: a run starts at the base look, and yet every layer has a gradient
 MIXING_GAIN = 0.25  # one embedding moves every weight of the output layer; from 0.1 to 1 all are within 0.2 dB of each other
+
+
+@dataclass(frozen=True)
+class TransferInput:
+    """What the SH transfer reads of V Gaussians.
+
+    sh: base coefficients. means: scene frame, finite; they get no gradient. latents: needed exactly if the setting `latent_size` > 0.
+    """
+
+    sh: Float[Tensor, "v c 3"]
+    means: Float[Tensor, "v 3"]
+    latents: Float[Tensor, "v l"] | None = None
 
 
 class SHTransfer(nn.Module):
@@ -57,22 +70,16 @@ class SHTransfer(nn.Module):
         nn.init.normal_(self.last.weight, std=LAST_LAYER_SPREAD)
         nn.init.zeros_(self.last.bias)
 
-    def forward(
-        self,
-        sh: Float[Tensor, "v c 3"],
-        means: Float[Tensor, "v 3"],
-        embedding: Float[Tensor, " e"],
-        latents: Float[Tensor, "v l"] | None = None,
-        changes: Weights = UNCHANGED,
-    ) -> Float[Tensor, "v c 3"]:
+    def forward(self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> Float[Tensor, "v c 3"]:
         """The bounded output for each Gaussian: the residual of its SH, or its SH where `residual` is off.
 
-        sh: base coefficients. means: scene frame, finite. latents: needed exactly if `latent_size` > 0. changes: what is added to weights
-        meanwhile. Differentiable in all but `means`, and in `sh` unless `detach_sh`. A row's result does not depend on the other rows (bit for
-        bit for float32 on the CPU). Raises BadInput if the sizes are not those of the settings.
+        changes: added to the weights of these names for this call. Differentiable in everything but the means, and the base SH if `detach_sh`.
+        A row's result does not depend on the other rows (bit for bit for float32 on the CPU). Raises BadInput if the sizes are not those of
+        the settings.
         """
+        self.check(base)
+        sh, means, latents = base.sh, base.means, base.latents
         octaves, bound = self.settings.position_octaves, self.settings.residual_bound
-        self.check(sh, latents)
         if not goes_blockwise(sh):
             layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
             features = self.encoded(sh) if latents is None else torch.cat([self.encoded(sh), latents], dim=1)
@@ -83,22 +90,16 @@ class SHTransfer(nn.Module):
             return blockwise_mlp(encoded_sh, latents, means, hidden_layers, output_layer, octaves, bound).view_as(sh)
 
     @torch.no_grad()
-    def added(
-        self,
-        sh: Float[Tensor, "v c 3"],
-        means: Float[Tensor, "v 3"],
-        embedding: Float[Tensor, " e"],
-        latents: Float[Tensor, "v l"] | None,
-        changes: Weights = UNCHANGED,
-    ) -> Float[Tensor, "v c 3"]:
-        """sh + forward(...), bit for bit; without a gradient, in one pass on a CPU."""
+    def added(self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> Float[Tensor, "v c 3"]:
+        """The base SH plus `forward`, bit for bit; without a gradient, and on a CPU in one pass."""
+        sh = base.sh
         if not goes_blockwise(sh):
-            return sh + self(sh, means, embedding, latents, changes)
+            return sh + self(base, embedding, changes)
+        self.check(base)
         octaves, bound = self.settings.position_octaves, self.settings.residual_bound
-        self.check(sh, latents)
         with threads_for_blocks():
             layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
-            return blockwise_sum(sh.flatten(1), self.encoded(sh), latents, means, *layers, octaves, bound).view_as(sh)
+            return blockwise_sum(sh.flatten(1), self.encoded(sh), base.latents, base.means, *layers, octaves, bound).view_as(sh)
 
     @torch.no_grad()
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
@@ -113,10 +114,10 @@ class SHTransfer(nn.Module):
         """Weights and biases of the hidden layers."""
         return {f"layers.{name}": weight.detach() for name, weight in self.layers.named_parameters()}
 
-    def check(self, sh: Float[Tensor, "v c 3"], latents: Float[Tensor, "v l"] | None) -> None:
-        """Raise BadInput unless these have the sizes of the settings."""
-        require("SH coefficients", sh.shape[1] * 3, self.coefficients)
-        require("latent numbers", 0 if latents is None else latents.shape[1], self.settings.latent_size)
+    def check(self, base: TransferInput) -> None:
+        """Raise BadInput unless it has the sizes of the settings."""
+        require("SH coefficients", base.sh.shape[1] * 3, self.coefficients)
+        require("latent numbers", 0 if base.latents is None else base.latents.shape[1], self.settings.latent_size)
 
     def encoded(self, sh: Float[Tensor, "v c 3"]) -> Float[Tensor, "v g"]:
         """gamma(sh)."""

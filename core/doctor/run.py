@@ -5,6 +5,7 @@ from pathlib import Path
 
 import torch
 
+from core.appearance.sh_transfer import TransferInput
 from core.config import Settings
 from core.data.collection import spread_over
 from core.data.photos.file import named_with_fault
@@ -114,7 +115,7 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
             continue
         with torch.no_grad():
             reading = trained.model.read(sized.encoder_input, names.index(photo.name) if photo.name in names else None)
-            residual = trained.model.transfer(splats.sh, splats.means, reading.embedding, latents)[1]
+            residual = trained.model.transfer(TransferInput(splats.sh, splats.means, latents), reading.embedding)[1]
         if reading.mask is not None:
             masks[photo.name] = float(reading.mask.mean())
         if residual is not None and residual.numel():

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from core.appearance.colouring import Colouring
 from core.appearance.refinement import FARTHEST, UNSEEN_PX
+from core.appearance.sh_transfer import TransferInput
 from core.appearance.tone import toned
 from core.scene.camera import Camera
 from core.scene.cells import cell_sums
@@ -56,7 +57,7 @@ class RunView:
         return self._harmonics(*self.trained.base(rows), look)
 
     def _harmonics(self, base: Splats, latents: Float[Tensor, "r l"] | None, look: Colouring) -> Float[Tensor, "r c 3"]:
-        return self.trained.model.transfer(base.sh, base.means, look.embedding, latents, look.changes)[0]
+        return self.trained.model.transfer(TransferInput(base.sh, base.means, latents), look.embedding, look.changes)[0]
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding, or the nearest to it that a refinement may take."""

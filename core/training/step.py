@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from core.appearance.model import AppearanceModel, Reading
+from core.appearance.sh_transfer import TransferInput
 from core.config import Settings
 from core.rasterizer import Rasterizer, Visible
 from core.rasterizer.view import WIDTH, view_of
@@ -170,7 +171,7 @@ class Stepper:
 
         # The visible Gaussians in that look, and their picture. Gradients end in embedding, leaves and probe: zeros added to the centres (px).
         embedding = reading.embedding.detach().requires_grad_()
-        sh, residual = model.transfer(leaves["sh"], leaves["means"].detach(), embedding, leaves.get("latents"))
+        sh, residual = model.transfer(TransferInput(leaves["sh"], leaves["means"].detach(), leaves.get("latents")), embedding)
         residual_loss_later = self._beside(lambda: objective.residual(residual, shown))
         splats = splats_of(leaves).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)

@@ -3,13 +3,14 @@
 import torch
 
 from core.appearance.exposure import ExposureTransfer
+from core.appearance.sh_transfer import TransferInput
 from core.scene.harmonics import basis, degree_of
 from tests.small import whole_settings
 
 
 def test_identity_at_the_start():
     transfer = ExposureTransfer(whole_settings())
-    residual = transfer(torch.randn(9, 4, 3), torch.randn(9, 3), torch.randn(16))
+    residual = transfer(TransferInput(torch.randn(9, 4, 3), torch.randn(9, 3)), torch.randn(16))
     assert not residual.any()
 
 
@@ -29,7 +30,7 @@ def test_is_the_affine_map_on_colours():
         directions = torch.nn.functional.normalize(torch.randn(20, 3, dtype=torch.float64), dim=1)
         change, offset = transfer.change(embedding)
         expected = colours_of(sh, directions) @ (change + torch.eye(3)).T + offset
-        mapped = sh + transfer(sh, torch.zeros(20, 3, dtype=torch.float64), embedding)
+        mapped = sh + transfer(TransferInput(sh, torch.zeros(20, 3, dtype=torch.float64)), embedding)
         found = colours_of(mapped, directions)
         assert torch.allclose(found, expected, rtol=1e-12, atol=1e-12)  # float64 roundings
 
@@ -39,6 +40,6 @@ def test_gradients_reach_map_embedding_and_sh():
         transfer = ExposureTransfer(whole_settings(detach_sh=detach))
         torch.nn.init.normal_(transfer.map.weight)
         sh, embedding = torch.randn(5, 4, 3).requires_grad_(), torch.randn(16).requires_grad_()
-        transfer(sh, torch.zeros(5, 3), embedding).sum().backward()
+        transfer(TransferInput(sh, torch.zeros(5, 3)), embedding).sum().backward()
         assert embedding.grad.any() and transfer.map.weight.grad.any()
         assert (sh.grad is None) == detach

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from core.appearance.model import AppearanceModel
+from core.appearance.sh_transfer import TransferInput
 from tests.small import whole_settings
 
 ROWS = 9
@@ -43,8 +44,8 @@ def test_a_poisoned_gaussian_keeps_its_poison_to_itself(values, mode):
     spoilt = torch.zeros(ROWS, dtype=torch.bool)
     spoilt[[row for (_, row, _), _ in values]] = True
     with torch.no_grad():
-        expected, _ = chosen.transfer(embedding=embedding, **clean)
-        baked, _ = chosen.transfer(embedding=embedding, **given_)
+        expected, _ = chosen.transfer(TransferInput(**clean), embedding)
+        baked, _ = chosen.transfer(TransferInput(**given_), embedding)
     assert torch.equal(baked[~spoilt], expected[~spoilt])
 
 
@@ -54,7 +55,7 @@ def test_finite_gaussians_and_embeddings_have_bounded_residuals_and_finite_gradi
     chosen, given_ = MODELS["full"], inputs(values)
     embedding = (scale * torch.linspace(-1, 1, 16)).requires_grad_()
     given_["sh"].requires_grad_()
-    _, residual = chosen.transfer(embedding=embedding, **given_)
+    _, residual = chosen.transfer(TransferInput(**given_), embedding)
     assert torch.isfinite(residual).all() and residual.abs().max() <= chosen.settings.residual_bound
     residual.square().sum().backward()
     for tensor in (given_["sh"], embedding, *chosen.sh_transfer.parameters()):

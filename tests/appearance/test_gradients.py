@@ -8,6 +8,7 @@ from core.appearance.encoder import PhotoEncoder
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.mask_table import MaskTable
 from core.appearance.positional_encoding import encode
+from core.appearance.sh_transfer import TransferInput
 from tests.small import whole_settings
 
 # fast_mode projects on random directions: one pair of evaluations instead of one a number.
@@ -65,4 +66,4 @@ class _Exposure(torch.nn.Module):
         self.transfer = transfer
 
     def forward(self, sh, embedding):
-        return self.transfer(sh, sh[:, 0], embedding)
+        return self.transfer(TransferInput(sh, sh[:, 0]), embedding)

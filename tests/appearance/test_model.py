@@ -8,6 +8,7 @@ import torch
 
 from core.appearance.encoder import shrink
 from core.appearance.model import LEAST_WINDOW, MEAN_WINDOW_ROUNDS, AppearanceModel
+from core.appearance.sh_transfer import TransferInput
 from core.errors import BadInput
 from core.scene.splats import Splats
 from tests.small import whole_settings
@@ -71,7 +72,7 @@ def test_only_what_is_needed_is_built(changes, expected):
     look = model.read(torch.rand(3, 40, 50), 2)
     loss = 0.0 if look.mask is None else look.mask.square().sum()
     splats = splats_of(30)
-    output, _ = model.transfer(splats.sh, splats.means, look.embedding)
+    output, _ = model.transfer(TransferInput(splats.sh, splats.means), look.embedding)
     if expected:
         (loss + output.square().sum()).backward()
     for name, parameter in model.named_parameters():
@@ -133,7 +134,7 @@ def test_transfer_honours_residual_and_detach_sh():
 
     def outcome(**changes):
         sh = splats.sh.clone().requires_grad_()
-        output, residual = model_of(**changes).transfer(sh, splats.means, embedding)
+        output, residual = model_of(**changes).transfer(TransferInput(sh, splats.means), embedding)
         output.sum().backward()
         return output, residual, sh.grad, sh
 
@@ -155,14 +156,14 @@ def test_bake_equals_transfer_bit_for_bit(changes):
     model = model_of(**changes)
     splats, embedding = splats_of(2600), torch.randn(6)
     latents = torch.randn(2600, 3) if "latent_size" in changes else None
-    live = model.transfer(splats.sh, splats.means, embedding, latents)[0]
+    live = model.transfer(TransferInput(splats.sh, splats.means, latents), embedding)[0]
     baked = model.bake(splats, embedding, latents)
     assert torch.equal(baked.sh, live)
     assert not baked.sh.requires_grad
     assert torch.equal(baked.means, splats.means)
     visible = torch.arange(0, 2600, 3)
     part = None if latents is None else latents[visible]
-    assert torch.equal(model.transfer(splats.sh[visible], splats.means[visible], embedding, part)[0], live[visible])
+    assert torch.equal(model.transfer(TransferInput(splats.sh[visible], splats.means[visible], part), embedding)[0], live[visible])
     assert len(model.bake(splats[:0], embedding, None if latents is None else latents[:0])) == 0
 
 
@@ -170,22 +171,22 @@ def test_bake_equals_transfer_bit_for_bit(changes):
 def test_changed_weights_bake_as_they_render_and_learn(changes):
     """The gradient of a change is that of the weight; the model keeps its own."""
     model, splats, embedding = model_of(**changes).requires_grad_(False), splats_of(100), torch.randn(6)
-    kept = model.transfer(splats.sh, splats.means, embedding)[0]
+    kept = model.transfer(TransferInput(splats.sh, splats.means), embedding)[0]
     model.met_embeddings, model.remembered = torch.randn(3, 6), torch.tensor(3)
     names = model.hidden_weights | model.given_spread()
     assert ("last.bias" in names) == (changes != {"embedding_enters": "input"})
     moved = {name: 0.05 * torch.randn_like(weight) for name, weight in names.items()}
     for change in moved.values():
         change.requires_grad_()
-    live = model.transfer(splats.sh, splats.means, embedding, changes=moved)[0]
+    live = model.transfer(TransferInput(splats.sh, splats.means), embedding, changes=moved)[0]
     live.sum().backward()
     assert torch.equal(model.bake(splats, embedding, changes=moved).sh, live.detach()) and not torch.equal(live, kept)
-    assert torch.equal(model.transfer(splats.sh, splats.means, embedding, changes={})[0], kept)
+    assert torch.equal(model.transfer(TransferInput(splats.sh, splats.means), embedding, changes={})[0], kept)
     with torch.no_grad():
         for name, change in moved.items():
             model.sh_transfer.get_parameter(name).add_(change)
     model.requires_grad_()
-    whole = model.transfer(splats.sh, splats.means, embedding)[0]
+    whole = model.transfer(TransferInput(splats.sh, splats.means), embedding)[0]
     whole.sum().backward()
     assert torch.equal(whole, live)
     for name, change in moved.items():

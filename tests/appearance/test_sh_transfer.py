@@ -5,7 +5,7 @@ import torch
 from torch.func import functional_call
 
 from core.appearance import sh_transfer, transfer_mlp
-from core.appearance.sh_transfer import SHTransfer
+from core.appearance.sh_transfer import SHTransfer, TransferInput
 from core.appearance.transfer_mlp import ROWS, plain_mlp
 from core.errors import BadInput
 from core.system.threads import threads_for_blocks
@@ -43,6 +43,10 @@ def inputs_of(transfer: SHTransfer, rows: int, dtype=torch.float32) -> dict[str,
     return made
 
 
+def called(transfer: SHTransfer, sh, means, embedding, latents=None) -> torch.Tensor:
+    return transfer(TransferInput(sh, means, latents), embedding)
+
+
 def incoming(output: torch.Tensor) -> torch.Tensor:
     """A gradient to start from, not symmetric about 0: sums that cancel would measure nothing but their own rounding."""
     return torch.linspace(-0.5, 1, output.numel(), dtype=output.dtype).view_as(output)
@@ -50,7 +54,7 @@ def incoming(output: torch.Tensor) -> torch.Tensor:
 
 def values_and_gradients(transfer: SHTransfer, inputs: dict) -> dict[str, torch.Tensor]:
     transfer.zero_grad()
-    output = transfer(**inputs)
+    output = called(transfer, **inputs)
     (output * incoming(output)).sum().backward()
     found = {"output": output.detach()}
     found |= {name: tensor.grad for name, tensor in inputs.items() if tensor.requires_grad}
@@ -96,7 +100,7 @@ def test_definition_passes_gradcheck(enters):
 
     def evaluate(sh, embedding, latents, *parameters):
         weights = dict(zip(names, parameters))
-        return functional_call(transfer, weights, (sh, inputs["means"], embedding, latents))
+        return functional_call(transfer, weights, (TransferInput(sh, inputs["means"], latents), embedding))
 
     leaves = inputs["sh"], inputs["embedding"], inputs["latents"], *transfer.parameters()
     assert torch.autograd.gradcheck(evaluate, leaves)
@@ -107,7 +111,7 @@ def test_no_gradient_into_means_and_detached_sh(dtype):
     transfer = transfer_of(detach_sh=True).to(dtype)
     inputs = inputs_of(transfer, 5, dtype)
     inputs["means"].requires_grad_()
-    transfer(**inputs).sum().backward()
+    called(transfer, **inputs).sum().backward()
     assert inputs["means"].grad is None
     assert inputs["sh"].grad is None
     assert inputs["embedding"].grad.abs().sum() > 0
@@ -129,14 +133,14 @@ def test_bit_identical_on_any_number_of_threads():
 def test_a_row_does_not_depend_on_its_company():
     transfer = transfer_of()
     inputs = inputs_of(transfer, 2 * ROWS + 300)
-    everything = transfer(**inputs)
+    everything = called(transfer, **inputs)
     rows = torch.randperm(len(everything))[: ROWS + 17]
-    assert torch.equal(transfer(inputs["sh"][rows], inputs["means"][rows], inputs["embedding"]), everything[rows])
+    assert torch.equal(transfer(TransferInput(inputs["sh"][rows], inputs["means"][rows]), inputs["embedding"]), everything[rows])
     with torch.no_grad():
-        assert torch.equal(transfer(**inputs), everything)
+        assert torch.equal(called(transfer, **inputs), everything)
     poisoned = inputs["sh"].detach().clone()
     poisoned[5] = torch.nan
-    output = transfer(poisoned, inputs["means"], inputs["embedding"])
+    output = called(transfer, **inputs | {"sh": poisoned})
     assert output[5].isnan().all()
     assert torch.equal(output[6:], everything[6:])
 
@@ -152,7 +156,7 @@ def test_frozen_weights_change_nothing_for_the_rest(trained):
         parameter.grad = None
     leaves = {name: tensor.detach() for name, tensor in inputs.items()}
     leaves["embedding"].requires_grad_()
-    (transfer(**leaves) * incoming(everything["output"])).sum().backward()
+    (called(transfer, **leaves) * incoming(everything["output"])).sum().backward()
     assert torch.equal(leaves["embedding"].grad, everything["embedding"])
     for name, parameter in transfer.named_parameters():
         assert (parameter.grad is None) if name not in trained else torch.equal(parameter.grad, everything[name])
@@ -188,9 +192,9 @@ def test_uses_the_fast_path_for_float32_only(monkeypatch):
         return plain_mlp(*arguments)
 
     monkeypatch.setattr(sh_transfer, "chunked_mlp", plain)
-    transfer(**inputs_of(transfer, 3))
+    called(transfer, **inputs_of(transfer, 3))
     assert used == []
-    transfer.double()(**inputs_of(transfer, 3, torch.float64))
+    called(transfer.double(), **inputs_of(transfer, 3, torch.float64))
     assert used == ["plain"]
 
 
@@ -198,9 +202,9 @@ def test_hidden_layers_are_kept_only_for_a_way_back(monkeypatch):
     transfer, kept = transfer_of(), []
     honest = transfer_mlp._evaluated
     monkeypatch.setattr(transfer_mlp, "_evaluated", lambda *given: kept.append(honest(*given)) or kept[-1])
-    transfer(**inputs_of(transfer, 5))
+    called(transfer, **inputs_of(transfer, 5))
     with torch.no_grad():
-        transfer(**inputs_of(transfer, 5))
+        called(transfer, **inputs_of(transfer, 5))
     assert [evaluated.kept.shape[1] > 0 for evaluated in kept] == [True, False]
 
 
@@ -212,7 +216,7 @@ def test_the_embedding_has_its_gradient_before_the_way_back_through_the_hidden_l
     embedding.register_hook(lambda gradient: order.append("embedding"))
     for layer in transfer.layers:
         layer.weight.register_hook(lambda gradient: order.append("hidden"))
-    transfer(**inputs | {"embedding": embedding}).sum().backward()
+    called(transfer, **inputs | {"embedding": embedding}).sum().backward()
     assert order == ["embedding"] + ["hidden"] * len(transfer.layers)
 
 
@@ -227,7 +231,7 @@ def test_the_embedding_has_its_gradient_before_the_way_back_through_the_hidden_l
 def test_wrong_sizes_are_refused_by_name(wrong, words):
     transfer = transfer_of()
     with pytest.raises(BadInput, match=words):
-        transfer(**inputs_of(transfer, 2) | wrong)
+        called(transfer, **inputs_of(transfer, 2) | wrong)
 
 
 def test_chunks_and_the_whole_agree(monkeypatch):
@@ -240,7 +244,7 @@ def test_chunks_and_the_whole_agree(monkeypatch):
         monkeypatch.setattr(transfer_mlp, "CHUNK_BYTES", limit)
         monkeypatch.setattr(transfer_mlp, "plain_mlp", lambda *arguments: calls.append(len(arguments[0])) or plain_mlp(*arguments))
         base = sh.clone().requires_grad_()
-        output = model(base, means, embedding)
+        output = model(TransferInput(base, means), embedding)
         outcomes.append([output, *torch.autograd.grad((output**2).sum(), [base, *model.parameters()])])
     assert calls[0] == 50 and max(calls[1:]) < 25 and sum(calls[1:]) == 100  # forward, and again on the way back
     for whole, pieces in zip(*outcomes, strict=True):

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from core.appearance.matrix_product import ANY, ZERO, has_avx512, multiply
-from core.appearance.sh_transfer import SHTransfer
+from core.appearance.sh_transfer import SHTransfer, TransferInput
 from core.appearance.transfer_kernels import differentiate_hidden, differentiate_output, evaluate
 from tests.afresh import afresh
 from tests.small import whole_settings
@@ -52,7 +52,7 @@ def test_kernels_use_wide_registers(kernel):
     if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
         pytest.skip("says something of AVX2 only")
     transfer = SHTransfer(whole_settings(sh_degree=1))
-    transfer(torch.zeros(2, 4, 3), torch.zeros(2, 3), torch.zeros(16)).sum().backward()
+    transfer(TransferInput(torch.zeros(2, 4, 3), torch.zeros(2, 3)), torch.zeros(16)).sum().backward()
     (assembly,) = afresh(kernel, kernel.signatures[0]).inspect_asm().values()
     register = "zmm" if has_avx512() else "ymm"
     assert len(re.findall(rf"vfmadd\d+ps\s.*%{register}", assembly)) >= 8

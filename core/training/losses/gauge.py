@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from core.appearance.sh_transfer import TransferInput
 from core.training.gaussians.gaussians import Gaussians
 
 ROWS = 1024  # Gaussians drawn each step
@@ -23,5 +24,5 @@ def gauge(transfer: nn.Module, gaussians: Gaussians, rows: Int[Tensor, " 1024"],
     Its gradient reaches the networks alone, no other tensor of a step.
     """
     splats, latents = gaussians.splats, gaussians.latents
-    residual = transfer(splats.sh[rows], splats.means[rows], neutral, None if latents is None else latents[rows])
+    residual = transfer(TransferInput(splats.sh[rows], splats.means[rows], None if latents is None else latents[rows]), neutral)
     return (residual**2).sum(dim=(1, 2)).mean()

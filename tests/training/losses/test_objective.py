@@ -51,7 +51,7 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
     monkeypatch.setattr(trainer.objective, "picture", lambda *call: 1e3 * picture(*call))
     trainer.step()
     look = trainer.model.read(*readings[0])
-    (embedding,) = (call[2] for call in transfers if call[2].requires_grad)  # the gauge's does not
+    (embedding,) = (embedding for _, embedding in transfers if embedding.requires_grad)  # the gauge's does not
     (by_embedding,) = torch.autograd.grad(look.embedding, bias, embedding.grad, retain_graph=True)
     ((image, target, _, moment),) = masks
     (by_loss,) = torch.autograd.grad(trainer.objective.mask(image, target, look.mask, moment), bias)

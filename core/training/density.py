@@ -25,10 +25,10 @@ FIRST_BUDGET = 0.25  # of max_gaussians; what growth may reach rises from there 
 
 
 class DensityControl:
-    """What the Gaussians of one run go through between its steps.
+    """Density control of one run, between its steps.
 
-    points: of SfM, (M, 3). model: tells what masks hide. generator: draws where halves of a split Gaussian go. report: hears how far
-    what takes its time is.
+    points: from SfM, (M, 3), scene frame. model: predicts the masks. generator: draws the positions of split Gaussians. report: is told how far
+    the slow parts are.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class DensityControl:
         return done in self.grow_at or done in self.prune_at or done in (self.settled_at, self.settings.steps)
 
     def change(self, gaussians: Gaussians, done: int, mask_mean: float) -> list[str]:
-        """Grow and prune where the schedule says so, and at the end thicken; a line if that leaves none. mask_mean: running mean of the masks."""
+        """All that is scheduled after `done` steps; a warning if it leaves only the sky. mask_mean: running mean of the masks."""
         before = gaussians.solid
         if done in self.grow_at:
             self.grow(gaussians, done)
@@ -65,7 +65,7 @@ class DensityControl:
         return [densify.ALL_GONE] if before and not gaussians.solid else []
 
     def grow(self, gaussians: Gaussians, done: int) -> None:
-        """One round: prune, then grow within the budget of this moment, which reaches the cap when growth ends."""
+        """One round: prune, then grow within a budget that rises from round to round and is max_gaussians in the last."""
         densify.prune(gaussians, self.settings, self.surroundings)
         now = sum(step <= done for step in self.grow_at) / len(self.grow_at)
         allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
@@ -77,7 +77,7 @@ class DensityControl:
         densify.prune_by_contribution(gaussians, largest, self.settings.prune_contribution)
 
     def clear_the_view(self, gaussians: Gaussians, done: int, mask_mean: float) -> None:
-        """Remove what stands in the way of whoever looks from elsewhere: see `gaussians.veils` and `gaussians.passers_by`."""
+        """Remove what blocks the view from where no photo was taken: see `gaussians.veils` and `gaussians.passers_by`."""
         splats = gaussians.splats
         in_the_way = torch.zeros(len(gaussians), dtype=torch.bool, device=splats.means.device)
         if self.settings.remove_veils:
@@ -87,7 +87,7 @@ class DensityControl:
         gaussians.keep(~in_the_way)
 
     def _masks_can_be_trusted(self, done: int, mask_mean: float) -> bool:
-        """Whether masks hide passers-by by now, and not the place itself."""
+        """Whether masks already hide anything, and if so passers-by rather than the place itself."""
         hide = self.settings.transients == "on" and done >= self.settings.mask_apply * self.settings.steps
         return hide and mask_mean >= mask_weights.LEAST_STATIC and len(self.photos) >= decisions.FEWEST_FOR_MASKS
 

@@ -1,6 +1,6 @@
-"""Which steps are not taken: those whose loss or gradient is not finite, or whose loss is far beyond what is usual.
+"""Which steps are invalid, and therefore not taken: those whose loss or gradient is not finite, or whose loss is far above the usual.
 
-Adam divides by the size of past gradients. One that is NaN spoils the parameters for good; one that is a thousand times
+Adam divides by the size of past gradients. A NaN among them spoils the parameters for good; a gradient that is a thousand times
 too large stops them from learning for a thousand steps.
 """
 
@@ -14,13 +14,13 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 SPIKE = 10.0  # times the usual picture loss
-# No photo alone costs that much: L1 and SSIM against a render in [0, 1] stay below 1.6, exposure jitter included. So an
-# odd photo (black, white, of another place) is never taken for a spike: beyond this, it is the render that has left the range.
+# No photo alone costs that much: against a render in [0, 1] the picture loss stays below 1.6, exposure jitter included. So an
+# odd photo (black, white, of another place) is never taken for a spike; above this, the render has left [0, 1].
 LEAST_SPIKE = 2.0
 
 
 def usual_loss(last_losses: list[float | None]) -> float:
-    """The picture loss that photos usually have, the median; infinity if none is known.
+    """The median picture loss of the photos; infinity if none is known.
 
     last_losses: the picture loss of each photo when it was last trained on, None where it was not yet.
     """
@@ -29,21 +29,21 @@ def usual_loss(last_losses: list[float | None]) -> float:
 
 
 def largest_loss(usual: float) -> float:
-    """The picture loss beyond which a step is not to be taken. usual: see `usual_loss`."""
+    """The largest picture loss of a valid step. usual: see `usual_loss`."""
     return max(SPIKE * usual, LEAST_SPIKE)
 
 
 def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], largest: Float[Tensor, ""]) -> Bool[Tensor, ""]:
-    """Whether a step with these losses is to be taken. largest: see `largest_loss`."""
+    """Whether these losses are those of a valid step. total: all losses together. largest: see `largest_loss`."""
     return (total.abs() < math.inf) & (picture_loss <= largest)
 
 
 class StepFacts(NamedTuple):
-    """What is told of a step, as scalars of the device that computes it, and as numbers.
+    """The outcome of a step: scalar tensors on the device that computes it and, once they are read back, numbers.
 
-    loss: what the step minimised. residual_size: mean absolute residual. shown_share: of the photo, by its mask. sound: whether the losses are
-    in order. taken: whether the gradients of the Gaussians, of the embedding and of the SH transfer are finite, too, so that the Gaussians are
-    updated. learned: whether those of all networks are, too, so that they are updated as well.
+    loss: what the step minimised. residual_size: mean absolute residual of the SH. shown_share: mean of the photo's mask, 0 without one. sound:
+    whether the losses are valid. taken: whether the gradients of the Gaussians, the embedding and the SH transfer are finite as well; then the
+    Gaussians are updated. learned: whether those of all other weights are finite as well; then the networks are updated.
     """
 
     loss: Tensor | float
@@ -56,7 +56,7 @@ class StepFacts(NamedTuple):
 
 
 def fault(facts: StepFacts, usual: float) -> str | None:
-    """What was wrong with a step, in words that follow "its"; None if nothing was. facts: as numbers."""
+    """What was wrong with a step, in words that follow "its"; None if it was valid. facts: as numbers."""
     if not facts.sound and not math.isfinite(facts.loss):
         return "loss was not finite"
     if not facts.sound:
@@ -67,7 +67,7 @@ def fault(facts: StepFacts, usual: float) -> str | None:
 
 
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:
-    """Whether no number in these tensors, all on the device `where`, is NaN or infinite. On a CPU a tensor whose sum overflows counts as such."""
+    """Whether all numbers in these tensors, all on the device `where`, are finite. On a CPU, a tensor whose sum overflows is not."""
     given = [tensor for tensor in tensors if tensor is not None and tensor.numel()]
     if not given:
         return torch.ones((), dtype=torch.bool, device=where)
@@ -84,6 +84,6 @@ def _finite_at_once(tensors: list[Tensor]) -> Bool[Tensor, ""]:
     return found == 0
 
 
-def refused(sound: Bool[Tensor, ""]) -> bool:
-    """Whether the step can be dropped here. On a GPU always False, without waiting for it: there the kernels themselves skip an invalid step."""
-    return sound.device.type == "cpu" and not sound
+def known_invalid(valid: Bool[Tensor, ""]) -> bool:
+    """Whether the host knows that a step is not valid. Never on a GPU, which it does not wait for: there the kernels skip an invalid step."""
+    return valid.device.type == "cpu" and not valid

@@ -1,4 +1,4 @@
-"""Which step of a run it is."""
+"""A step's place in the run."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,9 @@ from core.scene.camera import Camera
 
 @dataclass(frozen=True)
 class Moment:
-    """A step: of the photo `index`, after `done` others. progress: of the run, in [0, 1). camera: the photo's, at the size of the step.
-    background: of its picture.
+    """The step on photo `index`, after `done` others.
+
+    progress: of the run, in [0, 1). camera: the photo's, at the picture size of the step. background: of photo and render alike.
     """
 
     index: int

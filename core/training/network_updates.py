@@ -13,7 +13,7 @@ from core.training import guards, schedule
 
 
 def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | None:
-    """The optimizer of all weights of the model; None if it has none."""
+    """The optimizer of all weights of the model; None for a model without weights."""
     rates = {
         "encoder.unet": settings.network_rate,
         "encoder": settings.encoder_rate,
@@ -30,7 +30,7 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
 
 
 def rates_at(optimizer: torch.optim.Adam | None, progress: float) -> list[float]:
-    """The learning rate of each of its groups at this moment of the run."""
+    """The learning rate of each parameter group at this progress of the run."""
     groups = [] if optimizer is None else optimizer.param_groups
     return [schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY) for group in groups]
 
@@ -39,11 +39,10 @@ def rates_at(optimizer: torch.optim.Adam | None, progress: float) -> list[float]
 def encoder_backward_beside(
     work: Callable[[], None], embedding: Float[Tensor, " e"], beside: Callable[[Callable[[], None]], Callable[[], Any]]
 ) -> Iterator[None]:
-    """Runs the encoder's backward pass, `work`, in parallel with what remains of the SH transfer's, which is run inside the block.
+    """Run `work`, the encoder's backward pass, in parallel with the rest of the SH transfer's backward pass, which runs inside the block.
 
-    embedding: the leaf whose gradient `work` begins with. beside: see `threads.beside`; it is given `work` as soon as that gradient is there:
-    others are then still on their way through the SH transfer's hidden layers. At the end of the block it is waited for; where the embedding
-    gets no gradient, it is done there.
+    embedding: the leaf from whose gradient `work` starts. beside: see `threads.beside`; it gets `work` as soon as that gradient is complete, when
+    the SH transfer's hidden layers are still to come. The end of the block waits for `work`, and does it there if the embedding got no gradient.
     """
     started: list[Callable[[], None]] = []
 
@@ -57,14 +56,14 @@ def encoder_backward_beside(
 
 
 def update(optimizer: torch.optim.Adam | None, rates: Iterable[float | Tensor], taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
-    """One step at these rates, of each group, if the step is `taken` and all gradients are finite, which is returned.
+    """One step of the optimizer if the training step is `taken` and all gradients are finite; returns whether.
 
-    rates: on a GPU tensors () there, as all that a recorded step reads.
+    rates: of each group; on a GPU tensors () there, like everything that a recorded step reads.
     """
     if optimizer is None:
         return taken
     learned = taken & guards.finite((weight.grad for group in optimizer.param_groups for weight in group["params"]), taken.device)
-    if guards.refused(learned):
+    if guards.known_invalid(learned):
         return learned
     for group, rate in zip(optimizer.param_groups, rates, strict=True):
         group["lr"] = rate

@@ -1,4 +1,4 @@
-"""The bar of a training: how many steps are done, and what takes its time where the next one is long."""
+"""The progress bar of a training: how many steps are done, and what a long step is busy with."""
 
 from core.config import Settings
 from core.report import Report, Told
@@ -6,10 +6,10 @@ from core.training import schedule
 
 
 def tell_progress(done: int, settings: Settings, note: str, report: Report) -> None:
-    """So many steps are done. note: for the end of the bar."""
+    """Show that `done` steps are done. note: for the end of the bar."""
     report.progress("Training", done, settings.steps, note, schedule.time_through(settings, done))
 
 
 def within_step(done: int, what: str, settings: Settings, report: Report) -> Told:
-    """Tells in the note how far `what` is, in the step that follows so many: on large collections the bar stands still for a minute."""
+    """Shows in the bar's note how far `what` is, in the step after `done` others: on large collections it can take a minute."""
     return lambda seen, views: tell_progress(done, settings, f"{what}: view {seen} of {views}", report)

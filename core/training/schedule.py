@@ -15,12 +15,12 @@ def decayed(rate: float, progress: float, final_share: float) -> float:
 
 
 def shrink_factor(settings: Settings, progress: float) -> int:
-    """By how much photos are shrunk at this progress."""
+    """The factor by which photos are shrunk at this progress."""
     return next((factor for factor, end in zip(SHRINK_FACTORS, _phase_ends(settings)) if progress < end), SHRINK_FACTORS[-1])
 
 
 def time_through(settings: Settings, step: int) -> float:
-    """The share of a run's time, in [0, 1], that has passed after `step` steps: early ones, on shrunk photos, take less."""
+    """The share of a run's time, in [0, 1], that has passed after `step` steps: early steps, on shrunk photos, are faster."""
 
     def time(progress: float) -> float:
         reached = [min(progress, end) for end in _phase_ends(settings)]
@@ -35,7 +35,7 @@ def _phase_ends(settings: Settings) -> tuple[float, float, float]:
 
 
 def begun(settings: Settings, progress: float) -> tuple[bool, ...]:
-    """Which parts of a run have begun, of those that are switched on on the way."""
+    """Which of the parts that start in the course of a run have started: geometry, latents, learning masks, applying masks."""
     return tuple(progress >= start for start in (settings.geometry_from, settings.latents_from, settings.mask_start, settings.mask_apply))
 
 
@@ -47,7 +47,7 @@ def densification_steps(settings: Settings) -> list[int]:
 
 
 def contribution_steps(settings: Settings) -> set[int]:
-    """The steps after which Gaussians that no photo needs are removed: when growth has ended, and once more when settled."""
+    """The steps after which Gaussians that no photo needs are removed: soon after growth, and once more when they have settled."""
     return {_after_growth(settings, fraction) for fraction in CONTRIBUTION_FRACTIONS} if settings.prune_contribution else set()
 
 

@@ -1,6 +1,6 @@
 """One training step, from a photo to the update of networks and Gaussians, in the order in which it happens.
 
-A name in `_later` is a result that is still being computed beside what follows: calling it waits for it.
+A name in `_later` is a result that may still be in computation on another thread or stream: calling it waits for the result.
 """
 
 from collections.abc import Callable
@@ -36,12 +36,12 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class StepInputs:
-    """The numbers that differ between two steps, where they are computed.
+    """What differs between two steps, on the device that computes them.
 
-    encoder_input: the photo as the encoder takes it; target: as the picture's; gain: (3,), of the exposure that both are seen in, None for their
-    own. view: the camera, see core.rasterizer.view. rates: of the Gaussians, see `learning_rates`; network_rates: of the networks, see
-    `network_updates`. gauge_rows: see `Objective.gauge`. The others are known when the step before is over: largest_loss: (), see `guards`.
-    mask_mean: (), see `mask_weights`. neutral: (e,), the mean embedding.
+    encoder_input: the photo as the encoder takes it. target: the photo as the picture loss takes it. gain: (3,), a random exposure for both, or
+    None. view: the camera, see core.rasterizer.view. rates: learning rates of the Gaussians, see `learning_rates`. network_rates: learning rates
+    of the networks, see `network_updates.rates_at`. gauge_rows: see `Objective.drawn_for_gauge`. The rest follows from the steps before:
+    largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. neutral: (e,), the mean embedding.
     """
 
     encoder_input: Tensor
@@ -73,18 +73,20 @@ class StepInputs:
 
 @dataclass(frozen=True)
 class PreparedStep:
-    """A step that is yet to be taken, with its random draws.
+    """A step that is ready to be taken: its random numbers are drawn.
 
-    inputs: makes its inputs of those that are known when the step before is over: largest_loss, mask_mean and neutral, given by name.
+    inputs: makes its StepInputs from largest_loss, mask_mean and neutral, which are known only once the previous step is over.
     """
 
     moment: Moment
     inputs: Callable[..., StepInputs]
 
 
-class Found(NamedTuple):
-    """What the camera of a step shows. shown: how many rows of that are Gaussians, see `regularisers.residual_loss`. complete: whether it is all.
-    needed: numbers (), of the room that all of it takes, where room is limited.
+class InView(NamedTuple):
+    """The Gaussians that a step's camera shows. On a GPU there is limited room for them, and what they leave of it is padding.
+
+    shown: (), how many rows are Gaussians, None for all; see `regularisers.residual_loss`. complete: (), whether there was room for all of them.
+    needed: scalars, the room that all of them take, where room is limited.
     """
 
     visible: Visible
@@ -95,7 +97,7 @@ class Found(NamedTuple):
 
 @dataclass
 class Stepper:
-    """Takes the steps of a run, with what they all work with. generator: of their random draws."""
+    """Prepares and takes the steps of a run, on what all of them share. generator: of their random numbers."""
 
     settings: Settings
     photos: SizedPhotos
@@ -115,7 +117,7 @@ class Stepper:
         background = background_of_step(transparent_is_empty(settings), generator)
 
         encoder_input = self.photos[index].encoder_input
-        if (device := encoder_input.device).type != "cpu":  # what the host made is copied there without waiting
+        if (device := encoder_input.device).type != "cpu":  # copied there without waiting, in few copies
             gains = [] if gain is None else [gain]
             on_device, *others = sent_together([torch.tensor(network_rates), *rates.values(), *gains], device)
             network_rates, gain = list(on_device.unbind()), others.pop() if gains else None
@@ -129,18 +131,18 @@ class Stepper:
     ) -> tuple[Reading, StepFacts]:
         """Render a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
-        usual: the picture loss to expect, see `guards`. mask_mean: see `mask_weights`. meanwhile: what the host may do while a GPU is
-        at the step, once or more often; on a CPU it is not called. Returns what was read in the photo, and the facts, as numbers.
+        usual: the usual picture loss, see `guards`. mask_mean: see `mask_weights`. meanwhile: work of the host while a GPU computes the step; called
+        once or more there, and not on a CPU. Returns what was read from the photo, and the facts as numbers.
         """
-        left = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.objective.zero.device)
-        inputs = prepared.inputs(largest_loss=left[0], mask_mean=left[1], neutral=self.model.mean_embedding)
+        largest_loss, mean = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.photos.device).unbind()
+        inputs = prepared.inputs(largest_loss=largest_loss, mask_mean=mean, neutral=self.model.mean_embedding)
         return self._compute(gaussians, inputs, prepared.moment, meanwhile)
 
     def forget(self) -> None:
-        """Keep nothing of the Gaussians: they are about to grow in number, to be removed or replaced."""
+        """Drop what was kept for the present Gaussians, which are about to change in number or to be replaced."""
 
     def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]) -> tuple[Reading, StepFacts]:
-        """The step from here on, by its inputs."""
+        """Take the step with these inputs, and read its facts back."""
         reading, facts = self._learn(gaussians, inputs, moment)
         return reading, StepFacts(*facts.cpu().tolist())
 
@@ -148,17 +150,17 @@ class Stepper:
         """See `threads.beside`."""
         return threads.beside(work)
 
-    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> Found:
-        """What the camera of the step shows."""
-        return Found(self.rasterizer.visible(gaussians.splats, moment.camera))
+    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> InView:
+        """The Gaussians that the step's camera shows."""
+        return InView(self.rasterizer.visible(gaussians.splats, moment.camera))
 
     def _learn(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
-        """The step itself; its facts are one tensor, in the order of StepFacts, and behind them what was `needed`."""
+        """The step itself. Its facts are one tensor, so that they are read back at once: those of StepFacts, then `InView.needed`."""
         model, objective = self.model, self.objective
         if self.optimizer is not None:
             self.optimizer.zero_grad()
 
-        # The photo, read by the encoder, then the gauge. Meanwhile, which Gaussians the photo's camera shows.
+        # Beside the search for the visible Gaussians: the encoder reads the photo, and then the gauge is computed.
         def read_photo() -> tuple[Reading, Target]:
             encoder_input, target = jittered(inputs.encoder_input, inputs.target, inputs.gain)
             return model.read(encoder_input, moment.index), target.over(moment.background)
@@ -169,7 +171,7 @@ class Stepper:
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
 
-        # The visible Gaussians in that look, and their picture. Gradients end in embedding, leaves and probe: zeros added to the centres (px).
+        # Render the visible Gaussians in the photo's look. Gradients end in embedding, leaves and probe (zeros added to the projected centres, px).
         embedding = reading.embedding.detach().requires_grad_()
         sh, residual = model.transfer(TransferInput(leaves["sh"], leaves["means"].detach(), leaves.get("latents")), embedding)
         residual_loss_later = self._beside(lambda: objective.residual(residual, shown))
@@ -187,23 +189,23 @@ class Stepper:
         loss = rendered_loss.detach() + residual_loss + mask_loss.detach() + gauge_loss_later()
         sound = complete & guards.sound(loss, picture_loss.detach(), inputs.largest_loss)
 
-        # The gradients, then the updates.
+        # Gradients, then updates. `sound`, `taken` and `learned` are explained in StepFacts.
         def teach_encoder() -> None:
             backward((reading.embedding, embedding.grad), (mask_loss, None))
 
         taken = learned = sound
-        if not guards.refused(sound):
+        if not guards.known_invalid(sound):
             with network_updates.encoder_backward_beside(teach_encoder, embedding, self._beside):
                 backward((rendered_loss, None), (residual, residual_gradient))
             reached = *leaves.values(), embedding, *model.transfer_parameters()
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
-            if not guards.refused(taken):
+            if not guards.known_invalid(taken):
                 half_size = inputs.view[WIDTH:].float() / 2  # of the picture
                 densify.gather(gaussians, visible.rows, probe.grad, half_size, taken)
                 gaussians.step(visible.rows, leaves, inputs.rates, taken)
-            learned = network_updates.update(self.optimizer, inputs.network_rates, taken)  # not if another gradient overflows
+            learned = network_updates.update(self.optimizer, inputs.network_rates, taken)
 
-        reading = reading.detached()  # which lets autograd's graph go
+        reading = reading.detached()  # frees autograd's graph
         shown_share = objective.zero if reading.mask is None else reading.mask.mean()
         facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
         return reading, torch.stack([fact.double() for fact in (*facts, *needed)])

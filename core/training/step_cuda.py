@@ -1,8 +1,8 @@
-"""Training steps on a GPU, which is told of a whole step at once.
+"""Training steps on a GPU, recorded as a CUDA graph and replayed.
 
-A step starts some 500 kernels, which takes the host longer than the GPU needs for those of a small scene. But between two rounds of density
-control steps differ in nothing but numbers: photos lie on one canvas, and there is room for as many Gaussians as any of them shows. So the kernels
-of one step are recorded, and replayed with other numbers for those that follow.
+A step launches some 500 kernels, and for a small scene launching them takes longer than running them. But between two rounds of density control
+steps differ in nothing but numbers: all photos lie on one canvas, and there is room for as many Gaussians as any of them shows. So the kernels of
+one step are recorded, and replayed with other numbers for the steps that follow.
 """
 
 import math
@@ -21,18 +21,18 @@ from core.training.gaussians.gaussians import Gaussians
 from core.training.guards import StepFacts
 from core.training.losses.canvas import TargetOnCanvas
 from core.training.moment import Moment
-from core.training.step import Found, Result, StepInputs, Stepper
+from core.training.step import InView, Result, StepInputs, Stepper
 
-MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # than one photo shows there is room for: others show more
+MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # times what one photo shows there is room for: others show more
 
 
 @dataclass
 class StepperOnGpu(Stepper):
-    """Takes the steps of Stepper, and replays those that were recorded.
+    """Takes the same steps as Stepper, and replays recorded ones where `_can_be_replayed`.
 
-    Not where rows of a table are chosen by the host, nor where photos share no canvas. situation: of the last step. ran: the kinds of steps that
-    were taken in it: True for those that look at who stands at the front, False for others. The next step of a kind that ran is recorded, with
-    inputs of its own, into which those of later steps are copied.
+    situation: see `_situation`, of the last step. ran: the kinds of steps that ran in this situation, True for those with L_regTS (see
+    `Objective.looks_at_front`), False for those without. The second step of a kind is recorded, with inputs of its own, into which the inputs of
+    later steps are copied.
     """
 
     situation: tuple = ()
@@ -40,7 +40,7 @@ class StepperOnGpu(Stepper):
     ran: set[bool] = field(default_factory=set)
     recordings: dict[bool, tuple[Recording[tuple[Reading, Tensor]], StepInputs]] = field(default_factory=dict)
     recorder: Recorder | None = None
-    records: bool = True  # False once the GPU's memory did not suffice for it
+    records: bool = True  # False once the GPU's memory did not suffice for a recording
 
     def forget(self) -> None:
         self.room = None
@@ -61,7 +61,7 @@ class StepperOnGpu(Stepper):
     def _compute_with_room(
         self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
     ) -> tuple[Reading, StepFacts]:
-        """The step, with as much room as it needs: with too little it is not taken, but tells how much that is."""
+        """Take the step, again with more room where there was too little: such a step changes nothing but tells how much it needs."""
         situation = self._situation(inputs, moment)
         if situation != self.situation:
             self.situation = situation
@@ -83,7 +83,7 @@ class StepperOnGpu(Stepper):
             self._make_room(shown, pairs, inputs.view.device)
 
     def _situation(self, inputs: StepInputs, moment: Moment) -> tuple:
-        """What decides which kernels a step starts, beside the Gaussians and their room."""
+        """What decides which kernels a step launches, beside the Gaussians and their room."""
         return inputs.encoder_input.shape, inputs.target.planes.shape, inputs.gain is None, schedule.begun(self.settings, moment.progress)
 
     def _make_room(self, shown: float, pairs: float, device: torch.device) -> None:
@@ -91,17 +91,19 @@ class StepperOnGpu(Stepper):
         self.room = Room(math.ceil(MORE_GAUSSIANS * shown), int(max(pairs, min(math.ceil(MORE_PAIRS * pairs), most_pairs))))
         self._drop_recordings()
 
-    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> Found:
-        """As much of what the camera shows as there is room for; needed: how many Gaussians and pairs that is in all."""
+    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> InView:
+        """As many of the Gaussians that the camera shows as there is room for; needed: how many Gaussians and pairs it shows in all."""
         visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, inputs.target.planes.shape[1:], self.room)
         shown, pairs = needed.unbind()
-        return Found(visible, shown, (shown <= self.room.gaussians) & (pairs <= self.room.pairs), (shown, pairs))
+        return InView(visible, shown, (shown <= self.room.gaussians) & (pairs <= self.room.pairs), (shown, pairs))
 
     def _beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
         return super()._beside(work) if self.recorder is None else self.recorder.beside(work)
 
     def _can_be_replayed(self, inputs: StepInputs) -> bool:
-        """Whether nothing but numbers differs between this step and another of its kind in the same situation."""
+        """Whether only numbers differ between this step and others of its kind in the same situation: not where the host chooses rows of a table,
+        nor where photos share no canvas.
+        """
         tables = self.model.embedding_table is not None or self.settings.mask == "mlp"
         return self.recorder is not None and self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
 
@@ -118,6 +120,6 @@ class StepperOnGpu(Stepper):
         copies: dict[torch.dtype, list[tuple[Tensor, Tensor]]] = {}
         for pair in zip(own.tensors, inputs.tensors, strict=True):
             copies.setdefault(pair[0].dtype, []).append(pair)
-        for pairs in copies.values():  # those of one type are copied at once
+        for pairs in copies.values():  # one launch for each type
             torch._foreach_copy_(*map(list, zip(*pairs)))
         return recording.replay()

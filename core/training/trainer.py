@@ -30,15 +30,16 @@ from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import PreparedStep, Stepper
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
 
-SKIPS_TO_STOP = 10  # steps of no use in a row that stop the training
-HELD_OUT_PHOTOS = 4  # that a check of quality looks at
-MASK_MEAN_RATE = 0.05  # at which the running mean of all masks moves toward one photo's
-REMEMBERED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")  # kept for `resume`
+SKIPS_TO_STOP = 10  # invalid steps in a row after which training stops
+HELD_OUT_PHOTOS = 4  # photos in a check of held-out quality
+MASK_MEAN_RATE = 0.05  # weight of one photo's mask in the running mean of all masks
+# The trainer's own attributes that a checkpoint holds, beside Gaussians, model, optimizer and random generator.
+CHECKPOINTED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")
 
 
 @dataclass(frozen=True)
-class Ahead:
-    """The next step as it was prepared, and the state from which it would be prepared again: photos to come, and random numbers."""
+class Draw:
+    """A prepared step, and the state it was drawn from: the photos left in this round through all photos, and the random generator's."""
 
     step: PreparedStep
     order: list[int]
@@ -71,10 +72,10 @@ COLUMNS = tuple(item.name for item in dataclasses.fields(StepReport) if item.nam
 
 
 class Trainer:
-    """One run. Bit for bit the same on a CPU whether or not it was interrupted and resumed.
+    """One run. On a CPU, interrupting and resuming it changes no bit of the result.
 
     settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for a resumed run.
-    report: hears how far photos are decoded, and what takes its time in a long step.
+    report: is told how far the decoding of photos is, and what a long step is busy with.
     """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET):
@@ -82,7 +83,7 @@ class Trainer:
         self.collection, self.folder, self.report = collection, folder, report
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        # Written down: a run is resumed only on the device it began on, and the sizes of its photos follow from that wherever it is used.
+        # The device is recorded: a run is resumed only on the one it began on, and the sizes of its photos follow from it.
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
@@ -97,7 +98,7 @@ class Trainer:
         self.photos.share_canvas = self.on_cuda_kernels and not self.transparent_is_empty
         self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty)
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
-        if self.model.encoder is not None:  # on the CPU, for every device: the signs of principal components turn with the last digit
+        if self.model.encoder is not None:  # on the CPU, whatever the device: rounding decides the signs of principal components
             self.model.encoder.start_apart(sized.encoder_input.cpu() for sized in self.photos)
         self.model.to(self.device)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
@@ -108,7 +109,7 @@ class Trainer:
         self.done = 0
         self.seconds = 0.0
         self.order: list[int] = []
-        self.ahead: Ahead | None = None
+        self.ahead: Draw | None = None  # the next step, if it was prepared while a GPU computed the last one
         self.mask_mean = 1.0
         self.last_losses: list[float | None] = [None] * len(self.photos)
         self.skipped = 0
@@ -117,7 +118,7 @@ class Trainer:
 
     @classmethod
     def of_new_run(cls, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET) -> "Trainer":
-        """A trainer whose run folder is made, too, with the settings as they were decided."""
+        """A trainer, and a run folder made for it with the settings as they were decided."""
         trainer = cls(collection, settings, folder, report)
         run_folders.create(folder, collection, trainer.settings, trainer.decisions)
         return trainer
@@ -133,7 +134,7 @@ class Trainer:
     # --- the loop
 
     def train(self) -> Iterator[StepReport]:
-        """Run to the last step, yielding a report after each; checkpoints and history.csv are written on the way."""
+        """Take all remaining steps, yielding a report after each; checkpoints and history.csv are written on the way."""
         settings = self.settings
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
@@ -152,8 +153,8 @@ class Trainer:
             yield report
 
     def step(self) -> StepReport:
-        """One photo, one update of everything."""
-        # What starts a GPU's kernels is Python, of which only one thread can run at a time.
+        """Train on one photo; density control and checkpoints are left to `train`."""
+        # A GPU's kernels are launched from Python, which runs one thread at a time.
         with threads_for_blocks() if self.device.type == "cpu" else one_torch_thread():
             return self._step()
 
@@ -163,8 +164,8 @@ class Trainer:
         index = now.step.moment.index
         try:
             reading, facts = self.stepper.take(self.gaussians, now.step, usual, self.mask_mean, self._prepare_ahead)
-        except Exception:  # of a step for which there is no room: what is saved then goes on with this very step
-            self._go_back_to(now.order, now.random_state)
+        except Exception:  # such as out of memory: the checkpoint that is saved then resumes with this very step
+            self._undo_draw(now.order, now.random_state)
             raise
         self.done += 1
         fault = guards.fault(facts, usual)
@@ -187,7 +188,7 @@ class Trainer:
         )
 
     def _watch_masks(self, shown_share: float, progress: float) -> list[str]:
-        """Let a photo's mask enter the running mean; a line, once, when masks come to hide too much."""
+        """Update the running mean of the masks; a warning, once, if they hide too much."""
         if progress < self.settings.mask_start:
             return []
         self.mask_mean += MASK_MEAN_RATE * (shown_share - self.mask_mean)
@@ -201,12 +202,13 @@ class Trainer:
         ]
 
     def _skip(self, index: int, fault: str, outcome: str) -> str:
+        """Count an invalid step; its warning, or, after SKIPS_TO_STOP of them in a row, a checkpoint and TrainingStopped."""
         name = self.photos[index].photo.name
         self.skipped += 1
         self.skipped_in_a_row += 1
         if self.skipped_in_a_row >= SKIPS_TO_STOP:
-            self.skipped_in_a_row = 0  # a run that goes on from here is given as many again
-            self.change_gaussians()  # what is due after this step: a run that goes on from here begins with the next
+            self.skipped_in_a_row = 0  # once resumed, the run may skip as many again
+            self.change_gaussians()  # now, because the resumed run begins with the next step
             path = self.save()
             raise TrainingStopped(
                 f"{SKIPS_TO_STOP} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",
@@ -214,77 +216,77 @@ class Trainer:
             )
         return f"Step {self.done} {outcome}: its {fault} (photo {name})."
 
-    def _prepare(self, done: int) -> Ahead:
-        """The step after `done` others, of the photo that it takes off `order`."""
+    def _prepare(self, done: int) -> Draw:
+        """Prepare the step after `done` others, on the next photo of `order`."""
         order, random_state = list(self.order), self.generator.get_state()
         try:
             if not self.order:
                 self.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
-            return Ahead(self.stepper.prepare(self.gaussians, self.order.pop(), done), order, random_state)
-        except Exception:  # there may be no room for the photo
-            self._go_back_to(order, random_state)
+            return Draw(self.stepper.prepare(self.gaussians, self.order.pop(), done), order, random_state)
+        except Exception:  # such as out of memory
+            self._undo_draw(order, random_state)
             raise
 
     def _prepare_ahead(self) -> None:
-        """Prepare the step after the one that a GPU is at, which does not need the host meanwhile."""
+        """Prepare the next step while a GPU computes this one."""
         if self.ahead is None and self.done + 1 < self.settings.steps:
-            with suppress(Exception):  # it will be met again when that step is due
+            with suppress(Exception):  # if it persists, it is raised when that step is prepared in its turn
                 self.ahead = self._prepare(self.done + 1)
 
-    def _put_back(self) -> None:
-        """Undo what was prepared ahead, before the state of the run is looked at, or the Gaussians change in number."""
+    def _undo_ahead(self) -> None:
+        """Undo the preparation of the next step, so that `order` and the random generator are as the last step left them."""
         if self.ahead is not None:
-            self._go_back_to(self.ahead.order, self.ahead.random_state)
+            self._undo_draw(self.ahead.order, self.ahead.random_state)
 
-    def _go_back_to(self, order: list[int], random_state: Tensor) -> None:
+    def _undo_draw(self, order: list[int], random_state: Tensor) -> None:
         self.order, self.ahead = order, None
         self.generator.set_state(random_state)
 
-    def _forget(self) -> None:
-        """Let nothing remain that was prepared for these Gaussians, which are about to change in number or to be replaced."""
-        self._put_back()
+    def _before_other_gaussians(self) -> None:
+        """Drop what depends on the present Gaussians, which are about to change in number or to be replaced."""
+        self._undo_ahead()
         self.stepper.forget()
 
     def change_gaussians(self) -> list[str]:
-        """Density control where it is due after this step; a line if that leaves none."""
+        """Density control, if it is due after this many steps; a warning if only the sky is left."""
         if not self.density.is_due(self.done):
             return []
-        self._forget()
+        self._before_other_gaussians()
         return self.density.change(self.gaussians, self.done, self.mask_mean)
 
     # --- quality, checkpoints
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
-        """Mean PSNR (dB) and SSIM of a few test photos."""
+        """Mean PSNR (dB) and SSIM of HELD_OUT_PHOTOS test photos; (None, None) without any."""
         background = background_of_figures(self.transparent_is_empty)
         return held_out.quality(self.held_out, self.gaussians, self.model, self.rasterizer, background)
 
     def save(self) -> Path:
-        """Write a checkpoint that `resume` continues from bit for bit."""
-        self._put_back()
+        """Write a checkpoint from which `resume` continues, bit for bit on a CPU."""
+        self._undo_ahead()
         parts = {"gaussians": self.gaussians.tensors(), "model": self.model.state_dict(), "random": {"generator": self.generator.get_state()}}
         if self.optimizer is not None:
             parts["optimizer"] = checkpoint.optimizer_tensors(self.optimizer)
         if self.done == self.settings.steps and len(self.model.met_embeddings):
             parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(sized.encoder_input for sized in self.photos)))
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
-        facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in REMEMBERED}}
+        facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in CHECKPOINTED}}
         facts["photos"] = [sized.photo.name for sized in self.photos]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:
-        """Take over the state of a checkpoint of the same collection and settings; KeyError, ValueError or RuntimeError if it is of others."""
-        remembered, photos = saved.facts["trainer"], len(self.photos)
-        if len(remembered["last_losses"]) != photos or not set(remembered["order"]) <= set(range(photos)):
+        """Restore the state of a checkpoint; KeyError, ValueError or RuntimeError if it is of another collection or other settings."""
+        attributes, photos = saved.facts["trainer"], len(self.photos)
+        if len(attributes["last_losses"]) != photos or not set(attributes["order"]) <= set(range(photos)):
             raise ValueError(f"losses or an order of other photos than these {photos}")
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:
             raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
-        self._forget()
+        self._before_other_gaussians()
         self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
-        for name in REMEMBERED:
-            setattr(self, name, remembered[name])
+        for name in CHECKPOINTED:
+            setattr(self, name, attributes[name])

@@ -1,4 +1,4 @@
-"""Where to look in a photo: channel attention and the U-Net mask (paper, section on simultaneous prediction)."""
+"""Channel attention and the U-Net that predicts the mask, which is spatial attention as well (paper, section IV-B)."""
 
 import torch
 import torch.nn.functional as F
@@ -6,8 +6,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 REDUCTION = 4  # hidden units of the channel attention are this many times fewer than its channels
-STATIC_LOGIT = 3.0  # masks start near sigmoid(3) = 0.95: nothing is hidden before something was learned
-LAST_LAYER_GAIN = 0.1  # and nearly flat
+STATIC_LOGIT = 3.0  # masks start near sigmoid(3) = 0.95, so that nothing is hidden before something was learned,
+LAST_LAYER_GAIN = 0.1  # and nearly flat: the last layer's initial weights are scaled by this
 
 
 def rectified(layer: nn.Module) -> nn.Module:
@@ -22,7 +22,7 @@ def rectified(layer: nn.Module) -> nn.Module:
 
 
 class ChannelAttention(nn.Module):
-    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F, one weight per channel; the two-layer MLP is shared.
+    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F (paper, eqs. 15 and 16): one weight per channel, from one two-layer MLP.
 
     The paper writes the attention map as C x 1 x H'; pooling over space leaves C x 1 x 1.
     """
@@ -38,7 +38,7 @@ class ChannelAttention(nn.Module):
 
 
 class MaskUNet(nn.Module):
-    """M = UNet(F'): two convolutions down, two transposed ones up, one skip; 1 = static, 0 = transient."""
+    """M = UNet(F') (paper, eq. 17): two convolutions down, two transposed ones up, one skip; 1 = static, 0 = transient."""
 
     def __init__(self, channels: int):
         super().__init__()

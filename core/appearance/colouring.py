@@ -9,14 +9,14 @@ from torch import Tensor
 
 Weights = dict[str, Tensor]  # a tensor for some parameters of the SH transfer, by their names in it: their values, changes or spreads
 UNCHANGED: Weights = {}
-EVEN = torch.ones(2, 3)  # the tone that changes nothing
+EVEN = torch.ones(2, 3)  # the tone that changes nothing: gains of 1
 
 
 class Colouring(NamedTuple):
-    """What turns base coefficients into those of a look: its embedding, and what a photo's look may have beyond all that embeddings express.
+    """What turns base coefficients into those of a look: its embedding, and what no embedding can express.
 
-    tone: gains of place and sky (core.appearance.tone), for a photo in a light that no training photo has, and where a look is refined against
-    its photo. changes: what is added to weights of the SH transfer by such a refinement.
+    tone: gains of place and sky (core.appearance.tone), for a photo in a light that no training photo has, or of a refinement. changes: what a
+    refinement added to weights of the SH transfer.
     """
 
     embedding: Float[Tensor, " e"]

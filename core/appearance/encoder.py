@@ -14,8 +14,8 @@ from core.system.threads import one_torch_thread
 
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms per photo on one core
 WEAK_COMPONENT = 0.4  # of the strongest: what varies less between photos is amplified less
-UNSEEN = 1e-6  # weight of a cell that the mask hides altogether: a band of such cells has a colour, too
-ALIKE = 0.01  # of the mean feature: what varies less is no light; photos of real collections vary by 0.1 and more
+UNSEEN = 1e-6  # added to the weights of cells, so that a band which the mask hides altogether has a colour, too
+ALIKE = 0.01  # of the norm of the mean summary: variation below this is not light; photos of real collections vary by 0.1 and more
 
 
 def shrink(photo: Float[Tensor, "3 h w"], side_px: int) -> Float[Tensor, "3 s s"]:
@@ -41,7 +41,7 @@ def mask_size(photo: Float[Tensor, "3 h w"]) -> tuple[int, int]:
 
 
 class Enc1(nn.Sequential):
-    """F = Enc1(I): three convolutions to 1/4 resolution, sizes rounded up."""
+    """F = Enc1(I) (paper, eq. 14): three convolutions to 1/4 resolution, sizes rounded up."""
 
     def __init__(self):
         first, second, third = CHANNELS
@@ -59,10 +59,10 @@ class Enc1(nn.Sequential):
 
 
 def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4"], bands: int) -> Float[Tensor, " b"]:
-    """The mean colours of as many horizontal bands of the photo, red of all bands first, each cell counting by its weight."""
+    """The mean colours of `bands` horizontal bands of the photo, red of all bands first. weight: how much each cell of 4 x 4 pixels counts."""
     if not bands:
         return photo.new_zeros(0)
-    weight = weight.detach() + UNSEEN  # nothing is learned by it: a mask is not to hide what would make a better embedding
+    weight = weight.detach() + UNSEEN  # detached: a mask must not learn to hide things for the sake of the embedding
     cells = F.adaptive_avg_pool2d(photo[None], weight.shape[2:])
     sums, weights = (F.adaptive_avg_pool2d(values, (bands, 1)) for values in (cells * weight, weight))
     return (sums / weights).flatten()
@@ -71,8 +71,8 @@ def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4
 class Enc2(nn.Module):
     """l = Enc2(M * F' + F, I, M): three convolutions, the average over space, one linear layer to the embedding.
 
-    Beside those averages the linear layer sees the photo's colours from top to bottom (`band_colours`). Learned features
-    may know a collection's few photos by heart; how bright the sky is and where, and the ground beneath it, they cannot.
+    The paper's eq. 19 has no I and M. Here the linear layer also sees the photo's colours from top to bottom (`band_colours`): learned features can
+    memorise a collection's few photos, but how bright the sky and the ground are cannot be memorised.
     """
 
     def __init__(self, embedding_size: int, bands: int):
@@ -83,7 +83,7 @@ class Enc2(nn.Module):
         self.embedding = nn.Linear(channels + 3 * bands, embedding_size)
 
     def summary(self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]) -> Float[Tensor, " d"]:
-        """What the embedding is a linear map of. static: the mask that weighs the photo's colours."""
+        """The input of the linear layer. static: the mask that weighs the photo's colours."""
         colours = band_colours(photo, static, self.bands)
         for convolution in self.convolutions:
             features = F.relu(convolution(features))
@@ -98,8 +98,8 @@ class Enc2(nn.Module):
         0.7 (standard deviation), the others by less.
 
         Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run. Data-dependent
-        initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and those of
-        a single photo or of equal ones not by the inverse of nothing.
+        initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and where
+        photos do not differ at all, nothing is divided by zero.
         """
         centre = summaries.mean(dim=0)
         _, strengths, directions = torch.linalg.svd(summaries - centre, full_matrices=False)
@@ -145,7 +145,7 @@ class PhotoEncoder(nn.Module):
     def attend(
         self, photo: Float[Tensor, "3 h w"], masked: bool
     ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, "1 1 h4 w4"], Float[Tensor, "1 1 h4 w4"] | None]:
-        """M * F' + F, the M that it was made with, and the mask."""
+        """M * F' + F, the M in it, and the mask: that M, but where `masked` is False M is 1, and without a U-Net there is no mask."""
         features = self.enc1(photo)
         if not self.attends:
             return features, torch.ones_like(features[:, :1]), None
@@ -168,7 +168,7 @@ class PhotoEncoder(nn.Module):
 
 
 class PlainMask(nn.Module):
-    """The ablation's CNN mask: the same layers as Enc1 and UNet, on their own, acting as no one's attention."""
+    """The ablation's CNN mask: the same layers as Enc1 and UNet, but apart from the encoder, so that the mask is nobody's attention."""
 
     def __init__(self):
         super().__init__()

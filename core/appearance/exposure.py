@@ -11,7 +11,7 @@ from core.scene.harmonics import SH_0
 
 
 class ExposureTransfer(nn.Module):
-    """colour' = A colour + b, with A = 1 + W_A l + c_A and b = W_b l + c_b: one linear layer and its bias, the identity at the start.
+    """colour' = A colour + b, with A = 1 + W_A l + c_A and b = W_b l + c_b: one linear layer with bias; initially the identity.
 
     colour = 0.5 + sum_c Y_c sh_c is linear in the coefficients, so the map is exact on them:
     sh' = A sh, and the DC coefficient also gets (A 0.5 + b - 0.5) / Y_0. (It maps colours before the clamp at 0.)

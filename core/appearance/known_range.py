@@ -1,7 +1,7 @@
-"""The known range: where the embeddings of the training photos lie, and with them all looks that were trained.
+"""The known range: the ellipsoid of the training photos' embeddings, which are all that the SH transfer was trained on.
 
-Beyond it the SH transfer makes up colours: a night photo among eight of daylight lay six times as far out as its end, and turned a white church
-green. The limit changes the figures of held-out photos by no more than 0.02 dB (plaza, Liberty).
+Beyond it the SH transfer makes up colours: the embedding of a night photo, for a run on eight photos of daylight, lay six times as far out, and
+turned a white church green. The limit changes the figures of held-out photos by no more than 0.02 dB (plaza, Liberty).
 """
 
 from dataclasses import dataclass

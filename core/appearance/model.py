@@ -1,4 +1,4 @@
-"""The appearance model: what a photo tells of its look, the Gaussians in that look, and the bake after which appearance is over."""
+"""The appearance model: from a photo to its embedding and mask, and from an embedding to the Gaussians in that look."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ LEAST_WINDOW = 64  # and this many steps: over fewer, the exposure jitter of sin
 
 @dataclass(frozen=True)
 class Reading:
-    """What is read in a photo: its embedding, and its mask: 1 = static, 0 = transient, at 1/4 of the shrunk photo's size, rounded up."""
+    """What the model reads from a photo: its embedding and its mask (1 = static, 0 = transient, at 1/4 of the shrunk photo's size, rounded up)."""
 
     embedding: Float[Tensor, " e"]
     mask: Float[Tensor, "1 h w"] | None
@@ -36,12 +36,12 @@ class Reading:
 
 
 class AppearanceModel(nn.Module):
-    """Everything about looks that is learned, built from the settings; what they switch off does not exist.
+    """All that is learned about looks, built from the settings; parts that are switched off do not exist.
 
-    photo_names: the photos that tables (GLO embeddings, MLP masks) have rows for, in the order of those rows.
-    mean_embedding: the running mean of `remember`, the neutral look; zeros before the first. met_embeddings: one row per
-    training photo, the last one remembered, or the very first for photos not met yet; none unless an encoder gives embeddings.
-    finished_embeddings: those of `meet_as_finished`, two rows per training photo; None before. They are no part of the state.
+    photo_names: the training photos; row i of any table (GLO embeddings, MLP masks, met_embeddings) is that of photo_names[i].
+    mean_embedding: the running mean over training steps (`remember`), which is the neutral look; zeros before the first step. met_embeddings:
+    each photo's embedding when it was last trained on, or, until then, the first photo's; no rows unless an encoder gives embeddings.
+    finished_embeddings: two rows per photo, see `meet_as_finished`; None before. Not part of the state dict.
     """
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
@@ -73,17 +73,18 @@ class AppearanceModel(nn.Module):
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
     def _apply(self, function, recurse: bool = True) -> "AppearanceModel":
-        """As torch's, which `to` calls; but the count stays on the CPU, where it is read: else a step would wait for the GPU."""
+        """As torch's, which `to` calls, but `remembered` stays on the CPU: reading it on a GPU would make every step wait."""
         super()._apply(function, recurse)
         self.remembered = self.remembered.cpu()
         return self
 
     def read(self, picture: Float[Tensor, "3 h w"], row: int | None = None) -> Reading:
-        """What a photo of the collection tells of its look ([0, 1], any size; shrunk here, which leaves an already shrunk one as it is).
+        """The embedding and mask of a photo of the scene.
 
-        row: its place in `photo_names`, or None for one that was not trained on. The embedding of such a photo is held
-        within `known_range`. A GLO table knows nothing of it: its embedding is the mean, the place to start a refinement. Without
-        appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
+        picture: [0, 1], any size; it is shrunk here, and one that is shrunk already stays as it is. row: its place in `photo_names`, or None for
+        a photo that was not trained on. The embedding of such a photo is held within `known_range`; with a GLO table, which has no row for it, its
+        embedding is the mean, where a refinement can start. Without appearance the embedding is the mean too (zeros). Raises BadInput for a row
+        that does not exist.
         """
         if row is not None and not 0 <= row < len(self.photo_names):
             raise BadInput(f"There is no photo {row} among {len(self.photo_names)}.", "Count from 0.")
@@ -104,9 +105,9 @@ class AppearanceModel(nn.Module):
 
     @torch.no_grad()
     def embedding_from_outside(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
-        """The embedding of a photo of another place or from elsewhere, wherever it lies; the mean where no encoder gives any.
+        """The embedding of a photo from outside the collection, not held within `known_range`; the mean where no encoder gives any.
 
-        Encoded with M := 1 (paper, unseen appearance transfer): of another place the mask may hide the night sky.
+        Encoded with M := 1 (paper, section V-G): in a photo of another place the mask may hide the night sky.
         """
         if self.encoder is None:
             return self.mean_embedding
@@ -118,14 +119,14 @@ class AppearanceModel(nn.Module):
     def encoded(self, pictures: Iterable[Float[Tensor, "3 h w"]]) -> tuple[Float[Tensor, "k e"], Float[Tensor, "k e"]]:
         """The embeddings of the training photos, in the order of their rows: as photos of the collection, and as from outside.
 
-        `met_embeddings` are those of the steps that met the photos: of other weights, and of other exposures.
+        `met_embeddings` differ from these: they come from earlier weights and from photos in random exposures.
         """
         both = [(self.read(picture, row).embedding, self.embedding_from_outside(picture)) for row, picture in enumerate(pictures)]
         masked, unmasked = zip(*both)
         return torch.stack(masked), torch.stack(unmasked)
 
     def meet_as_finished(self, masked: Float[Tensor, "k e"], unmasked: Float[Tensor, "k e"]) -> None:
-        """Know the training photos by what `encoded` gave at the end of training, so that `known_range` takes in these photos read either way."""
+        """Use what `encoded` gave at the end of training as `known_embeddings`, so that `known_range` holds the training photos read either way."""
         self.finished_embeddings = torch.cat([masked, unmasked])
 
     def transfer(
@@ -143,11 +144,11 @@ class AppearanceModel(nn.Module):
 
     @property
     def predicts_residuals(self) -> bool:
-        """Whether `transfer` adds something to the base, which can be regularised."""
+        """Whether `transfer` adds a residual to the base, which can be regularised."""
         return self.sh_transfer is not None and (self.settings.appearance != "full" or self.settings.residual)
 
     def given_spread(self) -> Weights:
-        """How widely the weights that embeddings give differ between the training photos; see SHTransfer.given_spread."""
+        """The standard deviation, over the training photos, of the weights that embeddings give; see SHTransfer.given_spread."""
         with one_torch_thread():  # more would round differently
             return UNCHANGED if self.sh_transfer is None else self.sh_transfer.given_spread(self.known_embeddings)
 
@@ -168,29 +169,29 @@ class AppearanceModel(nn.Module):
         latents: Float[Tensor, "n l"] | None = None,
         changes: Weights = UNCHANGED,
     ) -> Splats:
-        """The Gaussians in one look, without a gradient; on the CPU in float32 the same as by `transfer`, bit for bit."""
+        """The Gaussians in one look, without a gradient; for float32 on the CPU, the SH are those of `transfer`, bit for bit."""
         splats = splats.detached()
         given = TransferInput(splats.sh, splats.means, latents), embedding, changes
         return splats.with_sh(self.sh_transfer.added(*given) if self.predicts_residuals else self.transfer(*given)[0])
 
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:
-        """Those of the training photos, as finished, from the table, or as last met: none without appearance, and before the first photo is met."""
+        """The embeddings of the training photos: finished ones, else the table's, else as last met. None without appearance and before training."""
         if self.finished_embeddings is not None:
             return self.finished_embeddings
         known = self.met_embeddings if self.embedding_table is None else self.embedding_table.detach()
         return known if self.remembered else known[:0]
 
     def known_range(self) -> KnownRange:
-        """Where looks may lie: anywhere while no embedding is known. Costs a singular value decomposition of the known ones."""
+        """Where embeddings may lie: anywhere while none is known. Costs a singular value decomposition of the known ones."""
         return KnownRange.of(self.known_embeddings)
 
     @torch.no_grad()
     def remember(self, embedding: Float[Tensor, " e"], row: int) -> None:
         """Let the embedding of a training photo enter `met_embeddings` and `mean_embedding`.
 
-        The mean is an exponential moving average corrected for its start. With decay d the t-th embedding enters with weight
-        (1 - d) / (1 - d^t), 1 for the first: Adam's correction of the start (its section 3), written for the corrected mean.
+        The mean is an exponential moving average with bias correction. With decay d the t-th embedding enters with weight
+        (1 - d) / (1 - d^t), 1 for the first: the correction of Adam (Kingma & Ba 2015, section 3), written for the corrected mean.
         """
         if not self.remembered:
             self.met_embeddings[:] = embedding

@@ -33,7 +33,7 @@ class TransferInput:
 
 
 class SHTransfer(nn.Module):
-    """delta = bound * tanh(G(gamma(sh), z, gamma(mu), l) / bound), an MLP: the paper's eq. for Delta sh_jk; sh' itself where `residual` is off.
+    """delta = bound * tanh(G(gamma(sh), z, gamma(mu), l) / bound), G an MLP (paper, eq. 9: Delta sh_jk); sh' itself where `residual` is off.
 
     gamma(sh): the coefficients, with `sh_octaves` octaves. gamma(mu): centres contracted into [-1, 1], with
     `position_octaves` octaves. z: a latent of `latent_size` numbers per Gaussian, if that is not 0. The view direction is no
@@ -148,12 +148,12 @@ class SHTransfer(nn.Module):
 
 
 def changed(weight: Tensor, name: str, changes: Weights) -> Tensor:
-    """The weight or bias of this name, with its change if it has one."""
+    """The weight or bias `name`, plus its change if it has one."""
     return weight + changes[name] if name in changes else weight
 
 
 def require(what: str, given: int, expected: int) -> None:
-    """Raise BadInput unless as many of these are given as the transfer was trained on."""
+    """Raise BadInput unless `given` is the number of `what` that the transfer was trained on."""
     if given != expected:
         raise BadInput(
             f"The SH transfer was trained on {expected} {what} and got {given}.",

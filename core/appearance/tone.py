@@ -1,8 +1,8 @@
 """The tone of a photo whose light no look holds: one gain of the sky and one of the place, per channel.
 
-In training the encoder saw every photo in other exposures and white balances, and its target with it. So a gain may be taken off a
-photo before it is encoded, and put on the Gaussians of the look that comes of it: colours are linear in their coefficients. Sky and
-place have one each: at night the one is black and the other lit.
+Training jitters exposure and white balance of each photo, for the encoder and as the target alike. So a gain may be divided out of a photo
+before it is encoded, and applied to the Gaussians of the look that results: colours are linear in their coefficients. Sky and place have one
+each: at night the sky is black and the place is lit.
 """
 
 import torch
@@ -14,10 +14,10 @@ from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 
 BANDS = 4  # horizontal ones of a photo, whose mean colours tell sky from place
-TOWARD_ONE = 0.1  # what a share of a band must be to move a gain half the way; 0.05 to 0.4 are within 0.1 dB of each other
-LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4  # darker is nearly black in 8 bits; brighter than the jitter of training is nothing that looks know
-ROUNDS = 100  # of the descent in two numbers
-DIM = 1e-6  # keeps 0 / 0 at a gain of 1, in bands where views show nothing
+TOWARD_ONE = 0.1  # the share of a band that moves a gain half of the way from 1; 0.05 to 0.4 are within 0.1 dB of each other
+LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4  # darker is nearly black in 8 bits; brighter is beyond the jitter of training, which is clamped here, too
+ROUNDS = 100  # of coordinate descent
+DIM = 1e-6  # makes 0 / 0 a gain of 1, in bands where views show nothing
 
 
 def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:

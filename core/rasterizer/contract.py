@@ -44,9 +44,9 @@ def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
 class Visible:
     """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
 
-    known: what the backend has found out about them, in a form of its own. Given back to `render` with exactly these Gaussians (in any look) and
-    this view, it need not be found out again. On a CPU it is their tile lists; on a GPU the largest number of pairs of a Gaussian and a tile that
-    there can be, for which the host would otherwise have to wait. The reference keeps nothing.
+    known: what the backend has computed about them, in a form of its own, for calls of `render` with exactly these Gaussians (in any look) and
+    this view. On a CPU their tile lists; on a GPU the view and an upper bound on the number of pairs of a Gaussian and a tile, for which the host
+    would otherwise have to wait. The reference keeps nothing.
     """
 
     rows: Int[Tensor, " v"]

@@ -1,4 +1,4 @@
-"""How much of each Gaussian many views show together: what is worth keeping, and what stands in the way."""
+"""How much each Gaussian contributes to a set of views: which are worth keeping, and which block the view."""
 
 from collections.abc import Callable, Collection
 
@@ -16,7 +16,7 @@ from core.scene.splats import Splats
 def largest_contributions(splats: Splats, cameras: Collection[Camera], rasterizer: Rasterizer, told: Told = unheard) -> Float[Tensor, " n"]:
     """The largest contribution alpha T of each Gaussian to any pixel of any view, in [0, 1]; it does not depend on the look.
 
-    RadSplat, section 4.2, calls it the importance score. told: of the views done.
+    RadSplat, section 4.2, calls it the importance score. told: called with the number of views done.
     """
     return _largest(rasterizer.contributions, splats, cameras, told)
 
@@ -40,8 +40,8 @@ def _largest(
 def shares_of_picture(splats: Splats, camera: Camera, rasterizer: Rasterizer, *parts: Bool[Tensor, "h w"]) -> Float[Tensor, "k n"]:
     """The share of the whole picture that each Gaussian makes up: of all its pixels, and of those in each of up to two `parts`; in [0, 1].
 
-    A picture is linear in the colours. So the gradient of a channel's sum over some pixels by a Gaussian's colour is what the Gaussian weighs in
-    these pixels, and each of the three channels answers for other pixels.
+    A picture is linear in the colours. So the gradient of a channel's sum over some pixels by a Gaussian's colour is the Gaussian's weight in
+    these pixels; each of the three channels sums over other pixels.
     """
     white = splats.detached().marked(slice(None))
     white.sh.requires_grad_()

@@ -1,6 +1,6 @@
 """A picture's cells (core.scene.cells) as a linear map of the Gaussians' colours.
 
-Whoever compares many looks with one photo projects, sorts and blends once: what a cell shows of a Gaussian is the same in every look.
+To compare many looks with one photo, project, sort and blend once: how much of a Gaussian a cell shows is the same in every look.
 """
 
 from collections.abc import Callable

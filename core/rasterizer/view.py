@@ -1,4 +1,4 @@
-"""A camera as a short array of numbers: for the CUDA kernels and, on a CPU as well, for what else a training step takes of it."""
+"""A camera as an array of 25 numbers: for the CUDA kernels and, on either device, for L_regTS and density control."""
 
 import torch
 from jaxtyping import Float
@@ -7,11 +7,11 @@ from torch import Tensor
 from core.rasterizer.contract import jacobian_limits
 from core.scene.camera import Camera
 
-# Where what stands in the array.
+# Positions in the array.
 ROTATION = 0  # world to camera, three rows of three
 CENTRE = 9  # scene units
-# What float32 rounds off the centre. Kernels read the array in float32 and take both from a mean: good to 14 digits, so that far from the origin
-# nothing is lost.
+# What float32 rounds off the centre. Kernels read the array in float32 and subtract both parts from a mean: together they have 14 digits, so that
+# nothing is lost far from the origin.
 CENTRE_REST = 12
 FOCAL_X, FOCAL_Y, MIDDLE_X, MIDDLE_Y = 15, 16, 17, 18  # px
 LEFT, RIGHT, TOP, BOTTOM = 19, 20, 21, 22  # x / z and y / z are clamped to these in the Jacobian, see `jacobian_limits`

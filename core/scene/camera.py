@@ -38,7 +38,7 @@ class Camera:
     height: int
 
     def numbers(self) -> list[float]:
-        """All that it is, as numbers in a fixed order."""
+        """All its fields as numbers, in a fixed order."""
         lens = [self.fx, self.fy, self.cx, self.cy, self.width, self.height]
         return [float(number) for number in (*lens, *self.world_to_camera.ravel(), *self.centre)]
 

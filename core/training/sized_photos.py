@@ -177,7 +177,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
     def target(self, index: int, factor: int) -> tuple[Camera, Target]:
         """The photo as a training target, shrunk by `factor`, and its camera at that size."""
         camera = self.photos[index].camera
-        if factor != self._factor:  # from coarse to fine: those of the last one have had their time
+        if factor != self._factor:  # it only changes from coarse to fine: the smaller targets are not needed again
             self._targets.clear()
             self._factor, self._bytes = factor, 0
         if index not in self._targets:

@@ -40,7 +40,7 @@ class StepInputs:
 
     encoder_input: the photo as the encoder takes it. target: the photo as the picture loss takes it. gain: (3,), a random exposure for both, or
     None. view: the camera, see core.rasterizer.view. rates: learning rates of the Gaussians, see `learning_rates`. network_rates: learning rates
-    of the networks, see `network_updates.rates_at`. gauge_rows: see `Objective.drawn_for_gauge`. The rest follows from the steps before:
+    of the networks, see `network_updates.rates_at`. gauge_rows: see `Objective.draw_gauge_rows`. The rest follows from the steps before:
     largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. neutral: (e,), the mean embedding.
     """
 
@@ -113,7 +113,7 @@ class Stepper:
         camera, target = self.photos.target(index, schedule.shrink_factor(settings, progress))
         gain, view, rates = draw_gain(settings, generator), view_of(camera), learning_rates(settings, progress)
         network_rates = network_updates.rates_at(self.optimizer, progress)
-        gauge_rows = self.objective.drawn_for_gauge(gaussians, generator)
+        gauge_rows = self.objective.draw_gauge_rows(gaussians, generator)
         background = background_of_step(transparent_is_empty(settings), generator)
 
         encoder_input = self.photos[index].encoder_input

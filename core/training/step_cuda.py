@@ -31,7 +31,7 @@ class StepperOnGpu(Stepper):
     """Takes the same steps as Stepper, and replays recorded ones where `_can_be_replayed`.
 
     situation: see `_situation`, of the last step. ran: the kinds of steps that ran in this situation, True for those with L_regTS (see
-    `Objective.looks_at_front`), False for those without. The second step of a kind is recorded, with inputs of its own, into which the inputs of
+    `Objective.has_transient_loss`), False for those without. The second step of a kind is recorded, with inputs of its own, into which the inputs of
     later steps are copied.
     """
 
@@ -69,13 +69,13 @@ class StepperOnGpu(Stepper):
         if self.room is None:
             visible = self.rasterizer.visible(gaussians.splats, moment.camera)
             self._make_room(len(visible.rows), visible.known.pairs, inputs.view.device)
-        looks_at_front = self.objective.looks_at_front(moment)
+        has_transient_loss = self.objective.has_transient_loss(moment)
         while True:
-            if looks_at_front in self.ran and self._can_be_replayed(inputs):
-                reading, facts = self._replay(looks_at_front, gaussians, inputs, moment)
+            if has_transient_loss in self.ran and self._can_be_replayed(inputs):
+                reading, facts = self._replay(has_transient_loss, gaussians, inputs, moment)
             else:
                 reading, facts = self._learn(gaussians, inputs, moment)
-            self.ran.add(looks_at_front)
+            self.ran.add(has_transient_loss)
             meanwhile()
             *facts, shown, pairs = facts.cpu().tolist()
             if shown <= self.room.gaussians and pairs <= self.room.pairs:
@@ -107,16 +107,16 @@ class StepperOnGpu(Stepper):
         tables = self.model.embedding_table is not None or self.settings.mask == "mlp"
         return self.recorder is not None and self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
 
-    def _replay(self, looks_at_front: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
-        if looks_at_front not in self.recordings:
+    def _replay(self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+        if has_transient_loss not in self.recordings:
             try:
                 own = deepcopy(inputs)
-                self.recordings[looks_at_front] = self.recorder.record(lambda: self._learn(gaussians, own, moment)), own
+                self.recordings[has_transient_loss] = self.recorder.record(lambda: self._learn(gaussians, own, moment)), own
             except torch.OutOfMemoryError:  # a recording keeps the memory that it works in
                 self.records = False
                 self._drop_recordings()
                 return self._learn(gaussians, inputs, moment)
-        recording, own = self.recordings[looks_at_front]
+        recording, own = self.recordings[has_transient_loss]
         copies: dict[torch.dtype, list[tuple[Tensor, Tensor]]] = {}
         for pair in zip(own.tensors, inputs.tensors, strict=True):
             copies.setdefault(pair[0].dtype, []).append(pair)

@@ -49,7 +49,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
 
 
 def tell_step(step: StepReport, settings: Settings, report: Report) -> None:
-    """How far it is, and what befell it."""
+    """The warnings of a step, its held-out quality if measured, and the progress bar."""
     for message in step.messages:
         report.warn(message)
     if step.held_out_psnr is not None:

@@ -1,4 +1,4 @@
-"""Where the kernels find what of a camera: core.rasterizer.view, read in float32, so that no kernel takes two dozen numbers one by one."""
+"""The positions in a camera's array (core.rasterizer.view) for kernels, which read it in float32 and so need not take 25 numbers one by one."""
 
 import triton.language as tl
 

@@ -28,8 +28,8 @@ ALL_GONE = (
 def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, half_size: Tensor, taken: Tensor) -> None:
     """Add one view's screen-space gradients to the statistics, if its step is `taken` ().
 
-    probe_gradient: (V, 2) dL/d(projected centre) per pixel; scaled to half pictures so that picture size does not matter. half_size: (2,), half
-    the picture's width and height, px. On a GPU rows of -1 are none.
+    rows: (V,) int64; on a GPU, -1 is padding. probe_gradient: (V, 2) dL/d(projected centre) per pixel, which is scaled to half pictures so that
+    picture size does not matter. half_size: (2,), half the picture's width and height, px.
     """
     if rows.device.type == "cuda":
         from core.training.gaussians import density_statistics_cuda  # Triton, which a machine without a GPU need not have
@@ -57,8 +57,8 @@ def plain_gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, hal
 class Surroundings:
     """Where Gaussians may be: near the SfM points, as near as these lie to each other.
 
-    What floats elsewhere explains one photo and spoils the view of the others. Each point allows a ball around it, of `reach`
-    times its distance to its fourth neighbour, but no less than the median of these.
+    What floats elsewhere explains one photo and spoils the view of the others. Each point allows a ball around it, with a radius of `reach`
+    times its distance to its fourth neighbour, or times the median of these distances if that is larger.
     """
 
     def __init__(self, points: np.ndarray, reach: float):
@@ -71,7 +71,7 @@ class Surroundings:
 
     def outside(self, means: Tensor) -> Tensor:
         """Which of the centres (N, 3) lie in no ball around one of their eight nearest points."""
-        # The tree refuses NaN; such a Gaussian goes for not being finite, wherever it is taken to be.
+        # The tree refuses NaN; a Gaussian that is not finite is removed in any case, wherever it is taken to be.
         distances, nearest = self.tree.query(torch.nan_to_num(means).cpu().numpy(), k=range(1, min(8, len(self.radii)) + 1))
         return torch.from_numpy((distances > self.radii[nearest]).all(axis=1)).to(means.device)
 
@@ -89,7 +89,7 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
 
 
 def thicken(gaussians: Gaussians) -> None:
-    """Widen the axes of Gaussians that are shorter than a STIFFEST-th of their longest to that."""
+    """Widen axes that are shorter than 1 / STIFFEST of their Gaussian's longest axis to that length."""
     log_scales = gaussians.parameters["log_scales"][: gaussians.solid]
     log_scales.copy_(torch.maximum(log_scales, log_scales.amax(dim=1, keepdim=True) - math.log(STIFFEST)))
 

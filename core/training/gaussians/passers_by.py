@@ -1,7 +1,7 @@
 """Gaussians that stand for passers-by: what masks hide, in few photos.
 
-Masks hide late, when Gaussians have long been taught by all that photos show. From then on nothing asks for passers-by, but nothing removes them
-either, and whoever looks from elsewhere stands among them.
+Masks apply late, when Gaussians have long been trained on everything that photos show. From then on no photo asks for passers-by, but nothing
+removes them either, and from elsewhere they stand in the view.
 """
 
 from collections.abc import Iterable
@@ -16,15 +16,15 @@ from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.training.losses.regularisers import HIDDEN
 
-LEAST_HIDDEN = 0.3  # of all that photos show of a passer-by
+LEAST_HIDDEN = 0.3  # share that masks hide of all that photos show of a passer-by
 FEW = 3  # a passer-by stands in one photo, and in another by chance; what more photos hide belongs to the place
-SHRUNK = 1 / 2  # photos are drawn this small
+SHRUNK = 1 / 2  # photos are rendered at this share of their size
 
 
 def passers_by(splats: Splats, photos: Iterable[tuple[Camera, Float[Tensor, "1 h w"]]], rasterizer: Rasterizer) -> Bool[Tensor, " n"]:
     """Which Gaussians stand for passers-by. photos: the camera of each, and its mask at any size, 1 = static.
 
-    Fewer than FEW photos hide one, counted as (sum x)^2 / sum x^2 of the shares x that it has in what they hide, so that slight ones hardly count.
+    Fewer than FEW photos hide one: their effective number is (sum x)^2 / sum x^2, x being its share of what the mask hides of a photo.
     """
     shown, hidden, squares = splats.means.new_zeros(3, len(splats))
     for camera, mask in photos:

@@ -1,6 +1,6 @@
-"""Veils: Gaussians that hardly cover any photo, and much of what a camera beside it would see.
+"""Veils: Gaussians that cover hardly anything of any photo, but much of the view from beside one.
 
-Photos say little of the space just before other cameras. What floats there costs them nothing, but stands in the way of whoever steps aside.
+Photos say little of the space close to other cameras. What floats there costs no loss, but blocks the view of anyone who steps aside.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ LARGEST_STEP = 0.5  # of the distance to the nearest that a camera shows
 NEAREST = 5  # percentile of the distances of points, for a few are wrong
 MOST_BY_STEPPING = 1 / (1 - LARGEST_STEP) ** 2  # a step nearer makes a Gaussian cover this many times as much of a view at most; a veil, more
 LEAST_SHARE = 0.01  # of a new view, that a veil covers
-SHRUNK = 1 / 4  # views are drawn this small
+SHRUNK = 1 / 4  # views are rendered at this share of their size
 
 
 def veils(

@@ -10,15 +10,15 @@ from torch import Tensor
 
 from core.training.losses.photometric import Target
 
-MATRICES = 64  # of either kind that are kept, for the sides that photos share; 0.4 MB each at 1600 px
+MATRICES = 64  # of either kind that are cached, as photos share sides; 0.4 MB each at 1600 px
 
 
 class TargetOnCanvas(Target):
     """A photo in the upper left corner of a larger canvas, beyond which nothing is valid; see Target, whose sizes are the canvas's.
 
-    size: height and width of the canvas, px. cells: of the masks that it will meet, height and width. averaging, enlarging: the matrices that lead
-    from the canvas's pixels to cells and back, one down the columns and one along the rows, (cells, pixels). Nothing of it is known to the host
-    alone: another photo's tensors may be copied into its own.
+    size: height and width of the canvas, px. cells: height and width of the masks it is compared under. averaging, enlarging: the matrices
+    (cells, pixels) from the canvas's pixels to cells and back, one for the columns and one for the rows. Whatever differs between photos is in
+    `tensors`, so that another photo's can be copied into them (core.training.step_cuda).
     """
 
     def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None, size: tuple[int, int], cells: tuple[int, int]):
@@ -51,11 +51,11 @@ class TargetOnCanvas(Target):
 
 @lru_cache(MATRICES)
 def _averaging(cells: int, pixels: int) -> Float[Tensor, "cells pixels"]:
-    """What cells along an axis are of its pixels, averaged as torch's mode "area" does."""
+    """The matrix that averages the pixels of an axis into cells, as torch's mode "area" does."""
     return F.interpolate(torch.eye(pixels)[None], size=cells, mode="area")[0].T
 
 
 @lru_cache(MATRICES)
 def _enlarging(cells: int, pixels: int) -> Float[Tensor, "cells pixels"]:
-    """What pixels along an axis are of its cells, as torch's bilinear enlargement does."""
+    """The matrix whose transpose enlarges the cells of an axis to pixels, as torch's mode "linear" does."""
     return F.interpolate(torch.eye(cells)[None], size=pixels, mode="linear", align_corners=False)[0]

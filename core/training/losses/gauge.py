@@ -1,6 +1,6 @@
-"""What keeps the base harmonics at the neutral look: without it, they and the residual of the mean embedding could drift apart.
+"""The loss that holds the base SH at the neutral look, that of the mean embedding, by holding the residual of that embedding at zero.
 
-Their sum stays the same when one gains what the other loses; choosing one such pair is what physics calls fixing a gauge.
+Without it they could drift: what the base gains and all residuals lose changes no picture. Physics calls such a choice fixing a gauge.
 """
 
 import torch
@@ -10,16 +10,16 @@ from torch import Tensor, nn
 from core.appearance.sh_transfer import TransferInput
 from core.training.gaussians.gaussians import Gaussians
 
-ROWS = 1024  # Gaussians drawn each step
+ROWS = 1024  # Gaussians sampled in each step
 
 
 def draw_rows(gaussians: Gaussians, generator: torch.Generator) -> Int[Tensor, " 1024"]:
-    """Which Gaussians to ask in a step."""
+    """The rows of the Gaussians that a step samples, drawn on the CPU."""
     return torch.randint(len(gaussians), (ROWS,), generator=generator)
 
 
 def gauge(transfer: nn.Module, gaussians: Gaussians, rows: Int[Tensor, " 1024"], neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
-    """The mean, over a draw of Gaussians, of the squared norm of the residual of the mean embedding: 0 where the base is the neutral look.
+    """The mean over the sampled Gaussians of the squared norm of their residual. neutral: the mean embedding.
 
     Its gradient reaches the networks alone, no other tensor of a step.
     """

@@ -1,4 +1,4 @@
-"""What teaches the mask: a place may be hidden where the photo shows there what the place does not (core.appearance.strangeness)."""
+"""The loss of the mask: it pays to hide where the photo shows colours that the place does not have (core.appearance.strangeness)."""
 
 import torch
 from jaxtyping import Float
@@ -12,9 +12,9 @@ TYPICAL_ERROR = 0.05  # makes the weight of L_regM comparable with the picture's
 
 
 def mask_loss(mask: Float[Tensor, "1 h w"], image: Float[Tensor, "H W 3"], target: Target, regularisation: float) -> Float[Tensor, ""]:
-    """The mask may hide a place only where the error there pays for it: see `excess`, of image and photo averaged down to the mask's cells.
+    """mean(TYPICAL_ERROR * M * excess) + regularisation * L_regM, where `excess` compares image and photo averaged to the mask's cells.
 
-    A place is best hidden by 1 - M = TYPICAL_ERROR * excess / (2 * regularisation). The image gets no gradient.
+    It is least where 1 - M = TYPICAL_ERROR * excess / (2 * regularisation). The image gets no gradient.
     """
     image = image.detach()
     if target.valid is not None:  # the target is zero there

@@ -1,4 +1,4 @@
-"""What a step minimises: each loss with its weight, from the point of the run at which it begins to count."""
+"""What a step minimises: each loss with its weight, from the progress of the run at which it starts."""
 
 from typing import Any
 
@@ -18,11 +18,11 @@ from core.training.losses.mask_loss import mask_loss
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
 from core.training.moment import Moment
 
-TRANSIENT_EVERY = 10  # steps between two looks at who stands at the front; L_regTS is weighted up by as much
+TRANSIENT_EVERY = 10  # steps: L_regTS is computed in one of so many, because it takes a pass of its own, and weighted by as much
 
 
 class Objective:
-    """The losses of a view, as the settings have them. What does not count yet at a moment of the run is zero."""
+    """The losses of a step, as the settings have them; those that have not started yet are zero."""
 
     def __init__(self, settings: Settings, rasterizer: Rasterizer, model: AppearanceModel, device: torch.device):
         self.settings, self.rasterizer, self.model = settings, rasterizer, model
@@ -31,7 +31,7 @@ class Objective:
     def picture(
         self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment, mask_mean: Float[Tensor, ""]
     ) -> Float[Tensor, ""]:
-        """The picture against its photo, where the mask does not hide it. mask_mean: see `mask_weights.pixel_weights`."""
+        """The picture loss, with the mask once it applies. mask_mean: see `mask_weights.pixel_weights`."""
         settings = self.settings
         if mask is None or moment.progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
@@ -40,7 +40,7 @@ class Objective:
         return loss(image, target, weight, settings.ssim_weight)
 
     def mask(self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment) -> Float[Tensor, ""]:
-        """What teaches the mask network, L_regM included."""
+        """The mask network's loss, L_regM included."""
         settings = self.settings
         if mask is None or moment.progress < settings.mask_start:
             return self.zero
@@ -55,31 +55,31 @@ class Objective:
             return regularisers.ResidualLoss(self.zero, None, self.zero)
         return regularisers.residual_loss(residual, self.settings.sh_regularisation, shown)
 
-    def drawn_for_gauge(self, gaussians: Gaussians, generator: Generator) -> Int[Tensor, " 1024"] | None:
-        """The rows of Gaussians that the gauge is asked for in a step, on the CPU; None where it does not count."""
+    def draw_gauge_rows(self, gaussians: Gaussians, generator: Generator) -> Int[Tensor, " 1024"] | None:
+        """See `gauge.draw_rows`; None where the gauge does not count."""
         return draw_rows(gaussians, generator) if self.settings.gauge and self.model.predicts_residuals and len(gaussians) else None
 
     def gauge(self, gaussians: Gaussians, rows: Int[Tensor, " 1024"] | None, neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
-        """The gauge, of the rows drawn for it. Its backward pass is here, too: it reaches nothing but the networks."""
+        """The gauge of these rows, after its backward pass, which can run at once as it reaches only the networks."""
         if rows is None:
             return self.zero
         loss = self.settings.gauge * gauge(self.model.sh_transfer, gaussians, rows, neutral)
         backward((loss, None))
         return loss.detach()
 
-    def looks_at_front(self, moment: Moment) -> bool:
-        """Whether L_regTS counts in this step."""
+    def has_transient_loss(self, moment: Moment) -> bool:
+        """Whether this step has L_regTS."""
         settings = self.settings
         return settings.transients == "on" and moment.progress >= settings.mask_apply and moment.done % TRANSIENT_EVERY == 0
 
     def transient(
         self, splats: Splats, view: Float[Tensor, "25"], known: Any, mask: Float[Tensor, "1 h w"] | None, moment: Moment
     ) -> Float[Tensor, ""]:
-        """L_regTS, at every TRANSIENT_EVERYth step.
+        """L_regTS, if this step has it: the summed opacity of `regularisers.transient_rows`.
 
-        splats: the visible Gaussians in the look. view: the moment's camera as an array, see core.rasterizer.view. known: see `rasterizer.Visible`.
+        splats: the visible Gaussians in the look. view: the step's camera as an array, see core.rasterizer.view. known: see `rasterizer.Visible`.
         """
-        if mask is None or not self.looks_at_front(moment):
+        if mask is None or not self.has_transient_loss(moment):
             return self.zero
         front = self.rasterizer.contributions(splats.detached(), moment.camera, known)
         rows = regularisers.transient_rows(splats.means, front, mask, view)

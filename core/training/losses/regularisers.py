@@ -1,4 +1,7 @@
-"""What holds masks open, residuals small and passers-by transparent (paper section IV-C, with the gaps of the text closed)."""
+"""L_regM, L_regSH and L_regTS, which hold masks open, residuals small and passers-by transparent (paper, sections IV-A and IV-C).
+
+Unlike the paper's, the first two are means; L_regTS spares Gaussians that are not at the front.
+"""
 
 from typing import NamedTuple
 
@@ -9,8 +12,8 @@ from torch import Tensor
 from core.rasterizer.view import CENTRE, CENTRE_REST, FOCAL_X, LEFT, WIDTH
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
-HIDDEN = 0.5  # a mask below this hides a place (paper)
-AT_FRONT = 0.1  # of some pixel; what reaches less hides behind a pedestrian, and must not be punished
+HIDDEN = 0.5  # a mask below this hides a place: the paper's epsilon, for which it gives no value
+AT_FRONT = 0.1  # contribution to some pixel; a Gaussian that reaches less may be the place behind a passer-by, which must stay
 
 
 def mask_regulariser(mask: Float[Tensor, "1 h w"]) -> Float[Tensor, ""]:
@@ -19,16 +22,16 @@ def mask_regulariser(mask: Float[Tensor, "1 h w"]) -> Float[Tensor, ""]:
 
 
 def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
-    """L_regSH: the mean over Gaussians of |residual|; a mean, because a sum would drown the picture. 0 without Gaussians."""
+    """L_regSH: the mean over Gaussians of |residual|; a sum would drown out the picture loss. 0 without Gaussians."""
     if not len(residual):
         return residual.sum()
     return torch.sqrt((residual**2).flatten(1).sum(dim=1) + SMOOTH).mean()
 
 
 class ResidualLoss(NamedTuple):
-    """loss: weight * L_regSH. gradient: by the residual, None without one. size: mean absolute residual, 0 without Gaussians.
+    """loss: weight * L_regSH. gradient: dL/d(residual), None without a residual. size: mean absolute residual, 0 without Gaussians.
 
-    The gradient comes with the loss because it depends on nothing else of a step: it need not wait for the picture's.
+    The gradient depends on nothing else in a step, so it is computed with the loss, before the picture's.
     """
 
     loss: Float[Tensor, ""]
@@ -37,7 +40,7 @@ class ResidualLoss(NamedTuple):
 
 
 def residual_loss(residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None) -> ResidualLoss:
-    """L_regSH at this weight. shown: on a GPU, how many of the rows are Gaussians, the first ones; None for all."""
+    """L_regSH at this weight. shown: on a GPU, how many of the first rows are Gaussians, the rest being padding; None for all."""
     if residual.dtype == torch.float32 and residual.device.type == "cuda":
         from core.training.losses import residual_cuda  # Triton, which is there with a GPU only
 
@@ -57,8 +60,8 @@ def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> Resi
 def transient_rows(
     means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], view: Float[Tensor, "25"]
 ) -> Bool[Tensor, " v"]:
-    """Which Gaussians stand for passers-by in this view (L_regTS): those whose centre the mask hides, below HIDDEN, and that contribute more than
-    AT_FRONT to some pixel. view: the camera, see core.rasterizer.view.
+    """Which Gaussians L_regTS makes transparent: those whose centre projects to a mask below HIDDEN, and that contribute more than AT_FRONT to some
+    pixel. contributions: see `Rasterizer.contributions`. view: the camera, see core.rasterizer.view.
     """
     axes, centre = view[:CENTRE].view(3, 3), view[CENTRE:CENTRE_REST]
     fx, fy, cx, cy = view[FOCAL_X:LEFT]

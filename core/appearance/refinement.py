@@ -26,7 +26,7 @@ LATER_STEPS, HIDDEN_RATE = 64, 0.003  # of the second part; 128 steps at 0.001 e
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
 GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely these differ between looks: all steps move one by no more than two
-HELD, HOLD = 2000, 0.05  # Gaussians that the photo does not show: as many a step looks at, and the weight of how far they move
+HELD, HOLD = 2000, 0.05  # of Gaussians that the photo does not show: how many a step samples, and the weight of how far their SH move
 UNSEEN_PX = 1.0  # a Gaussian that makes up less of a photo is not shown by it
 LONGER_SIDE_PX = 640  # the longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
@@ -128,9 +128,7 @@ def refinement(seen: Refinable, start: Colouring, photo: Wanted) -> Iterator[Col
 
 @torch.no_grad()
 def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted:
-    """The photo, of which pixels count less the stranger their cell is in this look, down to nothing: who stands before the place would be painted
-    onto it.
-    """
+    """The photo with lower weights, down to 0, where it looks strange in this look: passers-by would otherwise be painted onto the place."""
     counted, sums = photo.cell_sums()
     with threads_for_blocks():
         both = seen.in_cells(photo.weight).sums(look), sums
@@ -140,9 +138,9 @@ def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted
 
 
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
-    """The tone, and the weights that the embedding gives, or the embedding.
+    """The first part: learn the tone and the weights that the embedding gives or, where it gives none, the embedding.
 
-    An embedding stays within `bound`: beyond, the SH transfer makes up colours for what the photo does not show. One that gives weights stays
+    The embedding stays within `bound`: beyond, the SH transfer makes up colours for what the photo does not show. One that gives weights stays
     as it is: refined beside them it fits the photo no better, and changes more of what other cameras see (core/TRIED.md, "Refinement").
     """
     embedding, tone, changes = start.detached()
@@ -156,7 +154,7 @@ def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring],
 
 
 def _place_by_place(seen: Refinable, first: Colouring, misfit: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]) -> Course:
-    """The hidden layers, and on from `first` the weights that embeddings give, while Gaussians of `unseen` are held where `first` has them."""
+    """The second part: learn the hidden layers, and further the weights that embeddings give; `unseen` Gaussians are held at the look `first`."""
     changes = {name: torch.zeros_like(weight) for name, weight in seen.hidden_weights.items()} | first.detached().changes
     rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(seen.hidden_weights, HIDDEN_RATE)
     generator = torch.Generator().manual_seed(0)
@@ -218,8 +216,8 @@ def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colour
 
 
 def _share_of_cells(sky: Float[Tensor, " cells"], counted: Float[Tensor, " cells"]) -> Float[Tensor, " cells"]:
-    """By how much of each cell's own size it counts: 1, and less for cells of sky where these would outweigh the others. sky, counted: of the
-    pixels of each cell, how many are sky, and how many count."""
+    """The weight of each cell's pixels: 1, but less for sky where all sky together would outweigh the place. sky, counted: how many of each cell's
+    pixels are sky, and how many count."""
     place = (counted - sky).clamp_min(0)
     weight = (place.sum() / sky.sum().clamp_min(1e-6)).clamp(LEAST_SKY, 1.0)
     return 1 - (1 - weight) * sky / (sky + place).clamp_min(1e-6)

@@ -38,8 +38,8 @@ def chromaticity(colours: Float[Tensor, "2 3 h w"]) -> Float[Tensor, "2 3 h w"]:
 def retoned(shown: Float[Tensor, "3 h w"], wanted: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
     """`shown` in the tone of `wanted`, by the affine map of colours that suits the cells best (least squares); >= 0.
 
-    What the look has not learned of a photo's tone is no one's fault in it. Where the colours do not determine a map, it stays
-    near the identity. (Weighing down what does not fit, so that passers-by have no say, found no more of them.)
+    So a tone that the look has not learned does not make a photo strange. Where the colours do not determine a map, it stays
+    near the identity. (Robust weights, which keep passers-by from bending the map, found no more of them.)
     """
     inputs = torch.cat([shown, torch.ones_like(shown[:1])]).flatten(1)
     share = inputs / inputs.shape[1]

@@ -188,8 +188,8 @@ def before_bound(output, output_gradient, bound, into):
 
 @part
 def add_products(inputs, transpose, gradient, sums):
-    """Add the gradient of a weight, inputs' gradient, unless `sums` is empty. The inputs are transposed here, or, without
-    `transpose`, come so."""
+    """Add the gradient of a weight, the transposed inputs times `gradient`, unless `sums` is empty. transpose: whether the inputs are still to be
+    transposed."""
     if sums.size:
         multiply(inputs, transpose, gradient, sums, sums, ANY)
 

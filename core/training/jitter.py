@@ -1,6 +1,6 @@
 """A photo in another exposure and white balance, for the encoder and as the target alike.
 
-A collection holds few photos; with this the encoder meets each in many tones and learns to tell tone from light.
+A collection holds few photos; with this the encoder sees each in many tones, and learns to tell tone from light.
 """
 
 import torch

@@ -110,8 +110,17 @@ def _degrees_to_nearest(rays: np.ndarray, distances: np.ndarray, matched: np.nda
     return np.degrees(np.arccos(np.clip(largest, -1, 1)))
 
 
+def _is_hidden(rows: np.ndarray, pixels: np.ndarray, depths: np.ndarray, inside: np.ndarray, radius: float) -> np.ndarray:
+    """Which of these rows have another point in front of them, within `radius` (px) in the picture.
+
+    pixels, depths: (P, 2) and (P,), of all points. inside: (P,), which of these the picture shows.
+    """
+    around = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=radius)[1]
+    return (np.append(depths[inside], np.inf)[around] < FRONT_SHARE * depths[rows, None]).any(axis=1)
+
+
 def _in_photo(number: int, sized: SizedPhoto, positions: np.ndarray, rays: np.ndarray, matched: np.ndarray, degrees: np.ndarray) -> Sightings:
-    """Those of one photo.
+    """The sightings in one photo.
 
     number: the photo's. positions: (P, 3) points, scene frame. rays: (P, 3) unit vectors to them. matched: (P,) whether the photo matched them.
     degrees: (P,), see `_degrees_to_nearest`.
@@ -123,10 +132,7 @@ def _in_photo(number: int, sized: SizedPhoto, positions: np.ndarray, rays: np.nd
     inside = (depths > 0) & ((pixels >= edge) & (pixels <= np.array([width, height]) - edge)).all(axis=1)
     rows = np.flatnonzero(inside & (matched | (degrees <= NEAR_DEGREES)))
     if len(rows):
-        radius = FRONT_RADIUS * diagonal
-        around = cKDTree(pixels[inside]).query(pixels[rows], k=FRONT_POINTS, distance_upper_bound=radius)[1]
-        hidden = np.append(depths[inside], np.inf)[around] < FRONT_SHARE * depths[rows, None]
-        rows = rows[matched[rows] | ~hidden.any(axis=1)]
+        rows = rows[matched[rows] | ~_is_hidden(rows, pixels, depths, inside, FRONT_RADIUS * diagonal)]
     blurred = cv2.GaussianBlur(sized.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)
     x, y = (pixels[rows] - 0.5).astype(np.float32).T[:, None]
     colours = cv2.remap(blurred, x, y, cv2.INTER_LINEAR).reshape(-1, 3) if len(rows) else np.zeros((0, 3), np.float32)

@@ -128,23 +128,9 @@ class SizedPhotos(Sequence[SizedPhoto]):
         report: Report = QUIET,
     ):
         self.device, self.share_canvas = device, False
-        self.photos: list[SizedPhoto] = []
-        damaged, last_fault = Reasons(), ""
         load = partial(load_sized_photo, sizes=sizes, device=device, transparent_is_empty=transparent_is_empty)
-        decoders = 1 if memory.limit() else min(threads(), DECODERS)
-        at_once = decoders * PHOTOS_PER_DECODER
-        for start in range(0, len(photos), at_once):
-            some = photos[start : start + at_once]
-            for photo, found in zip(some, _decoded(some, load, decoders), strict=True):
-                if isinstance(found, SizedPhoto):
-                    self.photos.append(found)
-                else:
-                    fault = fault_of(photo.name, photo.path, found)
-                    shown = "likewise" if fault == last_fault else fault  # all masks may be black, and the line would be long
-                    damaged.add(f"of the {photo.split} split that cannot be used", f"{photo.name} ({shown})")
-                    last_fault = fault
-            report.progress("Photos", start + len(some), len(photos), some[-1].name)
-        self.notes = [note.text for note in damaged.notes()] + _doubtful_masks(self.photos)
+        self.photos, damage = _usable(photos, load, report)
+        self.notes = damage + _doubtful_masks(self.photos)
         self._targets: OrderedDict[int, Target] = OrderedDict()  # by index, all shrunk by `_factor`
         self._factor = 0
         self._canvases: dict[int, tuple[int, int] | None] = {}
@@ -203,8 +189,28 @@ class SizedPhotos(Sequence[SizedPhoto]):
         return Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
 
 
+def _usable(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], report: Report) -> tuple[list[SizedPhoto], list[str]]:
+    """The photos that `load` can decode, in their order, and lines about the others."""
+    usable: list[SizedPhoto] = []
+    damaged, last_fault = Reasons(), ""
+    decoders = 1 if memory.limit() else min(threads(), DECODERS)
+    at_once = decoders * PHOTOS_PER_DECODER
+    for start in range(0, len(photos), at_once):
+        some = photos[start : start + at_once]
+        for photo, found in zip(some, _decoded(some, load, decoders), strict=True):
+            if isinstance(found, SizedPhoto):
+                usable.append(found)
+            else:
+                fault = fault_of(photo.name, photo.path, found)
+                shown = "likewise" if fault == last_fault else fault  # all masks may be black, and the line would be long
+                damaged.add(f"of the {photo.split} split that cannot be used", f"{photo.name} ({shown})")
+                last_fault = fault
+        report.progress("Photos", start + len(some), len(photos), some[-1].name)
+    return usable, [note.text for note in damaged.notes()]
+
+
 def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decoders: int) -> list[SizedPhoto | BadInput]:
-    """What `load` returns for each photo, or raises, in their order; on so many threads at most."""
+    """What `load` returns or raises for each photo, in their order. decoders: threads at most."""
     found: list[SizedPhoto | BadInput | None] = [None] * len(photos)
 
     def decode(index: int, _: int) -> None:

@@ -86,7 +86,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     trainer = Trainer(collection, settings, folder, report)
     if path:
         _resume(trainer, path, before)
-    viewer_files.write(folder, collection, trainer.transparent_is_empty)  # it may have been stopped before they were whole, or lost some
+    viewer_files.write(folder, collection, trainer.transparent_is_empty)  # they may be incomplete, if it was stopped early, or lost
     why = "" if path else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
     history.rewind(folder, done)

@@ -159,23 +159,23 @@ class Trainer:
             return self._step()
 
     def _step(self) -> StepReport:
-        progress, usual = self.done / self.settings.steps, guards.usual_loss(self.last_losses)
-        now, self.ahead = self.ahead or self._prepare(self.done), None
-        index = now.step.moment.index
+        usual = guards.usual_loss(self.last_losses)
+        draw, self.ahead = self.ahead or self._prepare(self.done), None
+        moment = draw.step.moment
         try:
-            reading, facts = self.stepper.take(self.gaussians, now.step, usual, self.mask_mean, self._prepare_ahead)
+            reading, facts = self.stepper.take(self.gaussians, draw.step, usual, self.mask_mean, self._prepare_ahead)
         except Exception:  # such as out of memory: the checkpoint that is saved then resumes with this very step
-            self._undo_draw(now.order, now.random_state)
+            self._undo_draw(draw.order, draw.random_state)
             raise
         self.done += 1
         fault = guards.fault(facts, usual)
         if fault is None:
             self.skipped_in_a_row = 0
-            self.last_losses[index] = facts.picture_loss
-            self.model.remember(reading.embedding, index)
-            messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, progress)
+            self.last_losses[moment.index] = facts.picture_loss
+            self.model.remember(reading.embedding, moment.index)
+            messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, moment.progress)
         else:
-            messages = [self._skip(index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
+            messages = [self._skip(moment.index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
         return StepReport(
             step=self.done,
             seconds=self.seconds,
@@ -211,7 +211,7 @@ class Trainer:
             self.change_gaussians()  # now, because the resumed run begins with the next step
             path = self.save()
             raise TrainingStopped(
-                f"{SKIPS_TO_STOP} steps in a row were of no use; of the last, the {fault} (photo {name}). Saved {path}.",
+                f"{SKIPS_TO_STOP} steps in a row were invalid; in the last one, the {fault} (photo {name}). Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
         return f"Step {self.done} {outcome}: its {fault} (photo {name})."
@@ -242,7 +242,7 @@ class Trainer:
         self.order, self.ahead = order, None
         self.generator.set_state(random_state)
 
-    def _before_other_gaussians(self) -> None:
+    def _forget_gaussians(self) -> None:
         """Drop what depends on the present Gaussians, which are about to change in number or to be replaced."""
         self._undo_ahead()
         self.stepper.forget()
@@ -251,7 +251,7 @@ class Trainer:
         """Density control, if it is due after this many steps; a warning if only the sky is left."""
         if not self.density.is_due(self.done):
             return []
-        self._before_other_gaussians()
+        self._forget_gaussians()
         return self.density.change(self.gaussians, self.done, self.mask_mean)
 
     # --- quality, checkpoints
@@ -282,7 +282,7 @@ class Trainer:
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:
             raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
-        self._before_other_gaussians()
+        self._forget_gaussians()
         self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:

@@ -1,4 +1,4 @@
-"""What lies before and behind the matrix products of the SH transfer, in Numba: torch's passes took longer than the products.
+"""What comes before and after the matrix products of the SH transfer, in Numba: torch's passes took longer than the products.
 
 A strip of rows is in cache while they work on it. Numba may contract a product and a sum into one instruction
 here; a row's result does not depend on the other rows.

@@ -131,7 +131,7 @@ def projected(splats: Splats, camera: Camera) -> tuple[Int[Tensor, " v"], Projec
 
 
 def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:
-    """Which Gaussians are finite, in front of the camera, really rotated and not too faint to show anywhere."""
+    """Which Gaussians are finite, in front of the camera, have a quaternion that is a rotation, and are not too faint to show anywhere."""
     keep = splats.finite_rows()
     offsets = offsets_from(camera, splats.means)
     _, _, depths = in_camera_axes(camera, offsets)
@@ -264,8 +264,8 @@ def blend_weights(
     """How much of each splat shows in each pixel, and how much of the background (3DGS equations 3 and 4).
 
     Each splat covers alpha = opacity * exp(-d' S^-1 d / 2) of what is behind it, so its weight is alpha times the
-    transmittance in front of it, the product of 1 - alpha over all splats before. The thresholds are the contract's
-    but where core.bench asks what they cost.
+    transmittance in front of it, the product of 1 - alpha over all splats before. The thresholds are the contract's,
+    except where core.bench measures what they cost.
     """
     alphas = coverage(pixels, centres, conics, opacities)
     alphas = torch.where(alphas < alpha_min, 0, alphas).clamp_max(ALPHA_MAX)

@@ -59,7 +59,7 @@ def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidenc
 
 
 def _judgeable(places: Sightings) -> Sightings:
-    """Those of photos with enough matches for an exposure, of points that two such photos matched, and of photos that then have any."""
+    """The places in photos with enough matches for an exposure, of points that two such photos matched, without photos that then have no match."""
     for kind, fewest in (("photo", FEWEST_IN_PHOTO), ("point", 2), ("photo", 1)):
         numbers = getattr(places, kind)
         counts = np.bincount(numbers, weights=places.matched)

@@ -1,4 +1,4 @@
-"""How good a run is while it goes: its held-out photos beside renders in their looks."""
+"""The quality of a run in progress: renders of its held-out photos, in their looks, against the photos."""
 
 from statistics import fmean
 

@@ -16,12 +16,12 @@ BLUR = 0.003  # of the picture's diagonal: wider than features are off, so that 
 EDGE = 2 * BLUR  # of the diagonal: nearer to the border the blur invents what it averages
 NEAR_DEGREES = 10.0  # at most this far from a photo that matched it, a point should be seen as well
 NEAR_DISTANCE = 1.5  # and at most this many times as far away, or as near
-FRONT_SHARE, FRONT_POINTS, FRONT_RADIUS = 0.93, 8, 0.03  # a point is hidden by those around it (share of the diagonal) at less of its depth
+FRONT_SHARE, FRONT_POINTS, FRONT_RADIUS = 0.93, 8, 0.03  # a point is hidden by one around it at a smaller share of its depth
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """N times that a photo shows a point, or should.
+    """N places in photos where a point is shown, or should be.
 
     photo, point: (N,) numbers from 0. pixel: (N, 2) in shares of the picture's diagonal. colour: (N, 3) in [0, 1], averaged
     over BLUR. towards: (N, 3) unit vector from the camera to the point. matched: (N,) whether the photo's features were

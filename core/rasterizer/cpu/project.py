@@ -30,7 +30,7 @@ SPHERE_MARGIN = 1 + 1e-9  # rounding of the axes' lengths
 
 @part
 def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
-    """Whether Gaussian `i` is finite (its SH apart), in front of the camera, rotated by a real rotation, not too faint.
+    """Whether Gaussian `i` is finite (its SH apart), in front of the camera, rotated by a valid quaternion, not too faint.
 
     Every test is written so that NaN fails it.
     """

@@ -61,7 +61,7 @@ def norm2_of(quaternion):
 
 @triton.jit
 def can_be_projected(offset, quaternion, log_scale, logit, depth):
-    """Whether a Gaussian is finite (its SH apart), in front of the camera, rotated by a real rotation, not too faint.
+    """Whether a Gaussian is finite (its SH apart), in front of the camera, rotated by a valid quaternion, not too faint.
 
     Every test is written so that NaN fails it, and so do finite numbers whose squares overflow.
     """

@@ -62,7 +62,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
             save_file(tensors, temporary, metadata={"wegs": json.dumps({"version": VERSION, **checkpoint.facts})})
             temporary.chmod(mode)  # save_file leaves it to its owner alone: nobody else could bake from a shared folder
             with temporary.open("rb+") as file:
-                os.fsync(file.fileno())  # before the last one goes
+                os.fsync(file.fileno())  # before the previous checkpoint is deleted
             os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         fix = f"Free some space, or let the folder be written in, then type: {how_to_go_on(folder)}"
@@ -88,7 +88,7 @@ def newest(folder: Path) -> Path | None:
 def read_newest(folder: Path, read: Callable[[Path], Read]) -> tuple[Path, Read] | None:
     """The newest checkpoint of a run folder and what `read` reads of it, or None if there is none; raises as `read` does.
 
-    A training may be at work in the folder, whose next checkpoint takes the place of the one that is read.
+    A training at work in the folder may replace the checkpoint while it is read; then the new one is read.
     """
     while path := newest(folder):
         try:
@@ -128,7 +128,7 @@ def _read(path: Path, with_tensors: bool) -> Checkpoint:
 
 @contextmanager
 def fitting(path: Path) -> Iterator[None]:
-    """What is built from the checkpoint `path` inside; BadInput where its parts are missing or of other sizes."""
+    """Around building from the checkpoint `path`: raises BadInput if parts of it are missing or of other sizes."""
     try:
         yield
     except torch.OutOfMemoryError:  # a RuntimeError, and no fault of the checkpoint's

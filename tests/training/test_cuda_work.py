@@ -92,9 +92,9 @@ def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
 
 
 class Again:
-    """Does the work again where a GPU would replay it: on the tensors, and with Python's numbers, that it was recorded with.
+    """Stands for a Recorder: where a GPU would replay, it does the work again, on the tensors and Python numbers that it was recorded with.
 
-    full: whether memory does not suffice to record. recorded: how often it did.
+    full: whether memory is too short to record. recorded: how many recordings were made.
     """
 
     full, recorded = False, 0
@@ -180,8 +180,8 @@ def test_a_step_waits_once(trainer):
         assert sum(work.launches.values()) <= most
 
 
-def test_a_step_of_no_use_is_refused_by_the_gpu_itself(trainer, monkeypatch):
-    """It is told and counted as on a CPU, and leaves no trace, though the host did not look before it was over."""
+def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
+    """The host, which does not look before the step is over, reports and counts it as on a CPU; it leaves no trace."""
     trainer.step()
     state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
     before = {name: tensor.cpu().clone() for name, tensor in state.items()}
@@ -206,7 +206,7 @@ def test_a_photo_is_laid_over_a_colour_without_waiting():
 
 
 def test_what_waits_is_seen():
-    """A count that misses what it counts would pass for nothing."""
+    """Else the counts of the other tests would prove nothing."""
     with elsewhere(), watched() as work:
         there = torch.zeros(3, device=DEVICE)
         for wait in (
@@ -228,7 +228,7 @@ def test_what_waits_is_seen():
 
 @pytest.mark.usefixtures("records")
 def test_what_was_prepared_ahead_leaves_no_trace_in_what_is_saved(trainer):
-    """A checkpoint is that of a run that prepares each step when it is due; a preparation that fails is met when its step is due."""
+    """A checkpoint does not depend on the step that was prepared ahead; a preparation that fails ahead fails again in its turn."""
     trainer.step()
     assert trainer.ahead is not None
     order, random_state = list(trainer.ahead.order), trainer.ahead.random_state

@@ -253,7 +253,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("words", WRONG)
-def test_a_step_of_no_use_is_skipped_counted_and_leaves_no_trace(collection, tmp_path, words):
+def test_an_invalid_step_is_skipped_counted_and_leaves_no_trace(collection, tmp_path, words):
     trainer = Trainer(collection, small_settings(), tmp_path)
     for _ in range(12):
         trainer.step()

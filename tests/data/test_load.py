@@ -87,6 +87,10 @@ def test_what_lies_around_instead_of_photos_is_named(tmp_path):
         find_kind(tmp_path / "days")
     with pytest.raises(BadInput, match=f"there are photos in its folder {Path('days', 'monday')}. Name that"):
         find_kind(tmp_path)
+    save_photo(tmp_path / "days" / "sunday" / "a.jpg")
+    save_photo(tmp_path / "days" / "sunday" / "b.jpg")
+    with pytest.raises(BadInput, match="there are photos in its folders sunday, monday. Put all photos into one folder, or name one of these."):
+        find_kind(tmp_path / "days")
     root = SmallScene().write(tmp_path / "archive" / "scene")
     with pytest.raises(BadInput, match="archive holds no photos and no COLMAP model; its folder scene is a scene. Give that folder."):
         find_kind(root.parent)  # not "Name scene/images": its cameras would be found anew

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from core.data.made import digest, is_of_wegs, names_wegs
 from core.errors import BadInput, command
+from core.words import list_names
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe", ".heic", ".heif", ".hif", ".avif")
 # Formats of cameras and phones that cannot be read; no .gif is a photo.
@@ -66,8 +67,11 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     if names_wegs(folder):
         return BadInput(f"{name} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
     if below := photos_below(folder):
-        inner = max(below, key=below.get).relative_to(folder)
-        return BadInput(f"{name} holds {what}; there are photos in its folder {inner}.", "Name that folder, or put all photos into one.")
+        most_first = [str(inner.relative_to(folder)) for inner in sorted(below, key=below.get, reverse=True)]
+        if len(most_first) == 1:
+            return BadInput(f"{name} holds {what}; there are photos in its folder {most_first[0]}.", "Name that folder.")
+        fix = "Put all photos into one folder, or name one of these."
+        return BadInput(f"{name} holds {what}; there are photos in its folders {list_names(most_first)}.", fix)
     if runs := sorted(path for path in folder.iterdir() if names_wegs(path)):
         return BadInput(f"{name} holds {what}, but runs such as {runs[0]}.", "Give the folder that holds your photos.")
     if gone := list_gone(folder):

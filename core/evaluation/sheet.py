@@ -1,4 +1,4 @@
-"""The pictures of an evaluation: a sheet with a row for each photo (photo | render | mask | error), and all of them one by one."""
+"""The pictures of an evaluation: a sheet with a row for each photo (photo | render | mask, if any | error), and all of them one by one."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,7 +19,6 @@ from core.system.atomic import filling, write_json
 PARTS, INFO = ("color", "gt-color"), "info.json"
 NERFBASELINES = {"half": "nerfw", "full": "default"}
 FULL_ERROR = 0.5  # mean |difference| over the channels that is drawn in the brightest colour
-BLANK = 32  # grey of a tile without a picture
 
 
 def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
@@ -29,31 +28,34 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
     return cv2.cvtColor(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO), cv2.COLOR_BGR2RGB)
 
 
-def titles(protocol: str, step: int, looks: str) -> tuple[str, str, str, str]:
+def titles(protocol: str, step: int, looks: str, masked: bool) -> tuple[str, ...]:
     """The titles of the columns. step: the run's, when it was measured. looks: those shown, in words; empty for a run that has but one."""
     render, error = (f"render ({looks})", f"error ({looks}; ") if looks else ("render", "error (")
-    return f"photo (protocol {protocol}, step {step})", render, "mask (white: static)", f"{error}brightest: {FULL_ERROR})"
+    mask = ("mask (white: static)",) if masked else ()
+    return f"photo (protocol {protocol}, step {step})", render, *mask, f"{error}brightest: {FULL_ERROR})"
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB."""
+    """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB. masked: whether one of them is a mask."""
 
     line: str
     look: str | None
     tiles: tuple[UInt8[np.ndarray, "h w 3"], ...]
+    masked: bool
 
 
 def row_of(view: ViewPictures, note: str) -> Row:
-    """The row of a view. note: text beside its name, such as its figures. Without a mask its tile is grey."""
-    mask = _mask_picture(view.mask, tile_size(*view.photo.shape[:2]))
-    tiles = tile(view.photo), tile(view.render), mask, tile(error_picture(view.photo, view.render))
-    return Row(f"{view.name}  {note}", view.look, tiles)
+    """The row of a view. note: text beside its name, such as its figures."""
+    masked = view.mask is not None
+    mask = (_mask_picture(view.mask, tile_size(*view.photo.shape[:2])),) if masked else ()
+    tiles = tile(view.photo), tile(view.render), *mask, tile(error_picture(view.photo, view.render))
+    return Row(f"{view.name}  {note}", view.look, tiles, masked)
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """A line of titles, then all rows, each above its line of text; RGB."""
-    columns = titles(protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look)))
+    """A line of titles, then all rows, each above its line of text; RGB. The rows of one run all have masks, or none has."""
+    columns = titles(protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look)), rows[0].masked)
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 
@@ -73,8 +75,6 @@ def write_view(folder: Path, png: Path, view: ViewPictures) -> None:
         write_png(path, pixels)
 
 
-def _mask_picture(mask: Float[np.ndarray, "h4 w4"] | None, size: tuple[int, int]) -> np.ndarray:
-    if mask is None:
-        return np.full((size[1], size[0], 3), BLANK, dtype=np.uint8)
+def _mask_picture(mask: Float[np.ndarray, "h4 w4"], size: tuple[int, int]) -> np.ndarray:
     grey = cv2.resize((mask * 255).round().astype(np.uint8), size, interpolation=cv2.INTER_LINEAR)
     return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB)

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.data.photos.names import png_paths
 from core.evaluation.protocols import ViewPictures
-from core.evaluation.sheet import BLANK, error_picture, picture_sheet, pictures_kept, row_of, titles, write_view
+from core.evaluation.sheet import error_picture, picture_sheet, pictures_kept, row_of, titles, write_view
 from core.export.labelled_sheet import GAP_PX, LABEL_PX
 from core.export.pictures import TILE_PX
 
@@ -38,26 +38,32 @@ def test_columns_are_photo_render_mask_error():
 
 def test_photos_of_all_sizes_fit_and_keep_their_shape():
     sheet = sheet_of(row(600, 1000), row(50, 20), row(1, 1))
-    assert sheet.shape[1] == 4 * (TILE_PX + GAP_PX)
+    assert sheet.shape[1] == 3 * (TILE_PX + GAP_PX)
     assert sheet.shape[0] == 4 * LABEL_PX + 3 * GAP_PX + round(600 * TILE_PX / 1000) + 50 + 1
 
 
-def test_labels_are_written_and_a_missing_mask_is_grey():
+def test_labels_are_written():
     with_name = picture_sheet([row_of(row(30, 90), "20.1 dB")], "half", 9)
     without = sheet_of(row(30, 90, name=""))
     assert (with_name[-LABEL_PX:] != without[-LABEL_PX:]).any() and not without[-LABEL_PX:].any()
     assert with_name[:LABEL_PX].any()
-    assert with_name[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == [BLANK] * 3
+
+
+def test_a_run_without_masks_has_no_column_for_them():
+    view = row(30, 90)
+    sheet = sheet_of(view)
+    assert sheet.shape[1] == 3 * (90 + GAP_PX) and titles("half", 9, "", masked=False)[2] == "error (brightest: 0.5)"
+    assert sheet[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == error_picture(view.photo, view.render)[0, 0].tolist()
 
 
 def test_titles_say_which_look_is_shown_by_which_protocol_and_after_which_step():
-    photo, render, _, error = titles("full", 600, "refined")
+    photo, render, _, error = titles("full", 600, "refined", masked=True)
     assert (photo, render) == ("photo (protocol full, step 600)", "render (refined)") and error.startswith("error (refined;")
-    assert titles("full", 600, "")[1::2] == ("render", "error (brightest: 0.5)")
+    assert titles("full", 600, "", masked=True)[1::2] == ("render", "error (brightest: 0.5)")
     one, other = row(8, 300), replace(row(8, 300), look="zero_shot")
     refined, zero_shot = map(sheet_of, (one, other))
-    places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(4)]
-    assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, False, True]
+    places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(3)]
+    assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, True]
     assert picture_sheet([row_of(replace(one, look=None), "")], "half", 9).shape == refined.shape  # of a run with one look
 
 
@@ -75,7 +81,7 @@ def test_errors_brighten_from_black_and_saturate():
 
 
 def test_rows_are_shrunk_before_they_wait_for_each_other():
-    assert {tile.shape for tile in row_of(row(600, 800), "").tiles} == {(240, TILE_PX, 3)}
+    assert {tile.shape for tile in row_of(row(600, 800, np.ones((5, 8), np.float32)), "").tiles} == {(240, TILE_PX, 3)}
 
 
 def test_views_are_kept_one_by_one_under_their_names(tmp_path):

@@ -41,7 +41,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits], model
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
-        every = f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing."
+        every = f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing; `--all-photos` trains on all."
         return splits, [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve()), *no_splits], model
     return splits, notes + none_held_out(splits, f"{source.name} holds out none of these photos") + no_splits, source
 

@@ -27,7 +27,7 @@ def split(root, names=NAMES):
 def test_every_eighth_by_name_is_held_out_without_a_list(tmp_path):
     splits, notes = split(tmp_path)
     assert [name for name in NAMES if splits[name] == "test"] == ["a.jpg", "i.jpg", "q.jpg"]
-    assert set(splits) == set(NAMES) and "every 8th photo" in notes[0]
+    assert set(splits) == set(NAMES) and "every 8th photo" in notes[0] and "`--all-photos` trains on all" in notes[0]
 
 
 def test_which_of_two_rows_means_a_photo_does_not_depend_on_their_order():

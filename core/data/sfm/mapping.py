@@ -50,7 +50,10 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
         )
     if len(models) > 1:
         sizes = ", ".join(str(part.num_reg_images()) for part in models)
-        report.warn(f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept.")
+        report.warn(
+            f"The photos fall apart into {len(models)} places ({sizes} photos); the largest is kept. "
+            "Add photos that connect them, or give each place a folder."
+        )
     if folded := sum(not image.has_pose for image in models[0].images.values()):
         report.warn(f"{counted(folded, 'photo')} fit only with an impossible lens and were left out.")
     return models[0]

@@ -113,7 +113,9 @@ def test_the_model_that_is_largest_without_them_is_kept(mapped, folded, apart):
     fold(largest, *folded)
     chosen, lines, _ = mapped([largest, other], [])
     assert chosen is other
-    assert lines == ([f"! The photos fall apart into {apart}; the largest is kept."] if apart else [])
+    assert lines == (
+        [f"! The photos fall apart into {apart}; the largest is kept. Add photos that connect them, or give each place a folder."] if apart else []
+    )
 
 
 def test_two_photos_of_many_are_no_scene(mapped):

@@ -180,7 +180,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
     unusable = dict(gone)
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, StoredTwice):
-            again.append(named_with_fault(path.name, path, photo))
+            again.append(photo.what.rstrip("."))
         elif isinstance(photo, BadInput):
             unusable[named_with_fault(path.name, path, photo)] = photo.fix
         else:

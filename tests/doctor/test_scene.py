@@ -213,7 +213,7 @@ def test_pictures_stored_twice_are_told_and_not_matched_with_themselves(tmp_path
     assert cv2.imwrite(str(tmp_path / "again.jpg"), cv2.imread(str(tmp_path / "0.png")), [cv2.IMWRITE_JPEG_QUALITY, 90])
     findings, _ = examined(tmp_path)
     twice = findings["pictures stored twice"]
-    assert twice.figure == "1 of 4 (again.jpg (is the picture 0.png once more, with fewer bytes))" and not twice.advice
+    assert twice.figure == "1 of 4 (again.jpg is the picture 0.png once more, with fewer bytes)" and not twice.advice
     assert "(3 pairs to match" in findings["scene"].meaning
 
 

@@ -24,7 +24,7 @@ from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import LENSES, MADE_OF, NAMES, files_of
 from core.data.sfm.room import check_room, write_model
 from core.data.sfm.upright import turn_upright
-from core.data.sfm.usable import UsablePhoto, usable_photos
+from core.data.sfm.usable import StoredTwice, UsablePhoto, usable_photos
 from core.data.split import copy_lists
 from core.errors import BadInput
 from core.report import Report
@@ -32,7 +32,7 @@ from core.scene.camera import Camera
 from core.scene.lens import Lens
 from core.system.atomic import NAME_PART, replacing_folder, write_json
 from core.system.outputs import check_folder, files_in
-from core.words import counted, name_them
+from core.words import counted, list_names, name_them
 
 ALPHA = "alpha"  # folder, in the work folder, of what is known of transparency
 JPEG_SUFFIXES = (".jpg", ".jpeg")
@@ -90,7 +90,7 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
         write_json(new / "scene" / MADE_OF, made_of)
         write_json(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]
-    for note in name_them("that COLMAP could not place, left out", lost):
+    for note in name_them("that got no place, left out", lost):
         report.warn(note.text)
     report.say(f"{output}: {counted(len(placed), 'photo')} with cameras, {counted(model.num_points3D(), 'point')}")
     return output
@@ -106,8 +106,11 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
     numbers = {path: number for number, path in enumerate(paths, 1)}
-    copies, originals, turned = {}, {}, 0
+    copies, originals, twice, turned = {}, {}, [], 0
     for path, photo in usable_photos(paths, report):
+        if isinstance(photo, StoredTwice):
+            twice.append(photo.what.rstrip("."))
+            continue
         if isinstance(photo, BadInput):
             report.warn(f"Left out: {photo.what}")
             continue
@@ -120,6 +123,8 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
         turned += photo.header.orientation != 1
         if photo.alpha is not None:
             Image.fromarray(photo.alpha).save(work / ALPHA / name)
+    if twice:
+        report.say(f"{counted(len(twice), 'picture')} stored twice, left out: {list_names(sorted(twice))}")
     if turned:
         report.say(f"{counted(turned, 'photo')} turned upright, as EXIF says.")
     return dict(sorted(copies.items())), {path: originals[path] for path in paths if path in originals}

@@ -60,7 +60,7 @@ def test_cameras_are_found_again(tmp_path):
     heard = Heard()
     scene = reconstruct(photos, tmp_path / "new" / "scene", heard, lists=[photos])
     assert any("cut.jpg" in line and "truncated" in line for line in heard.lines)
-    assert any("that COLMAP could not place, left out" in line and line.endswith("stranger.png") for line in heard.lines)
+    assert any("that got no place, left out" in line and line.endswith("stranger.png") for line in heard.lines)
     assert "1 photo turned upright, as EXIF says." in heard.lines
     assert heard.finished >= {"Photos", "Features", "Matches"}
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["scene"]
@@ -285,4 +285,4 @@ def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
     heard = Heard()
     copies, _ = _copy_upright(list_photos(tmp_path), tmp_path / "work", heard)
     assert list(copies.values()) == ["b.jpg", "c.jpg", "pano-small.jpg"]
-    assert "! Left out: a.png is the picture b.jpg once more, with fewer pixels." in heard.lines
+    assert "1 picture stored twice, left out: a.png is the picture b.jpg once more, with fewer pixels" in heard.lines

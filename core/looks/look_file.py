@@ -23,11 +23,15 @@ def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, prun
     written = len(splats) - dropped
     gone = []
     if pruned.gaussians:
-        gone.append(f"{counted(pruned.gaussians, 'Gaussian')} ({path.stat().st_size / max(written, 1) * pruned.gaussians / 1e6:.1f} MB)")
+        gone.append(counted(pruned.gaussians, "Gaussian"))
     if pruned.bands:
         # A row of a vanilla .ply is 248 bytes whatever the degree: some viewers count on it.
         gone.append(f"the SH bands above degree {splats.degree} (zeros in a .ply)")
     if gone:
-        bound = f"in no training view does a pixel change by more than {pruned.largest:.2f} of 255; `wegs bake --prune off` keeps all"
-        report.say(f"Left out {' and '.join(gone)}: {bound}")
+        bound = (
+            f"in no training view does a pixel change by more than {max(pruned.largest, 0.01):.2f} of 255"
+            if pruned.largest
+            else "no training view changes"
+        )
+        report.say(f"Left out {' and '.join(gone)}: {bound}; `wegs bake --prune off` keeps all")
     return written

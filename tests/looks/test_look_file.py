@@ -1,6 +1,5 @@
 """A look as a file: what is left out of it, and what is said about that."""
 
-import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -44,8 +43,7 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     gone = len(trained.splats) - written
     assert gone >= 7 and pruner.kept[-trained.sky :].all()
     (line,) = heard.lines
-    assert line.startswith(f"Left out {counted(gone, 'Gaussian')} ({gone * ROW_BYTES / 1e6:.1f} MB)")
-    assert re.search(r": in no training view does a pixel change by more than 0\.\d\d of 255; `wegs bake --prune off` keeps all$", line)
+    assert line == f"Left out {counted(gone, 'Gaussian')}: no training view changes; `wegs bake --prune off` keeps all"
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
     assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
 

@@ -15,7 +15,7 @@ import pycolmap
 from core.data.photos.folder import list_photos
 from core.data.posed import Fault, Posed, PosedPhoto, from_camera_to_world, in_utf_8
 from core.errors import BadInput
-from core.words import Note, Reasons
+from core.words import Note, Reasons, name_them
 
 PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
 TRAINING, HELD_OUT = "train", ("test", "validation")  # the first of these that has photos
@@ -43,6 +43,8 @@ def read_nerf_osr(root: Path) -> Posed:
     held_out = next((split for split in HELD_OUT if photos[split]), None)
     unused = [split for split in HELD_OUT if photos[split] and split != held_out]
     notes = [Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True) for split in unused]
+    for split in (split for split in photos if split not in unused):
+        notes += name_them(f"with a pose missing in {source / split / 'rgb'}", _without_photo(source / split / "pose", photos[split]))
     roles = {TRAINING: "train", held_out: "test"} if held_out else {TRAINING: None}
     used = [(split, place) for split in roles for place in photos[split]]
     several = len({place for _, place in used}) < len(used)
@@ -68,6 +70,12 @@ def _pictures(folder: Path) -> list[Path]:
     """The pictures in the folder and its subfolders, as relative paths; none if there is no such folder."""
     places = sorted(Path(place) for place, _, _ in os.walk(folder))
     return [path.relative_to(folder) for place in places for path in list_photos(place)]
+
+
+def _without_photo(poses: Path, photos: list[Path]) -> list[str]:
+    """The stems, with their subfolders, of the text files in the folder `poses` that belong to none of the photos."""
+    given = {path.relative_to(poses).with_suffix("") for path in poses.rglob("*.txt") if not path.name.startswith(".")}
+    return sorted(path.as_posix() for path in given - {place.with_suffix("") for place in photos})
 
 
 def _matrix(folder: Path, place: Path) -> np.ndarray:

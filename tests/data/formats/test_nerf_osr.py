@@ -38,6 +38,16 @@ def test_cameras_are_those_of_the_model(tmp_path, scene):
         assert np.abs(pixels - SmallScene().seen(int(photo.name[6]))).max() < 1e-6  # float64 through text
 
 
+def test_photos_that_are_missing_are_named(scene):
+    (scene / "final" / "train" / "rgb" / "photo_2.png").unlink()
+    (scene / "final" / "train" / "pose" / "._photo_1.txt").touch()  # macOS
+    shutil.rmtree(scene / "final" / "test" / "rgb")
+    collection = load_collection(scene)
+    assert used(collection) == {"photo_1.png": "train", "photo_3.png": "test"}
+    for split, photo in (("train", "photo_2"), ("test", "photo_0")):
+        assert notes_with(collection, f"1 photo with a pose missing in {scene / 'final' / split / 'rgb'}: {photo}"), collection.notes
+
+
 def test_texts_as_windows_programs_save_them(scene):
     before = load_collection(scene)
     for path in (scene / "final").rglob("*.txt"):

@@ -102,6 +102,21 @@ def posed_kind(path: Path) -> str | None:
     return "nerf-osr" if find_nerf_osr(path) else None
 
 
+def scene_around(photos: Path) -> tuple[Path, str] | None:
+    """The scene with cameras that the folder `photos` lies in, and its kind; None if there is none.
+
+    Inside the dense/ of a PhotoTourism scene, and inside a split of NeRF-OSR, that is the folder above, which holds the split.
+    """
+    above = photos.resolve().parent
+    for scene in (above.parent, above):
+        with suppress(BadInput):  # half a model is no scene
+            kind = kind_with_cameras(scene)
+            split = kind == "nerf-osr" and (above / "pose").is_dir()
+            if kind and (scene == above or split or (find_model(scene) or scene).is_relative_to(above)):
+                return scene, kind
+    return None
+
+
 def check_cameras_unknown(path: Path) -> None:
     """Raise BadInput for what is no folder, and for one with cameras but no plain photos: there is nothing for structure from motion to do."""
     check_is_folder(path)
@@ -120,6 +135,8 @@ def find_photos(path: Path) -> Path:
         raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)
     if scene := _scene_below(path):
         raise BadInput(f"{path} holds no photos and no COLMAP model; its folder {scene.relative_to(path)} is a scene.", "Give that folder.")
+    if around := scene_around(path):
+        raise BadInput(f"{path} holds no photos and no COLMAP model; it lies in the {around[1]} scene {around[0]}.", "Give that folder.")
     raise no_photos(path, "no photos and no COLMAP model")
 
 

@@ -11,13 +11,12 @@ from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import CHECK_POSES, SHOWN, Collection, Photo, astray, looks_away
 from core.data.formats.colmap import MODEL_FOLDERS
-from core.data.load import model_elsewhere, not_searched, passed_over
+from core.data.load import model_elsewhere, not_searched, passed_over, scene_around
 from core.data.photos.file import named_with_fault
 from core.data.photos.folder import list_gone, list_photos, list_unreadable
 from core.data.photos.pixels import load_photo
 from core.data.placing import USUAL_FOCAL_LENGTHS, focal_length_of, is_usual
 from core.data.sfm.features import LEAST_PHOTOS
-from core.data.sfm.kept_cameras import scene_around
 from core.data.sfm.likely_pairs import longest_s, most_pairs
 from core.data.sfm.originals import placed_of, shortfall
 from core.data.sfm.usable import StoredTwice, usable_photos

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from core.data import find_kind, find_photos, load_collection, prepare
-from core.data.load import check_cameras_unknown
+from core.data.load import check_cameras_unknown, scene_around
 from core.data.photos.names import png_paths, relative_path
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
 from core.pipeline import cameras
 from tests.data.checks import notes_with, texts_of
-from tests.data.converted import write_nerfstudio
+from tests.data.converted import write_nerf_osr, write_nerfstudio
 from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.real_data import real
@@ -306,3 +306,20 @@ def test_copies_among_held_out_photos_are_none_of_training_photos(tmp_path):
     (scene / "test.txt").write_text("photo_0.png\nphoto_1.png\n")
     (scene / "images" / "photo_1.png").write_bytes((scene / "images" / "photo_0.png").read_bytes())
     assert not notes_with(load_collection(scene), "a copy of")
+
+
+def test_photos_of_a_phototourism_scene_are_pointed_to_the_folder_that_holds_its_split(tmp_path):
+    root = SmallScene().write(tmp_path / "plaza", "dense/images", "dense/sparse")
+    (root / "plaza.tsv").write_text("filename\tid\tsplit\n")
+    assert scene_around(root / "dense" / "images") == (root, "colmap")
+    other = SmallScene().write(root / "other")  # a scene of its own, that lies in another
+    assert scene_around(other / "images") == (other, "colmap")
+
+
+def test_a_split_of_nerf_osr_and_its_photos_are_pointed_to_the_folder_of_the_splits(tmp_path):
+    splits = {f"photo_{number}.png": "test" if number == 0 else "train" for number in range(4)}
+    final = write_nerf_osr(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene", splits) / "final"
+    save_photo(final / "train" / "mask" / "photo_1.png")
+    assert scene_around(final / "train" / "rgb") == (final, "nerf-osr")
+    with pytest.raises(BadInput, match=f"train holds no photos and no COLMAP model; it lies in the nerf-osr scene {final}. Give that folder"):
+        find_kind(final / "train")  # not "Name mask"

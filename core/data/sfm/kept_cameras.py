@@ -1,29 +1,12 @@
 """Cameras of plain photos are found once: structure from motion takes minutes, so its result is kept beside the runs."""
 
-from contextlib import suppress
 from pathlib import Path
 
-from core.data.formats.colmap import find_model
-from core.data.load import kind_with_cameras
+from core.data.load import scene_around
 from core.data.made import made_once
 from core.data.sfm import originals
 from core.data.sfm.reconstruct import reconstruct
-from core.errors import BadInput
 from core.report import Report
-
-
-def scene_around(photos: Path) -> tuple[Path, str] | None:
-    """The scene with cameras that the folder `photos` lies in, and its kind; None if there is none.
-
-    Inside the dense/ of a PhotoTourism scene, that is the folder above dense/, which holds the split.
-    """
-    above = photos.resolve().parent
-    for scene in (above.parent, above):
-        with suppress(BadInput):  # half a model is no scene
-            kind = kind_with_cameras(scene)
-            if kind and (scene == above or (find_model(scene) or scene).is_relative_to(above)):
-                return scene, kind
-    return None
 
 
 def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:

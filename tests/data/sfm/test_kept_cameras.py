@@ -3,10 +3,9 @@
 import pytest
 
 from core.data.sfm import kept_cameras, originals
-from core.data.sfm.kept_cameras import scene_around, scene_of_photos
+from core.data.sfm.kept_cameras import scene_of_photos
 from core.errors import BadInput
 from core.system.atomic import replacing_folder, write_json
-from tests.data.small_scene import SmallScene
 from tests.heard import Heard
 from tests.small import small_collection
 
@@ -63,14 +62,6 @@ def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_pat
         (scene / "sparse" / f"{part}.bin").touch()
     scene_of_photos(photos, tmp_path / "b", heard)
     assert heard.lines == [f"! {scene} is a colmap scene: give that folder to use its cameras. Now they are found anew."]
-
-
-def test_photos_of_a_phototourism_scene_are_pointed_to_the_folder_that_holds_its_split(tmp_path):
-    root = SmallScene().write(tmp_path / "plaza", "dense/images", "dense/sparse")
-    (root / "plaza.tsv").write_text("filename\tid\tsplit\n")
-    assert scene_around(root / "dense" / "images") == (root, "colmap")
-    other = SmallScene().write(root / "other")  # a scene of its own, that lies in another
-    assert scene_around(other / "images") == (other, "colmap")
 
 
 def test_parts_of_a_model_beside_photos_do_not_stop_them(photos, calls, tmp_path):

@@ -31,7 +31,8 @@ def find_nerf_osr(root: Path) -> Path | None:
 def read_nerf_osr(root: Path) -> Posed:
     """What the folders of `root` say: train/ is trained on; test/ is held out, or validation/ if test/ has no photos.
 
-    Text files and masks have the stem of their photo, also in subfolders. Raises BadInput if train/ has no photos.
+    Text files and masks have the stem of their photo, also in subfolders; that of a mask may be the whole name (a.jpg.png). Raises BadInput if
+    train/ has no photos.
     """
     source = find_nerf_osr(root)
     if source is None:
@@ -61,8 +62,10 @@ def read_nerf_osr(root: Path) -> Posed:
         except Fault as fault:
             faults.add(f"{fault}, not used", name)
             continue
-        mask = masks[split].get(place.with_suffix(""))
+        mask = masks[split].get(place.with_suffix("")) or masks[split].get(place)
         posed.append(PosedPhoto(name, source / split / "rgb" / place, lens, rotation, centre, roles[split], mask))
+    if masks[TRAINING] and not any(photo.mask for photo in posed if photo.split != "test"):
+        notes.append(Note(f"No mask in {source / TRAINING / 'mask'} has the name of a training photo: none is used."))
     return Posed("nerf-osr", source, posed, None, f"missing in {source}", fix, notes + faults.notes())
 
 

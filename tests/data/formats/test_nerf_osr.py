@@ -93,7 +93,7 @@ def test_photos_of_one_name_are_told_apart_by_their_split(scene):
     }
 
 
-def test_masks_belong_to_the_photo_of_their_stem(scene):
+def test_masks_belong_to_the_photo_of_their_stem_or_whole_name(scene):
     for split in ("train", "test"):
         (scene / "final" / split / "mask").mkdir()
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
@@ -103,6 +103,10 @@ def test_masks_belong_to_the_photo_of_their_stem(scene):
     collection = load_collection(scene)
     assert [photo.mask and photo.mask.path.name for name in ("test", "train") for photo in collection.split(name)] == [None, None, "photo_2.jpg"]
     assert notes_with(collection, "1 photo without a mask, used whole: photo_1.png")
+    (scene / "final" / "train" / "mask" / "photo_2.jpg").rename(scene / "final" / "train" / "mask" / "photo_2.png.jpg")
+    assert load_collection(scene).photo("photo_2.png").mask.path.name == "photo_2.png.jpg"
+    (scene / "final" / "train" / "mask" / "photo_2.png.jpg").rename(scene / "final" / "train" / "mask" / "mask_2.jpg")
+    assert notes_with(load_collection(scene), f"No mask in {scene / 'final' / 'train' / 'mask'} has the name of a training photo: none is used")
 
 
 def test_photos_in_folders_below_are_found_with_their_cameras_and_masks(scene):

@@ -33,6 +33,7 @@ FISHEYE = "OPENCV_FISHEYE"
 LENGTHS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}  # which say the focal length
 LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # in the order of nerfstudio's distortion_params, which may stand in their place
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
+DYNAMIC_MASK = "whose dynamic_mask_*.png (Instant-NGP) is not used: invert it (white = use), name it as the photo, and give its folder to --masks"
 IN_VIEW = 0.5  # of the points; if the cameras show less, the file is likely to be in another frame
 POINTS_ASKED = 10_000  # evenly spread, to find that out
 
@@ -104,6 +105,8 @@ class _Reading:
                     self.faults.add("with a mask_path that is no name, used whole", label)
                 mask = self.find(mask) if isinstance(mask, str) else None
                 photos[path] = PosedPhoto(str(path), path, lens.camera, rotation, centre, mask=mask)
+                if mask is None and is_file(path.with_name(f"dynamic_mask_{path.stem}.png")):
+                    self.faults.add(DYNAMIC_MASK, label)
                 if isinstance(image_id := frame.get("colmap_im_id"), int):
                     self.image_ids[path] = image_id
             except Fault as fault:

@@ -291,6 +291,13 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     assert undivided.split("train")[0].mask.path.name == "0.png" and notes_with(undivided, "3 photos with a mask from")
 
 
+def test_masks_of_instant_ngp_are_told_of_as_not_used(scene):
+    (scene / "images" / "dynamic_mask_photo_1.png").touch()
+    found = load_collection(scene)
+    assert notes_with(found, "1 photo whose dynamic_mask_*.png (Instant-NGP) is not used: invert it")
+    assert all(photo.mask is None for photo in found.photos)
+
+
 def test_names_of_files_that_are_none_are_told(scene):
     changed(scene, lambda facts: (facts.update(ply_file_path=["x"]), facts["frames"][1].update(mask_path=7)))
     collection = load_collection(scene)

@@ -58,18 +58,18 @@ class Settings:
 
     steps: int = setting(
         UNDECIDED,
-        f"Training steps; every schedule is a fraction of them. auto: {STEPS_PER_PHOTO} per training photo, at least {LEAST['steps']} and at most "
-        f"{STEPS_FOR_FEW}; {STEPS_PER_PHOTO_OF_MANY} per photo where that is more.",
+        f"Training steps; every schedule is a fraction of them. auto: {STEPS_PER_PHOTO} per training photo, at least {LEAST['steps']:,} and at most "
+        f"{STEPS_FOR_FEW:,}; {STEPS_PER_PHOTO_OF_MANY} per photo where that is more.",
         low=1,
         auto=True,
         section="The run",
     )
-    seed: int = setting(0, "Seed of everything random.", low=0, high=2**63 - 1)
+    seed: int = setting(0, "Random seed.", low=0, high=2**63 - 1)
     device: str = setting("auto", "Where to compute. auto: an NVIDIA GPU if torch finds one.", choices=("auto", "cpu", "cuda"))
-    backend: str = setting("auto", "Rasterizer. auto: that of the device. reference: slow, for tests.", choices=("auto", "reference", "cpu", "cuda"))
+    backend: str = setting("auto", "Rasterizer. auto: the device's own. reference: slow, for tests.", choices=("auto", "reference", "cpu", "cuda"))
     resolution: int = setting(
         UNDECIDED,
-        "Size of the photos in training: 1, 2, 4 or 8 divides it; a larger number is the width in px. auto: shrunk to a mean of "
+        "Size of the photos in training. 1, 2, 4 or 8: divided by that; larger numbers: a width in px. auto: shrunk to a mean of "
         f"{AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
         low=1,
         auto=True,
@@ -78,13 +78,13 @@ class Settings:
     max_gaussians: int = setting(
         UNDECIDED,
         f"Upper limit on the number of Gaussians, not counting the sky. auto: one per {PIXELS_PER_GAUSSIAN} pixels of all training "
-        f"photos together, or {GAUSSIANS_PER_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']}.",
+        f"photos together, or {GAUSSIANS_PER_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']:,}.",
         low=1,
         auto=True,
     )
     sh_degree: int = setting(
         UNDECIDED,
-        "Degree of the spherical harmonics. auto: 0 or 1, by whether colours in the photos depend on the viewing direction.",
+        "Degree of the spherical harmonics, 0 to 3. auto: 0 or 1, by whether colours in the photos depend on the viewing direction.",
         low=0,
         high=3,
         auto=True,
@@ -96,7 +96,7 @@ class Settings:
         choices=(AUTO, "off", "exposure", "full"),
         section="Parts of the method",
     )
-    transients: str = setting(AUTO, "Whether passers-by (transients) are masked. auto: chosen from the photos.", choices=(AUTO, "off", "on"))
+    transients: str = setting(AUTO, "Whether passers-by (transients) are masked. auto: the photos decide.", choices=(AUTO, "off", "on"))
     sky: str = setting(
         AUTO,
         "What stands behind everything: a far dome of Gaussians, or nothing. auto: nothing where transparent pixels are empty.",
@@ -104,7 +104,7 @@ class Settings:
     )
     transparency: str = setting(
         AUTO,
-        "What transparent pixels say: that nobody saw what is there, or that it is empty. auto: empty, in a Blender scene without a dome.",
+        "What transparent pixels mean: unseen = nobody saw what is there, empty = nothing is. auto: empty in a Blender scene without a dome.",
         choices=(AUTO, "unseen", "empty"),
     )
     embedding: str = setting("encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo"))
@@ -114,7 +114,7 @@ class Settings:
         choices=("attention", "cnn", "mlp"),
     )
     colour_bands: int = setting(
-        4, "Horizontal bands of a photo whose mean colours give its embedding beside its features; 0: none (paper).", low=0, high=64
+        4, "Horizontal bands of a photo whose mean colours enter its embedding, beside its features; 0: none (paper).", low=0, high=64
     )
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
@@ -141,7 +141,7 @@ class Settings:
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1, high=1_000_000)
     encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12, high=20_000)
-    sky_radius: float = setting(30.0, "Least radius of the sky's dome, which encloses all cameras but those far astray.", low=2, high=20_000)
+    sky_radius: float = setting(30.0, "Least radius of the sky's dome; it grows to enclose all cameras but those far astray.", low=2, high=20_000)
 
     ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses")
     mask_loss: str = setting(
@@ -180,20 +180,22 @@ class Settings:
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(
         4.0,
-        "Gaussians farther from SfM points than this many times their spacing there, or the median one if larger, are removed; 0 keeps all.",
+        "Gaussians farther from SfM points than this many times the points' spacing there (at least the median) are removed; 0 keeps all.",
         low=0,
     )
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
     prune_contribution: float = setting(
         UNDECIDED,
-        "After growth, Gaussians that make up this share of no pixel are removed. "
+        "After growth, Gaussians are removed that make up this share of no pixel in any photo. "
         f"auto: {WITH_LOOKS['prune_contribution']}, or {WITHOUT_LOOKS['prune_contribution']:g} without looks.",
         low=0,
         high=1,
         auto=True,
     )
-    remove_veils: bool = setting(True, "After growth, remove what hardly covers any photo and much of what a camera beside it would see.")
-    remove_passers_by: bool = setting(True, "After growth, remove what masks hide in few photos, if there are enough photos to learn masks from.")
+    remove_veils: bool = setting(True, "After growth, remove Gaussians that hardly cover any photo but much of what a camera beside it would see.")
+    remove_passers_by: bool = setting(
+        True, "After growth, remove Gaussians that masks hide in one or two photos, if photos are enough to learn masks."
+    )
 
     coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, at first a quarter of the size.", low=0, high=1, section="Schedule")
     geometry_from: float = setting(

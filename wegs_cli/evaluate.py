@@ -21,14 +21,14 @@ from wegs_cli.options import DEFAULT_RUN, InputPath
     help="half: read the look from the left half of a test photo, score the right half; full: the whole photo for both.  "
     "[default: half; with --curve, both]",
 )
-@click.option("--no-refine", is_flag=True, help="Score only the look as the encoder reads it (zero-shot).")
-@click.option("--pictures", is_flag=True, help="Keep every render and photo as PNG, in the run's pictures/.")
-@click.option("--curve", is_flag=True, help="Instead, plot quality over time, of training and of refinement.")
+@click.option("--no-refine", is_flag=True, help="Score only the look that the encoder reads (zero-shot).")
+@click.option("--pictures", is_flag=True, help="Also write every render and photo as PNG into pictures/ in the run.")
+@click.option("--curve", is_flag=True, help="Plot quality over time instead, in training and in refinement.")
 def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
-    """Measure a run on the photos it was not trained on: PSNR, SSIM and, where its weights are found, LPIPS.
+    """Measure a run on the photos it was not trained on: PSNR, SSIM and, if its weights are installed, LPIPS.
 
-    Writes results.json, per_view.json and sheet.png into the run, for the protocol `full` results_full.json and so on; --curve
-    writes figures into its curves/ (of the first run, where several are drawn in one picture).
+    Writes results.json, per_view.json and sheet.png into the run (results_full.json and so on with --protocol full). With --curve, it writes
+    figures into curves/ in the run, or in the first of several runs.
 
     \b
     Examples:

@@ -124,14 +124,17 @@ def _show_version(context: click.Context, _parameter: click.Parameter, wanted: b
     "--memory",
     type=click.FloatRange(min=2),
     metavar="GIB",
-    help="Never take more main memory than this (Linux); a GPU's own is not limited.",
+    help="Never use more main memory than this (Linux only); a GPU's own memory is not limited.",
 )
 def wegs(memory: float | None) -> None:
     """From tourist photos to a 3D Gaussian scene whose look follows any photo.
 
     \b
-    wegs train photos/                            # minutes to hours on two cores
-    wegs bake --appearance dusk.jpg -o dusk.ply   # opens in every 3DGS viewer
+    wegs doctor photos/                           # can all photos be read? how long will it take?
+    wegs train photos/                            # writes runs/photos: minutes to hours on two cores
+    wegs bake --appearance dusk.jpg -o dusk.ply   # the scene in the look of a photo, for any 3DGS viewer
+
+    Type `wegs COMMAND --help` for the options of a command.
     """
     if memory is not None:
         from core.system.memory import hold_to  # late: not before `run` has checked that this core is wegs'

@@ -4,12 +4,13 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable
+from dataclasses import Field
 from pathlib import Path
 from typing import Any
 
 import click
 
-from core.config import AUTO, FIELDS, PRESETS, UNDECIDED, Settings, no_setting, preset, wrong_kind
+from core.config import AUTO, FIELDS, PRESETS, UNDECIDED, Settings, checked, no_setting, preset, wrong_kind
 from core.errors import BadInput, BadSetting
 
 # Settings that have an option of their own; --set and --config reach all of them.
@@ -21,14 +22,15 @@ DEFAULT_RUN = "[default: the current folder if it is a run, else the newest in r
 
 
 class InputPath(click.Path):
-    """What is to be read. That it may be is for its reader to find out: click would only point to the help."""
+    """A path to read. Whether it can be read is left to whoever reads it: click's own check would only point to the help."""
 
     def __init__(self):
         super().__init__(path_type=Path, readable=False)
 
 
 class OutputPath(click.Path):
-    """What is to be written. A `..` behind a folder that is not there yet is resolved, or what it leads to would be taken for new."""
+    """A path to write. If a `..` in it follows a folder that does not exist yet, the path is resolved; otherwise it would seem new although
+    what it leads to may exist."""
 
     def __init__(self):
         super().__init__(path_type=Path)
@@ -39,32 +41,49 @@ class OutputPath(click.Path):
         return path if all(folder.exists() for folder in climbed) else Path(os.path.realpath(path))
 
 
-class AutoOrWhole(click.IntRange):
-    """The word `auto`, or as files of settings have it UNDECIDED, or a whole number in a range."""
+class Number(click.ParamType):
+    """The value of a setting that is a number, read and checked as `--set` does: click's own ranges read badly in help and errors."""
 
-    name = f"whole number or {AUTO}"
+    name = "number"
+
+    def __init__(self, item: Field):
+        self.item = item
 
     def get_metavar(self, param, ctx=None):
-        return f"[{AUTO}|INTEGER]"
+        return f"[{AUTO}|N]" if self.item.metadata["auto"] else "N"
 
     def convert(self, value, param, ctx):
-        return AUTO if value in (AUTO, str(UNDECIDED)) else super().convert(value, param, ctx)
+        try:
+            number = _value_of(self.item, value)
+            return number if number == AUTO else checked(self.item, number)
+        except BadSetting as problem:
+            self.fail(str(problem), param, ctx)
+
+
+class WithSettings(click.Command):
+    """A command whose help ends with the list of all settings, in sections."""
+
+    def format_epilog(self, ctx, formatter):
+        formatter.write_paragraph()
+        formatter.write_text("Settings for --set KEY=VALUE and --config, with their defaults:")
+        for section, rows in settings_by_section().items():
+            with formatter.section(section):
+                formatter.write_dl(rows, col_max=34)  # none is wider
 
 
 def setting_option(name: str) -> Callable:
     """A click option for the field `name` of Settings: None unless typed, so that a preset can apply."""
     item = FIELDS[name]
     rules = item.metadata
-    flags = *SHORT.get(name, ()), "--" + name.replace("_", "-")
+    flags = *SHORT.get(name, ()), _option_of(name)
     if item.type is bool:
         return click.option(*flags, name, is_flag=True, default=None, help=rules["help"])
-    if rules["choices"]:
-        kind = click.Choice(rules["choices"])
-    elif rules["auto"]:
-        kind = AutoOrWhole(rules["low"], rules["high"])
-    else:
-        kind = click.IntRange(rules["low"], rules["high"])
+    kind = click.Choice(rules["choices"]) if rules["choices"] else Number(item)
     return click.option(*flags, name, type=kind, default=None, help=f"{rules['help']}  [default: {shown_default(name)}]")
+
+
+def _option_of(name: str) -> str:
+    return "--" + name.replace("_", "-")
 
 
 def shown_default(name: str) -> Any:
@@ -80,7 +99,8 @@ def settings_options(command: Callable) -> Callable:
             "--preset",
             "preset_name",
             type=click.Choice(list(PRESETS)),
-            help="Settings to start from; other options override them.  [default: default]",
+            help=f"Settings to start from; other options override them. quick: a first try, of {PRESETS['quick']['steps']:,} steps. paper: the "
+            "sizes of the paper, which want a GPU. vanilla: plain 3DGS, without looks and masks.  [default: default]",
         ),
         *map(setting_option, FLAGS),
         click.option(
@@ -88,7 +108,7 @@ def settings_options(command: Callable) -> Callable:
             type=InputPath(),
             help='TOML file with lines such as `steps = 2000` or `preset = "quick"`; the command line overrides it.',
         ),
-        click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Any setting listed below; repeatable."),
+        click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Change a setting of the list below; repeatable."),
     ]
     for decorate in reversed(decorators):
         command = decorate(command)
@@ -126,16 +146,16 @@ def _no_options_among(names: Iterable[str], where: str = "") -> None:
             raise BadSetting(f"{where}{name} is no setting but an option of the command line.", f"Type: --{name}{value}")
 
 
-def settings_table() -> str:
-    """Every setting with its default and help, by sections, for the end of `wegs train --help`."""
-    lines = ["\b", "Settings, for --set and --config:"]
+def settings_by_section() -> dict[str, list[tuple[str, str]]]:
+    """By section, each setting with its default, and its help; of one that has an option, the help stands there."""
+    sections: dict[str, list[tuple[str, str]]] = {}
     for name, item in FIELDS.items():
         if item.metadata["section"]:
-            lines += ["\n\b", f"{item.metadata['section']}:"]
-        choices = f" ({' | '.join(item.metadata['choices'])})" if item.metadata["choices"] else ""
-        lines.append(f"  {name} = {shown_default(name)}{choices}")
-        lines.append(f"      {item.metadata['help']}")
-    return "\n".join(lines)
+            rows = sections.setdefault(item.metadata["section"], [])
+        choices = f"  [{'|'.join(item.metadata['choices'])}]" if item.metadata["choices"] else ""
+        text = f"See {_option_of(name)}." if name in FLAGS else item.metadata["help"] + choices
+        rows.append((f"{name} = {str(shown_default(name)).lower()}", text))
+    return sections
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -146,22 +166,26 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except ValueError as problem:  # TOML's own errors and text that is not UTF-8
         raise BadInput(f"{path} is not TOML: {problem}.", "Write lines such as: steps = 2000") from None
     if table := next((name for name, value in values.items() if isinstance(value, dict)), None):
-        raise BadSetting(f"{path}: settings stand in no table, and {table} is one.", f"Take [{table}] out, and leave the lines below it.")
+        raise BadSetting(f"{path}: {table} is a table, and settings stand in none.", f"Remove the line [{table}], and keep those below it.")
     return values
 
 
 def _parse(assignment: str) -> tuple[str, Any]:
-    """KEY=VALUE with the value in the type of the setting."""
+    """Name and value of a KEY=VALUE."""
     name, _, text = map(str.strip, assignment.partition("="))
     name = name.replace("-", "_")
     if not name or not text:
         raise BadSetting(f"--set {assignment} gives no {'value' if name else 'setting'}.", "Type: --set key=value")
-    item = FIELDS.get(name)
-    if item is None:
+    if name not in FIELDS:
         raise no_setting(name)
+    return name, _value_of(FIELDS[name], text)
+
+
+def _value_of(item: Field, text: str) -> Any:
+    """The text as a value of the Settings field `item`; AUTO where that is allowed."""
     if item.metadata["auto"] and text == AUTO:
-        return name, AUTO
+        return AUTO
     try:
-        return name, click.BOOL(text) if item.type is bool else item.type(text)
+        return click.BOOL(text) if item.type is bool else item.type(text)
     except (ValueError, click.BadParameter):
         raise wrong_kind(item, text) from None

@@ -6,28 +6,29 @@ import click
 from click.core import ParameterSource
 
 from core.errors import BadSetting, command
-from wegs_cli.options import InputPath, OutputPath, settings_from, settings_options, settings_table
+from wegs_cli.options import InputPath, OutputPath, WithSettings, settings_from, settings_options
 
 
-@click.command(epilog=settings_table(), short_help="Photos in, a run out.")
+@click.command(cls=WithSettings, short_help="Train a scene from photos; the result is a run.")
 @click.argument("scene", type=InputPath(), required=False)
 @click.option(
-    "-o", "--output", type=OutputPath(), help="Folder of the run.  [default: runs/NAME, NAME being the scene's folder; NAME-2, NAME-3 ... if taken]"
+    "-o", "--output", type=OutputPath(), help="Folder of the run.  [default: runs/NAME after the scene's folder; NAME-2, NAME-3 ... if taken]"
 )
 @click.option(
     "--masks",
     type=InputPath(),
-    help="Folder of masks, one per photo with the photo's name; white = use. wegs' own masks still apply; --transients off turns those off.",
+    help="Folder of masks, one per photo, named like it; white = use. wegs still learns masks of its own, unless --transients off is given.",
 )
 @settings_options
-@click.option("--resume", is_flag=True, help="Go on with the run in -o (default: the newest), with its own settings.")
+@click.option("--resume", is_flag=True, help="Continue the stopped run in -o (default: the newest), with its own scene and settings.")
 @click.option("--force", is_flag=True, help="Replace the run that -o holds.")
 def train(scene, output, masks, preset_name, config, assignments, resume, force, **typed) -> None:
     """Train a scene whose look can follow any photo, from the photos in SCENE (default: the current folder).
 
-    SCENE is a COLMAP model with its photos, a PhotoTourism folder, a transforms.json of nerfstudio or Instant-NGP, a
-    Blender or NeRF-OSR scene, or plain photos, whose cameras are then found first. Where cameras come without points,
-    these are triangulated first.
+    SCENE is a folder: of plain photos, whose cameras are then found first, or a COLMAP, PhotoTourism, nerfstudio,
+    Instant-NGP, Blender or NeRF-OSR scene. Points are triangulated if the scene has none.
+
+    The result is a run: a folder with the scene in its neutral look as a .ply, and all that `wegs bake` needs to write it in any other look.
 
     \b
     Examples:

@@ -191,6 +191,11 @@ def test_a_program_without_a_terminal_works_all_the_same():
         (["train", "photos", "--memory", "4"], "No such option '--memory'. It goes before the command: wegs --memory GIB train"),
         (["--memory", "much", "train"], "'much' is not a valid number. Try: wegs --help"),
         (["interpolate", "a.jpg", "b.jpg", "--steps", "few"], "'few' is not a valid whole number. Try: wegs interpolate --help"),
+        (
+            ["train", "photos", "--steps", "few"],
+            "'--steps': steps=few is not a whole number. Give one of at least 1, or auto. Try: wegs train --help",
+        ),
+        (["train", "photos", "--sh-degree", "7"], "'--sh-degree': sh_degree=7 is too large. Give one from 0 to 3, or auto. Try: wegs train --help"),
         (["train", "photos", "--set", "masks=people"], "masks is no setting but an option of the command line. Type: --masks ..."),
         (["train", "photos", "--set", "resume=1"], "resume is no setting but an option of the command line. Type: --resume"),
         (["train", "photos", "--config", "x.toml"], "x.toml: masks is no setting but an option of the command line. Type: --masks ..."),

@@ -37,17 +37,24 @@ def test_no_command_at_all_shows_help_as_a_wrong_command_line():
 
 
 def test_train_help_shows_every_setting_with_default_and_help():
-    output = " ".join(CliRunner().invoke(wegs, ["train", "--help"]).output.split())
+    output = CliRunner().invoke(wegs, ["train", "--help"]).output
+    in_one = "".join(output.split())  # wherever its lines are broken
     for name, item in FIELDS.items():
-        assert f"{name} = {shown_default(name)}" in output
-        assert " ".join(item.metadata["help"].split()) in output
+        assert f"  {name} = {str(shown_default(name)).lower()}  " in output
+        assert in_one.count("".join(item.metadata["help"].split())) == 1, f"the help of {name} stands there once"
+        assert "|".join(item.metadata["choices"]) in in_one
     for name in FLAGS:
-        assert "--" + name.replace("_", "-") in output
+        assert f"See --{name.replace('_', '-')}." in output
     assert f"[{'|'.join(PRESETS)}]" in output
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_line_of_help_is_wider_than_the_terminal(name):
+    assert max(map(len, CliRunner().invoke(wegs, [name, "--help"], terminal_width=80).output.splitlines())) <= 80
+
+
 def test_the_settings_stand_under_headings():
-    lines = [line.strip() for line in CliRunner().invoke(wegs, ["train", "--help"]).output.splitlines()]
+    lines = [line.partition("  ")[0] for line in CliRunner().invoke(wegs, ["train", "--help"]).output.replace("\n  ", "\n").splitlines()]
     for heading, first in (("The run:", "steps = auto"), ("Losses:", "ssim_weight = 0.2"), ("Schedule:", "coarse_until = 0.2")):
         assert lines[lines.index(heading) - 1] == "" and lines[lines.index(heading) + 1] == first
     assert lines.index("Losses:") < lines.index("gauge = 0.01") < lines.index("Learning rates (Adam):")

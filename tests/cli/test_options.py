@@ -130,7 +130,7 @@ def test_the_same_setting_twice_is_refused():
         ("largest_scale = true\n", BadSetting, "largest_scale=True is not a finite number. Give one of at least 0.001.$"),
         ("residual = 1\n", BadSetting, "residual=1 is not true or false. Choose one of: true, false.$"),
         ("sky = 1\n", BadSetting, "sky=1 is not a word. Choose one of: auto, none, dome.$"),
-        ("[training]\nsteps = 3\n", BadSetting, r"settings stand in no table, and training is one. Take \[training\] out"),
+        ("[training]\nsteps = 3\n", BadSetting, r"training is a table, and settings stand in none. Remove the line \[training\]"),
     ],
 )
 def test_a_bad_file_is_refused(tmp_path, text, error, words):

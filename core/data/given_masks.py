@@ -101,26 +101,26 @@ def _check_not_shared(masks: dict[str, Path]) -> None:
 
 
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:
-    """The photo with its mask, of this `size` (px). taken_through: the lens of the original photo, where the photo's file is an undistorted
-    copy of it; the mask is then one of the original, unless it has the size of the copy."""
+    """The photo with its mask, which has this `size`. taken_through: the original's lens, if the photo's file is an undistorted copy; the mask
+    is then taken to be drawn on the original, unless it has the size of the copy."""
     of_copy = replace(photo, mask=GivenMask(mask))
     return of_copy if size == size_for_mask(of_copy) else replace(photo, mask=GivenMask(mask, taken_through))
 
 
 def size_for_mask(photo: Photo) -> tuple[int, int]:
-    """Width and height (px) of the picture that the photo's mask was drawn on: the photo, or the original that it is an undistorted copy of."""
+    """The size of the picture that the photo's mask was drawn on: the photo, or the original that it is an undistorted copy of."""
     lens = photo.mask.lens
     return (photo.camera.width, photo.camera.height) if lens is None else (lens.width, lens.height)
 
 
 def fits(size: tuple[int, int], wanted: tuple[int, int]) -> bool:
-    """Whether a mask of this `size` has the aspect of its picture, within what drawing it by hand may change. Both: width and height, px."""
+    """Whether a mask of this `size` has the aspect of its picture, of the size `wanted`, within what drawing by hand may change."""
     (width, height), (wanted_width, wanted_height) = size, wanted
     return abs(log(width * wanted_height / (height * wanted_width))) <= SHAPE_TOLERANCE + 1 / min(size)
 
 
 def check_fits(mask: Path, size: tuple[int, int], wanted: tuple[int, int]) -> None:
-    """Raise BadInput unless a mask of this `size` (px) `fits` its picture."""
+    """Raise BadInput unless a mask of this `size` `fits` its picture."""
     if not fits(size, wanted):
         shapes = f"{size[0]} x {size[1]} px, its photo {wanted[0]} x {wanted[1]}"
         raise BadInput(f"The mask {mask} is {shapes}: of another shape.", "Give one of the whole photo, as displayed.")

@@ -48,7 +48,7 @@ class Row:
 def row_of(view: ViewPictures, note: str) -> Row:
     """The row of a view. note: text beside its name, such as its figures."""
     masked = view.mask is not None
-    mask = (_mask_picture(view.mask, tile_size(*view.photo.shape[:2])),) if masked else ()
+    mask = (_mask_picture(view.mask, tile_size(view.photo)),) if masked else ()
     tiles = tile(view.photo), tile(view.render), *mask, tile(error_picture(view.photo, view.render))
     return Row(f"{view.name}  {note}", view.look, tiles, masked)
 

@@ -22,7 +22,7 @@ VIDEO_CODECS = "vp09", "mp4v"  # VP9, which browsers and editors play; if OpenCV
 
 
 def levels(image: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
-    """The picture in the steps of an 8-bit file: clamped to [0, 1], rounded to whole 255ths, which it counts. NaN stays NaN."""
+    """The picture in the steps of an 8-bit file: clamped to [0, 1], times 255 and rounded. NaN stays NaN."""
     return (image.detach().clamp(0, 1) * 255).round()
 
 
@@ -51,21 +51,22 @@ class KeptPictures(Sequence):
         return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
 
-def tile_size(height: int, width: int) -> tuple[int, int]:
-    """Width and height (px) of a picture on a sheet: shrunk to a width of TILE_PX if it is wider."""
+def tile_size(picture: UInt8[np.ndarray, "h w 3"]) -> tuple[int, int]:
+    """The size of the picture on a sheet: shrunk to a width of TILE_PX if it is wider."""
+    height, width = picture.shape[:2]
     share = min(1.0, TILE_PX / width)
     return max(1, round(width * share)), max(1, round(height * share))
 
 
 def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_w 3"]:
     """The picture at its `tile_size`."""
-    size = tile_size(*picture.shape[:2])
+    size = tile_size(picture)
     return picture if picture.shape[1::-1] == size else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
 
 
 def contact_sheet(title: str, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """A line of text, then all frames (of one size), shrunk, in reading order, in as few and as even rows as possible; unused tiles are white."""
-    width, height = tile_size(*frames[0].shape[:2])
+    width, height = tile_size(frames[0])
     rows = math.ceil(len(frames) / SHEET_COLUMNS)
     columns = math.ceil(len(frames) / rows)
     sheet = np.full((rows * height, columns * width, 3), 255, dtype=np.uint8)

@@ -62,7 +62,7 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
     pixels = upright(pixels, header.orientation)
     use = np.ones(pixels.shape[:2], bool) if alpha is None else upright(alpha, header.orientation) >= OPAQUE
     if mask is not None:
-        use &= read_mask(mask, pixels.shape[:2])
+        use &= read_mask(mask, pixels.shape[1::-1])
     return pixels if use.all() else _filled(pixels, use, path, masked=mask is not None)
 
 
@@ -77,10 +77,10 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     pixels = _over_white(pixels, alpha)
     valid = None if alpha is None or transparent_is_empty else alpha >= OPAQUE
     if transparent_is_empty and alpha is not None:
-        pixels = np.dstack([pixels, 255 - alpha])  # goes where the colours go
+        pixels = np.dstack([pixels, 255 - alpha])  # a fourth channel, to be turned, undistorted and resized with the colours
     if photo.mask is not None:
-        shown = pixels.shape[1::-1] if swaps_sides(header.orientation) else pixels.shape[:2]
-        use = as_stored(read_mask(photo.mask.path, shown, photo), header.orientation)
+        displayed = pixels.shape[:2] if swaps_sides(header.orientation) else pixels.shape[1::-1]
+        use = as_stored(read_mask(photo.mask.path, displayed, photo), header.orientation)
         valid = use if valid is None else valid & use
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
@@ -100,11 +100,11 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
 
 
 def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
-    """(H, W) bool: where the mask of a photo of this `size` is white, both as displayed; resized by nearest pixel.
+    """(H, W) bool: where the mask of a photo is white, resized to the photo's `size` (as displayed) by nearest pixel.
 
-    photo: of a collection, whose mask it is. If that has a lens, the mask is undistorted as the photo was, and beyond the mask's edges all is used.
-    Transparent pixels are not white, as many programs save selections; of a cut-out photo only the transparency counts. Raises BadInput
-    like `read_pixels`, and for a mask that is grey or coloured.
+    photo: the photo of a collection that the mask belongs to. If its mask has a lens, the mask is undistorted as the photo was, and all is used
+    beyond the mask's edges. Transparent pixels are not white: many programs save selections so. Where the file is a photo with its
+    background cut out, its transparency is the mask. Raises BadInput like `read_pixels`, and for a mask that is grey or coloured.
     """
     with _called_a_mask():
         header, pixels, alpha = read_stored(path)
@@ -118,13 +118,13 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
     shade = shade if alpha is None else shade * (alpha / 255)
     white = upright((shade >= 3 * 128).astype(np.uint8), header.orientation)
     if photo is not None and photo.mask.lens is not None:
-        found, seen = distortion.undistort(255 * white[..., None], photo.mask.lens, photo.camera.resized(*size[::-1]))
+        found, seen = distortion.undistort(255 * white[..., None], photo.mask.lens, photo.camera.resized(*size))
         return (found[..., 0] >= 128) | ~seen
-    return cv2.resize(white, size[::-1], interpolation=cv2.INTER_NEAREST_EXACT) > 0
+    return cv2.resize(white, size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
 
 
 def mask_size(path: Path) -> tuple[int, int]:
-    """Width and height (px) of a mask as displayed. Raises BadInput like `read_pixels`."""
+    """The size of a mask as displayed. Raises BadInput like `read_pixels`."""
     with _called_a_mask():
         return probe(path).displayed
 

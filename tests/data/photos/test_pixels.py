@@ -188,7 +188,7 @@ def test_what_is_white_is_told_by_the_mean_of_the_colours(tmp_path):
     mask = save(tmp_path / "m.png", colours)
     wanted = np.full((30, 44), True)
     wanted[:16] = False
-    assert np.array_equal(read_mask(mask, (30, 44)), wanted)
+    assert np.array_equal(read_mask(mask, (44, 30)), wanted)
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])

@@ -13,11 +13,11 @@ import plyfile
 from core.errors import BadInput
 
 HEADER_BYTES = 1 << 16  # no header is longer
-IN_ASCII = bytes(range(128)) + b"?" * 128  # what bytes are read as
+IN_ASCII = bytes(range(128)) + b"?" * 128  # what each byte is read as
 
 
 class _Opened(io.FileIO):
-    """A binary file for plyfile, which reads headers byte by byte, and none beyond ASCII, as comments of other programs may be."""
+    """A binary file for plyfile, which reads headers byte by byte and refuses any that is not ASCII, as in other programs' comments."""
 
     def read(self, size: int = -1) -> bytes:
         data = super().read(size)
@@ -51,25 +51,25 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
         raise BadInput(f"{path} has no element `vertex`.", f"Give a {wanted}.") from None
 
 
-def _header(path: Path) -> bytes:
-    """The start of the file, with all of its header."""
+def read_header(path: Path) -> bytes:
+    """The start of the file, with all of its header and maybe some of its rows."""
     with path.open("rb") as file:
         return file.read(HEADER_BYTES)
 
 
 def _is_text(header: bytes) -> bool:
-    """Whether the rows are text, too; no comment begins a line so."""
+    """Whether the rows are text, as the header is; no comment line begins in this way."""
     return re.search(rb"[\r\n]format ascii", header) is not None
 
 
 def _parsed(path: Path) -> plyfile.PlyData:
-    with path.open(encoding="ascii", errors="backslashreplace") if _is_text(_header(path)) else _Opened(path) as file:
+    with path.open(encoding="ascii", errors="backslashreplace") if _is_text(read_header(path)) else _Opened(path) as file:
         return plyfile.PlyData.read(file)
 
 
 def bytes_beyond(path: Path) -> int:
-    """How many bytes follow the last row that the header of a readable file counts; 0 in a file of text, or with lists."""
-    header = _header(path)
+    """How many bytes a readable file has beyond the rows that its header announces; 0 in a file of text, or with lists."""
+    header = read_header(path)
     end = re.search(rb"[\r\n]end_header(\r\n|\r|\n)", header)  # a line of its own: a comment may end in the word
     if end is None or _is_text(header):
         return 0

@@ -54,23 +54,23 @@ def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Call
 
 
 def read_mark(path: Path) -> dict:
-    """The facts in a JSON file that says what a folder was made of; none if it is missing or garbled."""
-    try:
-        facts = json.loads(path.read_bytes())  # which knows the byte-order mark that editors of Windows put before it
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return facts if isinstance(facts, dict) else {}
+    """The facts in a JSON file that says what a folder was made of; none if it is missing or damaged."""
+    return _facts_and_fault(path)[0]
 
 
 def fault_of_mark(path: Path) -> str | None:
-    """Why `read_mark` reads nothing of a file, in words that follow its name; None where it is JSON."""
+    """Why `read_mark` reads nothing from a file, in words that follow its name; None if it is JSON."""
+    return _facts_and_fault(path)[1]
+
+
+def _facts_and_fault(path: Path) -> tuple[dict, str | None]:
     try:
-        json.loads(path.read_bytes())
+        facts = json.loads(path.read_bytes())  # bytes, as json then skips the byte-order mark that some Windows editors write
     except OSError as problem:
-        return f"cannot be read ({problem.strerror})"
+        return {}, f"cannot be read ({problem.strerror})"
     except (ValueError, RecursionError):
-        return "is damaged: it is no JSON"
-    return None
+        return {}, "is damaged: it is no JSON"
+    return facts if isinstance(facts, dict) else {}, None
 
 
 def path_from(root: Path, path: Path) -> str:
@@ -101,7 +101,7 @@ def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -
 
 
 def names_wegs(folder: Path) -> bool:
-    """Whether the folder's config.json is of wegs, as a run's is: its pictures are not photos. (`run_folders.is_run` takes a garbled one, too.)"""
+    """Whether the folder's config.json is one of wegs, so that its pictures are not photos. (`run_folders.is_run` also knows a damaged one.)"""
     return "wegs" in read_mark(folder / CONFIG)
 
 

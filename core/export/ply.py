@@ -14,7 +14,7 @@ from torch import Tensor
 
 import core
 from core.errors import BadInput
-from core.ply_file import HEADER_BYTES, read_rows, write_rows
+from core.ply_file import read_header, read_rows, write_rows
 from core.scene.harmonics import MAX_DEGREE, coefficient_count
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 from core.system.atomic import replacing
@@ -125,8 +125,7 @@ def maker_of(run: str, sky: int, look: str) -> str:
 
 def sky_of(path: Path) -> int | None:
     """How many of the file's last Gaussians are the dome, as `maker_of` says; None for files of other programs."""
-    with path.open("rb") as file:
-        header = file.read(HEADER_BYTES).partition(b"end_header")[0]
+    header = read_header(path).partition(b"end_header")[0]
     found = re.search(rb"^comment wegs [^,]*, run [^,]*, sky (\d+), look ", header, re.MULTILINE)
     return int(found[1]) if found else None
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from core.config import Settings
 from core.data.collection import Collection
-from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, fault_of_mark, names_wegs, read_mark
+from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, fault_of_mark, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
 from core.system.atomic import remove, swept
@@ -33,11 +33,9 @@ OURS = (
 
 
 def is_run(folder: Path) -> bool:
-    """Whether `folder` holds a run: its config.json names wegs, as no other program's does, or is garbled beside a checkpoint."""
-    if names_wegs(folder):
-        return True
-    config = folder / CONFIG
-    return config.is_file() and not read_mark(config) and checkpoint.newest(folder) is not None
+    """Whether `folder` holds a run: its config.json names wegs, as no other program's does, or is damaged but beside a checkpoint."""
+    facts = read_mark(folder / CONFIG)
+    return "wegs" in facts or (not facts and (folder / CONFIG).is_file() and checkpoint.newest(folder) is not None)
 
 
 def newest_run() -> Path:

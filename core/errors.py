@@ -44,14 +44,14 @@ def disk_full(what: str | Path) -> DiskFull:
 
 
 def as_disk_full(problem: BaseException, path: Path | None = None) -> DiskFull | None:
-    """The error to show where `problem` says that the disk is full, else None. path: what was being written, if that is known."""
+    """The error to show if `problem` means that the disk is full, else None. path: what was being written, if known."""
     if isinstance(problem, OSError) and problem.errno in DISK_FULL:
         return disk_full(path or problem.filename or "a file")
     return problem if isinstance(problem, DiskFull) else None
 
 
 def as_out_of_memory(problem: BaseException) -> WegsError | None:
-    """The error to show where `problem` says that memory ran out, else None: torch and OpenCV have exceptions of their own for it."""
+    """The error to show if `problem` means that memory ran out, for which torch and OpenCV have exceptions of their own; else None."""
     of_torch = str(problem) if isinstance(problem, RuntimeError) else ""
     of_opencv = type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
     if "CUDA" in of_torch and "out of memory" in of_torch:  # torch's own words, CUDA's and Triton's

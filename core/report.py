@@ -1,16 +1,16 @@
-"""How the engine tells what it does. Imports nothing of the engine, so that every layer may speak."""
+"""How the engine reports what it does. Imports nothing from the engine, so that every layer can use it."""
 
 from collections.abc import Callable
 
-Told = Callable[[int, int], None]  # called with the parts of some work that are done, and their number
+Told = Callable[[int, int], None]  # a progress callback: parts done, parts in all
 
 
 def unheard(done: int, total: int) -> None:
-    """A Told that nobody hears of."""
+    """A Told that does nothing."""
 
 
 class Report:
-    """A listener that hears everything and says nothing; the command line has one that prints."""
+    """Ignores all that it is told; the command line has a subclass that prints it."""
 
     def say(self, line: str) -> None:
         """A finding or decision, one line."""
@@ -19,9 +19,9 @@ class Report:
         """Something dropped or suspicious, one line."""
 
     def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
-        """`done` of `total` parts of `what` are through; `note` holds figures for the end of the bar.
+        """`done` of `total` parts of `what` are finished; `note` holds figures for the end of the bar.
 
-        share: of the time for all of them that is through, in [0, 1]; None if they all take as long.
+        share: of the time for all parts, how much has passed, in [0, 1]; None if every part takes equally long.
         """
 
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:

@@ -19,7 +19,7 @@ def on_one_line(text: str) -> str:
 
 @dataclass(frozen=True)
 class Note:
-    """A line for the user about what was found. harmless: nothing needs doing about it. of_split: it is untrue once no photo is held out."""
+    """A line for the user about what was found. harmless: nothing needs to be done. of_split: it no longer applies if no photo is held out."""
 
     text: str
     harmless: bool = False
@@ -27,22 +27,22 @@ class Note:
 
 
 def name_them(what: str, names: list[str], harmless: bool = False, of_split: bool = False) -> list[Note]:
-    """A note that counts and names photos, or none where there are none: "3 photos WHAT: a.jpg, b.jpg, c.jpg"."""
+    """A note that counts and names photos, "3 photos WHAT: a.jpg, b.jpg, c.jpg"; an empty list without photos."""
     return [Note(f"{counted(len(names), 'photo')} {what}: {list_names(names)}", harmless, of_split)] if names else []
 
 
 class Reasons:
-    """Photos by what is said of them, in the order in which it was first said."""
+    """Collects photos by what is said of them, such as why they are not used."""
 
     def __init__(self) -> None:
         self._names: dict[tuple[str, bool], list[str]] = {}
 
     def add(self, what: str, name: str, harmless: bool = False) -> None:
-        """`what` is said of the photo `name`, in words that follow "1 photo" and "3 photos"."""
+        """Add the photo `name` to those of which `what` is said, in words that follow "1 photo" and "3 photos"."""
         self._names.setdefault((what, harmless), []).append(name)
 
     def notes(self) -> list[Note]:
-        """A line for each reason."""
+        """A note for each reason, in the order in which they first came up."""
         return [note for (what, harmless), names in self._names.items() for note in name_them(what, names, harmless)]
 
 

@@ -4,7 +4,7 @@ import sys
 
 
 def run() -> None:
-    """Run `wegs_cli.main`, which has an answer to Ctrl-C once it is loaded; until then, it ends the program in silence."""
+    """Run `wegs_cli.main`, which handles Ctrl-C once it is loaded; until then, Ctrl-C ends the program without a word."""
     try:
         from wegs_cli.main import run
 

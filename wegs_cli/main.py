@@ -26,7 +26,7 @@ INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
 class OneLineErrors(click.Command):
-    """A command that ends with one line and an exit code, not a traceback, where the user can mend what went wrong."""
+    """A command that ends with one line and an exit code, not a traceback, where the user can correct what went wrong."""
 
     def main(self, args=None, prog_name=None, at_end=lambda: None, **extra):
         """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C. at_end: called before the one line."""
@@ -49,7 +49,7 @@ class OneLineErrors(click.Command):
 
 
 class Group(OneLineErrors, click.Group):
-    """Imports a command from COMMANDS only when it is wanted. click reads the names in `commands`, to suggest one near to what was typed."""
+    """Imports a command from COMMANDS only when it is used. From the names in `commands`, click suggests one if a word is mistyped."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -62,7 +62,7 @@ class Group(OneLineErrors, click.Group):
 
 
 def explain(problem: BaseException) -> tuple[str, int] | None:
-    """The line and the exit code for an exception that the user can mend; None for a defect of wegs."""
+    """The line and the exit code for an exception that the user can do something about; None for a defect of wegs."""
     from core.errors import WegsError, as_disk_full, as_out_of_memory  # late: not before `run` has checked that this core is wegs'
 
     if isinstance(problem, WegsError):
@@ -78,7 +78,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         stop = "" if message.endswith((".", "?")) else "."
         return " ".join(message.split()) + stop + advice, problem.exit_code
     if isinstance(problem, (click.Abort, KeyboardInterrupt)):
-        # click turns every Ctrl-C into an Abort; the words about what was kept are in its cause.
+        # click turns every Ctrl-C into an Abort, whose cause is the KeyboardInterrupt that says what was kept.
         first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem
         return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
     if error := as_disk_full(problem) or as_out_of_memory(problem):
@@ -90,7 +90,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, UnicodeEncodeError):
         words = ascii(problem.object[max(0, problem.start - 60) : problem.end])
         return f"{words} cannot be written as {problem.encoding}. Rename the file or folder.", 1
-    # Numba's words if neither its package's folder nor the home folder is writable, as in containers run by another user.
+    # From Numba, if neither its package's folder nor the home folder is writable, as in containers run by another user.
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
     if isinstance(problem, RuntimeError) and str(problem).startswith("Symlink loop"):  # from Path.resolve, up to Python 3.12
@@ -143,13 +143,13 @@ def wegs(memory: float | None) -> None:
 
 
 def _hang_up(number: int, frame: FrameType | None) -> None:
-    """Treat a closed terminal as one Ctrl-C: its shell and the system both send the signal."""
+    """Treat a closed terminal as a single Ctrl-C, although its shell and the system both send the signal."""
     signal.signal(number, signal.SIG_IGN)
     signal.default_int_handler(number, frame)
 
 
 def _ignore_stops() -> None:
-    """What has an answer ends with it: a second Ctrl-C would put a traceback in its place."""
+    """Ignore further signals while the last line is printed: a second Ctrl-C would put a traceback in its place."""
     from core.training.interrupt import STOPS  # late, as in `explain`
 
     for number in STOPS:
@@ -168,11 +168,11 @@ def run() -> None:
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
     from core.system.process import prepare  # only now is `core` known to be ours
 
-    # They are None if they were closed, as some schedulers do.
+    # Streams are None if they were closed, as some schedulers do.
     sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115 - open to the end
     for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(errors="backslashreplace")  # a letter that the terminal lacks is shown as its code
-    # The signal of job schedulers and `kill` is treated as Ctrl-C: half-written files and folders are removed, a training is kept.
+        stream.reconfigure(errors="backslashreplace")  # a character that the terminal cannot show appears as its code
+    # SIGTERM, from job schedulers and `kill`, is treated as Ctrl-C: half-written files and folders are removed, a training is kept.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
         signal.signal(signal.SIGHUP, _hang_up)

@@ -21,20 +21,20 @@ from core.report import Report
 from core.words import on_one_line
 
 WIDE = 80  # columns; a narrower terminal shows what is done and the time left, no bar and no note
-NAMING = 2  # columns of a table with a header, which say what the row is of
+NAMING = 2  # the first columns of a table with a header say what its row is about
 PLAIN_SECONDS = 15.0  # between two progress lines in a log file
 
 
 class Pipe(Console):
-    """A rich console that leaves a broken pipe to its Terminal, where rich itself would end the program."""
+    """A rich console that leaves a broken pipe to its Terminal; rich itself would end the program."""
 
     def on_broken_pipe(self) -> NoReturn:
         raise sys.exception()
 
 
 @contextmanager
-def _whoever_listens() -> Iterator[None]:
-    """Once a pipe (`| head`) or terminal is closed, all output is dropped and the work goes on: files are what was asked for."""
+def _reader_may_leave() -> Iterator[None]:
+    """Once a pipe (`| head`) or terminal is closed, drop all further output and let the work go on: its files are still wanted."""
     try:
         yield
     except OSError as problem:
@@ -42,12 +42,12 @@ def _whoever_listens() -> Iterator[None]:
             raise
         with suppress(OSError, ValueError):  # if standard output is not a file
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, sys.stdout.fileno())  # or Python would complain at exit about what it could not write
+            os.dup2(nowhere, sys.stdout.fileno())  # otherwise Python would complain at exit about what it could not write
             os.close(nowhere)
 
 
 class Terminal(Report):
-    """A Report for people. Use as a context manager: leaving it clears the bar. Work goes on when nobody listens any more."""
+    """A Report for people. Use it as a context manager: leaving it clears the progress bar."""
 
     def __init__(self):
         self.console = Pipe(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
@@ -60,22 +60,22 @@ class Terminal(Report):
         self.compiling.__enter__()
         return self
 
-    @_whoever_listens()
+    @_reader_may_leave()
     def __exit__(self, *_) -> None:
         self.compiling.__exit__(None, None, None)
         self._end_bar()
 
-    @_whoever_listens()
+    @_reader_may_leave()
     def say(self, line: str) -> None:
         self._end_bar(if_full=True)
         self.console.print(on_one_line(line), soft_wrap=True)
 
-    @_whoever_listens()
+    @_reader_may_leave()
     def warn(self, line: str) -> None:
         self._end_bar(if_full=True)
         self.console.print(on_one_line(line), style="yellow", soft_wrap=True)
 
-    @_whoever_listens()
+    @_reader_may_leave()
     def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
         note = on_one_line(note)
         self._advance_bar(what, done, total, note, done / max(total, 1) if share is None else share)
@@ -85,7 +85,7 @@ class Terminal(Report):
             estimate = f", {timedelta(seconds=ceil(left))} left" if left else ""
             click.echo(f"{what} {done}/{total}{estimate}  {note}".rstrip())
 
-    @_whoever_listens()
+    @_reader_may_leave()
     def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self._end_bar()
         rows = [tuple(map(on_one_line, row)) for row in rows]
@@ -106,8 +106,8 @@ class Terminal(Report):
             self.console.print(grid)
 
     def _advance_bar(self, what: str, done: int, total: int, note: str, share: float) -> None:
-        """Begin or move the bar, which counts time and only shows how many parts are through; in a log file it is not drawn."""
-        if self.bar is None or what != self.what or share < self.bar.tasks[0].completed:  # the same work on another thing
+        """Begin or move the bar: its length is the share of the time, beside it stands the count of parts. It is not drawn in a log file."""
+        if self.bar is None or what != self.what or share < self.bar.tasks[0].completed:  # the last: the same work, begun on another thing
             self._end_bar()
             name, count = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[count]}", markup=False)
             left = [TextColumn("left"), TimeRemainingColumn()]
@@ -121,14 +121,14 @@ class Terminal(Report):
         self.bar.update(self.bar.task_ids[0], completed=share, count=f"{done}/{total}", note=note)
 
     def _end_bar(self, if_full: bool = False) -> None:
-        """Stop drawing the bar. if_full: only one that is full, which would otherwise move down with every line that follows."""
+        """Stop drawing the bar. if_full: only a full one, which would otherwise be drawn again below every line that follows."""
         if self.bar is not None and (not if_full or self.bar.finished):
             self.bar.stop()
             self.bar = None
 
 
 def _in_blocks(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]:
-    """Each row as lines of its own, a figure a line: a narrow table would break numbers in two."""
+    """Each row as lines of its own, one figure a line: a narrow table would break numbers in two."""
     for row in rows:
         yield "  ".join(row[:NAMING])
         yield from (f"    {name}: {cell}" for name, cell in zip(header[NAMING:], row[NAMING:], strict=True))

@@ -1,1 +1,1 @@
-"""What is asked of the machine: devices, threads, memory, and files that appear whole or not at all."""
+"""What concerns the machine: devices, threads, memory, locks, and files that appear whole or not at all."""

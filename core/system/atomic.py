@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all, and say plainly where they cannot be written."""
+"""Files and folders that appear whole or not at all, with clear errors where they cannot be written."""
 
 import errno
 import json
@@ -17,7 +17,7 @@ from core.system.outputs import TEMPORARY, check_fillable, check_place, files_in
 
 KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
 NAME_PART = 58  # characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the usual 255
-FRESH_S = 5  # a temporary folder younger than this may be one that its process is about to hold
+FRESH_S = 5  # the process that made a temporary folder younger than this may be about to lock it
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
     *(errno.ENOENT, errno.ENOTDIR),  # the folder is gone
@@ -27,7 +27,7 @@ _REFUSED = (
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Turn what the system refuses while `path` is written into an error that names it; what is read meanwhile keeps its own."""
+    """Turn an OSError in writing `path` into an error that names it; errors about other files, such as those read meanwhile, pass unchanged."""
     try:
         yield
     except OSError as problem:
@@ -42,17 +42,17 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def _may_be_of(file: str, path: Path) -> bool:
-    """Whether a file that the system refused belongs to the writing of `path`."""
+    """Whether a file that the system refused is a part of `path`, of its temporary folder, or of the folders above."""
     refused = Path(file).absolute()
     return TEMPORARY in file or refused.is_relative_to(path.absolute()) or path.absolute().is_relative_to(refused)
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path to write, which becomes `path` when the block ends well and is removed when it does not.
+    """A temporary path to write, which becomes `path` if the block ends without an error, and is removed otherwise.
 
-    It lies in a temporary folder beside `path`, because only on the same disk a rename is atomic, and has the same name, by whose suffix
-    video and picture writers choose their format.
+    It lies in a temporary folder beside `path`, because a rename is atomic only on the same disk, and has the same name, because writers of
+    videos and pictures choose the format by the suffix.
     Raises DiskFull, and BadInput for a folder that is missing or may not be written.
     """
     check_place(path)
@@ -62,20 +62,20 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 class MadeMeanwhile(BadInput):
-    """A folder that was to be made appeared while the work went on."""
+    """Another program made the folder in the meantime."""
 
 
 @contextmanager
 def made(folder: Path, may_exist: bool = True) -> Iterator[None]:
-    """Make `folder` for the block, with its parents; those of them that are still empty at the end are removed. Raises OSError if it cannot be
-    made, or exists though it must not."""
+    """Make `folder`, with its parents, for the block; at the end, those that were made and are still empty are removed. Raises OSError if it
+    cannot be made, or exists though it must not."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=may_exist)
     try:
         yield
     finally:
         for path in missing:
-            with suppress(OSError):  # what holds files stays
+            with suppress(OSError):  # a folder that holds files stays
                 path.rmdir()
 
 
@@ -86,7 +86,7 @@ def _not_made(folder: Path, problem: OSError) -> BadInput:
 
 @contextmanager
 def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
-    """As `made`, for a folder that the user chose: BadInput if it cannot be made, FileExistsError only if it is there though it must not be."""
+    """As `made`, for a folder that the user chose: BadInput if it cannot be made, and FileExistsError only if it exists though it must not."""
     with ExitStack() as stack:
         try:
             stack.enter_context(made(folder, may_exist))
@@ -98,15 +98,15 @@ def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
 
 
 def place_for(path: Path) -> Path:
-    """Where a temporary folder for `path` lies: beside it, or inside it if it is a folder, which may be a disk of its own (a container's volume),
-    onto which nothing can be moved from beside it."""
+    """Where a temporary folder for `path` lies: beside it, or inside if `path` is a folder. That may be a disk of its own (a container's volume),
+    onto which nothing could be renamed from beside it."""
     return path if path.is_dir() else path.parent
 
 
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder in `place_for` the path. Removed at the end, or, after a kill, when the next one for `path` is made, where the disk knows
-    locks."""
+    """A temporary folder in `place_for` the path, removed at the end. After a kill it is removed when the next one for `path` is made, if the disk
+    supports locks."""
     parent = place_for(path)
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
@@ -118,11 +118,11 @@ def temporary_folder(path: Path) -> Iterator[Path]:
         finally:
             shutil.rmtree(work, ignore_errors=True)
             if others:
-                _sweep(parent, prefix)  # what a kill left just before this began is old enough by now
+                _sweep(parent, prefix)  # by now, what a kill left just before this began is old enough
 
 
 def _sweep(parent: Path, prefix: str) -> bool:
-    """Remove the temporary folders that killed processes left. Returns whether others stay: at work, or too young to tell."""
+    """Remove the temporary folders that killed processes left. Returns whether others stay: in use, or too young to tell."""
     with suppress(OSError):  # if the parent is gone by now
         left = [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]
         return sum(swept(folder, remove) for folder in left) < len(left)
@@ -130,9 +130,9 @@ def _sweep(parent: Path, prefix: str) -> bool:
 
 
 def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
-    """Remove `folder`, by `discard`, if its process was killed: nobody holds it, or is about to. Returns whether it was removed."""
+    """Remove `folder`, by `discard`, if its process was killed: nobody has locked it or is about to. Returns whether it was removed."""
     with suppress(OSError):
-        if time.time() - folder.stat().st_mtime <= FRESH_S:  # asked first: whoever made it could not hold it while it is held here
+        if time.time() - folder.stat().st_mtime <= FRESH_S:  # asked first: while it is locked here, its process could not lock it
             return False
         with taken(folder) as ours:
             if ours:
@@ -143,10 +143,10 @@ def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
 
 @contextmanager
 def replacing_folder(output: Path) -> Iterator[Path]:
-    """A temporary folder, of which the contents of scene/ become those of `output` when the block ends well.
+    """A temporary folder; the contents of its subfolder scene/ become those of `output` if the block ends without an error.
 
-    output: not there, or empty. Raises MadeMeanwhile if that has changed in the end, DiskFull, and BadInput for a folder that
-    may not be written.
+    output: a folder that does not exist yet, or is empty. Raises MadeMeanwhile if that is no longer so at the end, DiskFull, and BadInput for
+    a folder that may not be written.
     """
     is_there = output.is_dir()
     with ExitStack() as stack:
@@ -164,7 +164,7 @@ def replacing_folder(output: Path) -> Iterator[Path]:
                         os.replace(part, output / part.name)
                 else:
                     os.replace(work / "scene", output)
-        except DiskFull as problem:  # whoever reads it knows nothing of the temporary folders
+        except DiskFull as problem:  # the user knows nothing of temporary folders
             raise disk_full(output) if TEMPORARY in problem.what else problem from None
         except OSError as problem:
             if problem.errno not in (errno.ENOTEMPTY, errno.EEXIST):
@@ -173,7 +173,7 @@ def replacing_folder(output: Path) -> Iterator[Path]:
 
 
 def _is_model(part: Path) -> bool:
-    """Whether it is what makes a folder a scene, and so is put there last."""
+    """Whether it is the part that makes a folder a scene, which is therefore moved last."""
     return part.name == "sparse"
 
 
@@ -187,7 +187,7 @@ def temporary_place() -> Path:
 
 @contextmanager
 def scratch(name: str) -> Iterator[Path]:
-    """As `temporary_folder`, among the system's temporary files. name: of what it is for. Raises DiskFull if their disk is full."""
+    """As `temporary_folder`, among the system's temporary files; `name` says what it is for. Raises DiskFull if their disk is full."""
     place = temporary_place()
     what = f"The disk is full: temporary files could not be written in {place}."
     full = DiskFull(what, "Free some space, or set TMPDIR to a folder on another disk.")
@@ -195,14 +195,14 @@ def scratch(name: str) -> Iterator[Path]:
         try:
             yield folder
         except OSError as problem:
-            if as_disk_full(problem) and str(problem.filename).startswith(str(folder)):  # not another disk, such as that of a log
+            if as_disk_full(problem) and str(problem.filename).startswith(str(folder)):  # not another disk, such as a log's
                 raise full from None
             raise
 
 
 @contextmanager
 def named_if_full(folder: Path, full: DiskFull) -> Iterator[None]:
-    """Raise `full` in place of any error while the disk of `folder` is full: pycolmap and SQLite report that in words of their own."""
+    """Raise `full` instead of any error that occurs while the disk of `folder` is full: pycolmap and SQLite report that in their own words."""
     try:
         yield
     except WegsError:
@@ -215,10 +215,10 @@ def named_if_full(folder: Path, full: DiskFull) -> Iterator[None]:
 
 @contextmanager
 def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
-    """A temporary folder to fill, whose files and folders become those of `folder` when the block ends well, and else vanish.
+    """A temporary folder to fill; its contents become those of `folder` if the block ends without an error, and are removed otherwise.
 
-    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has
-    files; with `force`, those that match are replaced and others still refused.
+    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has files. With `force`, files that match
+    are replaced; others are still refused.
     """
     check_fillable(folder, patterns, force)
     with _named(folder):
@@ -226,24 +226,24 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
             yield work
             old = check_fillable(folder, patterns, force)  # another program may have filled it meanwhile
             fresh = {folder / path.name for path in work.iterdir()}
-        for path in set(old) - fresh:  # last: a kill never leaves neither, of files
+        for path in set(old) - fresh:  # last, so that a kill never leaves neither the old files nor the new ones
             remove(path)
 
 
 @contextmanager
 def adding(folder: Path) -> Iterator[Path]:
-    """A temporary folder to fill, whose files and folders are put into `folder` when the block ends well, in place of those of the same names, and
-    else vanish."""
+    """A temporary folder to fill; its contents are moved into `folder`, in place of those of the same names, if the block ends without an error, and
+    are removed otherwise."""
     with _named(folder), temporary_folder(folder) as work:
         try:
             yield work
-        except WegsError as problem:  # whoever reads it knows nothing of the temporary folder
+        except WegsError as problem:  # the user knows nothing of the temporary folder
             raise type(problem)(problem.what.replace(str(work), str(folder)), problem.fix) from None
         folder.mkdir(exist_ok=True)
         fresh = [path.name for path in work.iterdir()]
         aside = Path(tempfile.mkdtemp(dir=work))
         for name in fresh:
-            if (folder / name).is_dir():  # no folder can be replaced unless it is empty
+            if (folder / name).is_dir():  # which os.replace replaces only if it is empty
                 os.replace(folder / name, aside / name)
             os.replace(work / name, folder / name)
 
@@ -270,4 +270,4 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, value: Any) -> None:
     """Write indented JSON, whole or not at all."""
     text = json.dumps(value, indent=1, ensure_ascii=False) + "\n"
-    write_bytes(path, text.encode(errors="backslashreplace"))  # bytes of a file name that are no letters, as JSON writes them, too
+    write_bytes(path, text.encode(errors="backslashreplace"))  # for undecodable bytes of file names

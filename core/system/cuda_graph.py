@@ -1,6 +1,6 @@
-"""Work whose kernels are the same each time, started as one: a CUDA graph.
+"""Work whose kernels are the same each time, launched as one: a CUDA graph.
 
-A GPU is through with a small kernel sooner than the host has started the next; and a small kernel leaves room on it for others.
+A GPU finishes a small kernel before the host has launched the next one, and has room for others beside it.
 """
 
 from collections.abc import Callable, Iterator

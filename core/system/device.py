@@ -17,8 +17,8 @@ CPU = torch.device("cpu")
 def chosen(device: str, backend: str) -> torch.device:
     """The device that the settings `device` and `backend` stand for.
 
-    `auto` is the GPU where one can be used, unless a backend of the CPU was asked for. Where it is a GPU, torch's convolutions compute in full
-    float32 from then on. Raises BadSetting for `cuda` where none can be used.
+    `auto` is the GPU if one can be used, unless the backend is `cpu`. If it is a GPU, torch's convolutions compute in full float32 from then on.
+    Raises BadSetting for `cuda` if no GPU can be used.
     """
     if device == "cuda":
         if not torch.cuda.is_available():
@@ -27,23 +27,23 @@ def chosen(device: str, backend: str) -> torch.device:
             raise BadSetting(f"device=cuda: {fault}.", "Mend that, or leave --device out.")
     elif not (may_be_gpu(device, backend) and can_use_gpu()):
         return CPU
-    # Otherwise cuDNN rounds what it convolves to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of such sums.
+    # Otherwise cuDNN rounds inputs to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of large sums.
     torch.backends.cudnn.allow_tf32 = False
     return torch.device("cuda", torch.cuda.current_device())
 
 
 def may_be_gpu(device: str, backend: str) -> bool:
-    """Whether these settings leave it to the machine to compute on a GPU."""
+    """Whether these settings let the machine decide to compute on a GPU."""
     return device == AUTO and backend != "cpu"
 
 
 def can_use_gpu() -> bool:
-    """Whether there is a GPU that can be computed on."""
+    """Whether there is a GPU that wegs can use."""
     return torch.cuda.is_available() and fault_of_gpu() is None
 
 
 def fault_of_gpu() -> str | None:
-    """Why the GPU cannot be computed on, and what to do about it; None if it can, and where torch finds none."""
+    """Why the GPU cannot be used, and what to do about it; None if it can, or if torch finds none."""
     if not torch.cuda.is_available():
         return None
     if find_spec("triton") is None:  # on Windows torch comes without
@@ -53,9 +53,9 @@ def fault_of_gpu() -> str | None:
 
 @cache
 def _fault_of_first_use() -> str | None:
-    """What goes wrong when torch and Triton are first used on it, which no version tells beforehand."""
+    """What goes wrong when torch and Triton are first used on the GPU, which no version number tells beforehand."""
     try:
-        torch.ones(2, device="cuda").sum().item()  # torch finds GPUs, too, that its build is too new for
+        torch.ones(2, device="cuda").sum().item()  # torch also finds GPUs that its build no longer supports
     except torch.OutOfMemoryError:
         raise
     except RuntimeError as problem:
@@ -75,12 +75,12 @@ def _first_line(problem: Exception) -> str:
 
 
 def sent(tensor: Tensor, device: torch.device) -> Tensor:
-    """A small tensor of the host's copied to `device` without waiting: from pinned memory the copy only joins the GPU's queue."""
+    """A copy on `device` of a small tensor on the host, made without waiting: from pinned memory, the copy only joins the GPU's queue."""
     return (tensor.pin_memory() if device.type == "cuda" else tensor).to(device, non_blocking=True)
 
 
 def sent_together(tensors: Sequence[Tensor], device: torch.device) -> list[Tensor]:
-    """As `sent`, tensors of one type, by one copy."""
+    """As `sent`, for several tensors of one type, in a single copy."""
     flat = sent(torch.cat([tensor.flatten() for tensor in tensors]), device)
     return [part.view_as(tensor) for part, tensor in zip(flat.split([tensor.numel() for tensor in tensors]), tensors)]
 

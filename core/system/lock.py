@@ -1,4 +1,4 @@
-"""A folder held by one process at a time, by flock(2): nothing is left on disk, and a killed process lets go of it."""
+"""A folder locked by one process at a time, by flock(2): the lock leaves nothing on disk, and ends with the process."""
 
 import os
 from collections.abc import Iterator
@@ -13,8 +13,8 @@ except ImportError:  # Windows
 
 @contextmanager
 def taken(folder: Path) -> Iterator[bool | None]:
-    """True if the folder is ours within the block, so that no other process can take it. False if another process holds it, or held and removed
-    it. None if the system or the disk has no such locks."""
+    """Lock `folder` for the block. True if that succeeded; False if another process has locked it, or has locked and removed it; None if the
+    system or the disk has no such locks."""
     if fcntl is None:
         yield None
         return
@@ -30,7 +30,7 @@ def taken(folder: Path) -> Iterator[bool | None]:
 
 
 def _is_there(folder: Path, descriptor: int) -> bool:
-    """Whether `folder` is still the one that was opened: a lock on one that is gone keeps nobody out."""
+    """Whether `folder` is still the one that was opened: a lock on a removed folder keeps nobody out."""
     with suppress(FileNotFoundError):
         return os.path.samestat(os.fstat(descriptor), os.stat(folder))
     return False

@@ -9,17 +9,17 @@ LIBRARIES = 300 << 20  # bytes of torch, Numba and others that are mapped from t
 
 
 def hold_to(gib: float) -> None:
-    """Hold this process to `gib` GiB of memory from now on. An allocation beyond raises MemoryError or, in torch, RuntimeError.
+    """Limit this process to `gib` GiB of memory from now on. An allocation beyond raises MemoryError or, in torch, RuntimeError.
 
-    wegs itself needs 1.2 GiB to start, and 2 GiB to train with torch's CUDA build. The limit counts memory that is asked for, whether or not it is
-    touched, so less than that is really used. It is Linux's RLIMIT_DATA, see getrlimit(2).
+    wegs itself needs 1.2 GiB to start, and 2 GiB to train with torch's CUDA build. The limit (Linux's RLIMIT_DATA, getrlimit(2)) counts memory that
+    is allocated, whether or not it is touched, so less is really used.
 
-    Raises BadSetting on any other system, for less than the libraries take, for more than the system can count (most likely bytes by mistake), and
-    where a lower limit is set already.
+    Raises BadSetting on other systems, for less than the libraries take, for more than the system can count (most likely bytes by mistake), and
+    if a lower limit is already set.
     """
     if not sys.platform.startswith("linux"):
         raise BadSetting(f"--memory {gib}: {sys.platform} cannot limit a process.", "Leave it out.")
-    if not LIBRARIES < gib * GIB < sys.maxsize:  # nor is NaN
+    if not LIBRARIES < gib * GIB < sys.maxsize:  # NaN fails it, too
         raise BadSetting(f"--memory {gib} is no number of GiB.", "Type one such as 8.")
     import resource  # Windows has none
 
@@ -31,7 +31,7 @@ def hold_to(gib: float) -> None:
 
 
 def limit() -> int | None:
-    """The bytes that this process may take, by `hold_to` or by the shell (`ulimit -d`); None without a limit."""
+    """The bytes that this process may allocate, as set by `hold_to` or the shell (`ulimit -d`); None without a limit."""
     if not sys.platform.startswith("linux"):
         return None
     import resource

@@ -1,4 +1,4 @@
-"""Whether an output may be written where the user wants it: asked before the work, not after it."""
+"""Checks, before the work rather than after it, that an output can be written where the user wants it."""
 
 import os
 import tempfile
@@ -14,35 +14,35 @@ def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
     """Raise BadInput unless `folder` can be written in, or be made; DiskFull. fix: what to do where it is read-only."""
     there = _nearest(folder)
     try:
-        os.rmdir(tempfile.mkdtemp(prefix=TEMPORARY, dir=there))  # permissions do not tell: root has them in /proc, too
+        os.rmdir(tempfile.mkdtemp(prefix=TEMPORARY, dir=there))  # tried, because permissions do not tell: root has them in /proc, too
     except OSError as problem:
         raise as_disk_full(problem, folder) or BadInput(f"The folder {there} may not be written in: {problem.strerror}.", fix) from None
 
 
 def _nearest(folder: Path) -> Path:
-    """`folder`, or the nearest above it that is there; BadInput if that is no folder."""
-    above = (path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a link to nothing is there
-    there = next(above, folder)  # nothing is, of a drive that Windows lacks
+    """`folder`, or the nearest one above it that exists; BadInput if that is not a folder."""
+    above = (path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))  # a broken link exists
+    there = next(above, folder)  # none exists on a drive that Windows lacks
     if not there.is_dir():
         raise BadInput(f"{there} is not a folder.", "Write to another folder.")
     return there
 
 
 def check_named_as_folder(output: Path, suffixes: tuple[str, ...], what: str) -> None:
-    """Raise BadSetting for a new -o with one of the `suffixes` of files. what: words for what is made of it, a folder."""
+    """Raise BadSetting for a new -o with one of the `suffixes` of files, where a folder is to be made. what: says so, in words."""
     if output.suffix.lower() in suffixes and not output.exists():
         raise BadSetting(f"-o {output}: {what}.", f"Type: {command('-o', output.with_suffix(''))}")
 
 
 def files_in(folder: Path) -> list[Path]:
-    """What the folder holds, without the temporary folders of work in progress or killed."""
+    """What the folder holds, without temporary folders (of work in progress, or left by a kill)."""
     return [path for path in folder.iterdir() if TEMPORARY not in path.name]
 
 
 def check_apart(folder: Path, given: Iterable[Path]) -> None:
-    """Raise BadInput where something that the user gave lies in `folder`, whose files are about to be deleted for new ones."""
+    """Raise BadInput if something that the user gave lies in `folder`, whose files are about to be replaced."""
     for path in given:
-        # A link in the folder goes as well, though what it leads to stays.
+        # A link in the folder is deleted, too, although what it points to stays.
         inside = path.resolve().is_relative_to(folder.resolve()) or path.absolute().is_relative_to(folder.absolute())
         if inside and path.exists():
             raise BadInput(f"{path} lies in {folder}, whose files are replaced.", "Choose another -o, or move it out first.")
@@ -55,7 +55,7 @@ def check_file(path: Path) -> None:
 
 
 def check_place(path: Path) -> None:
-    """Raise BadInput unless `path` names a file in a folder that is there; whether that may be written in is not tried."""
+    """Raise BadInput unless `path` names a file in a folder that exists; whether the folder is writable is not tried."""
     if path.is_dir():
         raise BadInput(f"{path} is a folder.", "Give the name of a file.")
     _nearest(path.parent)
@@ -67,14 +67,14 @@ def check_place(path: Path) -> None:
 
 
 def check_replaceable(path: Path, force: bool) -> None:
-    """As `check_file`; BadInput, too, for a file that is there, unless `force` is given."""
+    """As `check_file`, and BadInput for a file that exists, unless `force` is given."""
     check_file(path)
-    if os.path.lexists(path) and not force:  # a link to nothing, too, would be replaced
+    if os.path.lexists(path) and not force:  # a broken link would be replaced, too
         raise BadInput(f"{path} exists.", "Add --force to replace it, or choose another -o.")
 
 
 def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list[Path]:
-    """What `core.system.atomic.filling` would replace in the folder; raises BadInput where that would."""
+    """What `core.system.atomic.filling` would replace in the folder; raises BadInput as that does."""
     check_folder(folder)
     old = files_in(folder) if folder.exists() else []
     foreign = [path for path in old if not any(path.match(pattern) for pattern in patterns)]
@@ -86,5 +86,5 @@ def check_fillable(folder: Path, patterns: tuple[str, ...], force: bool) -> list
 
 
 def holds_others(folder: Path, example: Path) -> BadInput:
-    """The error for a folder of results that holds files which are none of ours, such as the `example`."""
+    """The error for a folder of results that holds other files than ours, such as the `example`."""
     return BadInput(f"{folder} holds other files, such as {example.name}.", "Choose another folder, or move them out.")

@@ -4,8 +4,8 @@ On a machine that does something else as well, a spinning thread keeps the one i
 SH transfer on two OpenMP threads that share one core takes ten times as long as on one thread. Blocks are cut by size,
 never by the number of threads, so results do not depend on it.
 
-What is too small or too serial to be cut goes `beside` other work. A thread that is busy with such a piece joins the
-blocks when it is through; nobody waits for it to begin.
+What is too small or too serial to be cut runs `beside` other work. A thread that is busy with such a piece joins the
+blocks when it is done; nobody waits for it to begin.
 """
 
 import os
@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Keep this thread's torch from starting OpenMP threads meanwhile; the number is put back at the end."""
+    """Keep torch from starting OpenMP threads from this thread; the number is restored at the end of the block."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -52,7 +52,7 @@ def cores() -> int:
 
 
 class _CallingThread(threading.local):
-    """The calling thread's number of threads for blocks, where it is not that of torch."""
+    """The number of threads for blocks of the calling thread, where it differs from torch's."""
 
     threads: int | None = None
 
@@ -61,15 +61,15 @@ _calling_thread = _CallingThread()
 
 
 def threads() -> int:
-    """How many threads work in blocks when the calling thread asks for it: torch's number, or the one it had."""
+    """How many threads `in_parallel` and `beside` use: torch's number, or the one it had before `threads_for_blocks`."""
     return torch.get_num_threads() if _calling_thread.threads is None else _calling_thread.threads
 
 
 def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: int | None = None) -> None:
-    """Call work(begin, end) for each block of range(total), the last maybe shorter, in any order; wait for all.
+    """Call work(begin, end) for each block of range(total), the last one perhaps shorter, in any order; wait for all.
 
-    On `threads()` threads, or `most` if these are fewer, each with one torch thread and without gradients. Kernels release the
-    interpreter lock. After an exception in `work`, or Ctrl-C, no block is begun any more; it is raised here when all threads have stopped.
+    On `threads()` threads, or `most` if that is fewer, each with one torch thread and without gradients. Kernels release the
+    interpreter lock. After an exception in `work`, or Ctrl-C, no further block is begun, and it is raised here once all threads have stopped.
     """
     starts = iter(range(0, total, block))  # next() on it is atomic under the interpreter lock
     extra = min(threads(), most or threads(), -(-total // block)) - 1
@@ -90,7 +90,7 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: 
         try:
             take_turns()
         finally:
-            # A thread still busy with other work would find no block left: only those that have begun are waited for.
+            # A thread that is still busy with other work would find no block left: only those that have begun are awaited.
             came = [other for other in others if not other.cancel()]
             wait(came)
     for other in came:
@@ -100,8 +100,8 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: 
 def beside(work: Callable[[], Result]) -> Callable[[], Result]:
     """Start work() on another thread; calling what is returned gives its result, or raises its exception.
 
-    With one torch thread, and with gradients if the caller has them. If there is no other thread, or none has begun by the time
-    the result is asked for, the caller does the work itself, then. So the work must not depend on what the caller does meanwhile.
+    With one torch thread, and with gradients if the caller has them. If there is no other thread, or it has not begun by the time
+    the result is asked for, the caller does the work then. So the work must not depend on what the caller does in the meantime.
     """
     with_gradients = torch.is_grad_enabled()
 

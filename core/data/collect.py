@@ -1,4 +1,4 @@
-"""From what a scene's files say to a Collection: photos get their cameras, a split and the scene frame."""
+"""From what a scene's files say to a Collection: photos get cameras, a split and the scene frame."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,8 +22,8 @@ UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos n
 def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     """The collection of the posed photos below `root`. all_photos: hold none of them out.
 
-    Photos that are missing, unreadable or of another shape than their camera are left out and noted. Without points the frame follows
-    the cameras. Raises BadInput if no photo is left, or none to train on.
+    Photos that are missing, unreadable or of another shape than their camera are left out and noted. The frame is that of the points or, without
+    points, of the cameras. Raises BadInput if no photo is left, or none to train on.
     """
     placing = Placing(posed.missing_words)
     named = {photo.name: photo for photo in sorted(posed.photos, key=lambda photo: photo.name)}
@@ -86,7 +86,7 @@ def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
 
 
 def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[Note], Path]:
-    """The split of each placed photo, notes, and the file that says so: that of the posed photos, or if they have none, as `split_photos`."""
+    """The split of each placed photo, notes, and the file that says so: what the posed photos say or, if they say nothing, as `split_photos`."""
     said = {photo.name: photo.split for photo in posed.photos if photo.split}
     if not said:
         return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})

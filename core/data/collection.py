@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 
 ROUNDING = 1e-6  # relative, of numbers that are written and read again; of positions, in the scene frame
 SHOWN = 0.5  # share of a photo's own points that its camera should see
-SAMPLE = 10_000  # of the points, where nobody says who sees which: a million take 0.7 s a photo
+SAMPLE = 10_000  # points to look at where no file says which photo sees which: a million take 0.7 s a photo
 CHECK_POSES = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
 FAR = 100.0  # times the median camera's distance from the scene's centre
 
@@ -41,8 +41,8 @@ class Photo:
     """A posed photo. `camera`: a pinhole in the scene frame, at the size of the photo on disk (as displayed).
 
     lens: that of the file if it is distorted, else None.
-    points: indices into Collection.points of the SfM points it sees; none of a photo from outside.
-    bytes: of a run's photo, the size of its file when the run began; None where unknown.
+    points: indices into Collection.points of the SfM points that it sees; empty for a photo from outside.
+    bytes: the size of the file when the run began, for a photo of a run; None if unknown.
     """
 
     name: str
@@ -59,8 +59,8 @@ class Photo:
         """A photo file that is in no collection. mask: white where it is to be used; all of it for None."""
         return Photo(path.name, path, camera, "test", mask=mask and GivenMask(mask))
 
-    def stands_as(self, other: "Photo") -> bool:
-        """Whether both have the same split and the same camera, up to rounding, which differs between processors."""
+    def same_split_and_camera(self, other: "Photo") -> bool:
+        """Whether both have the same split and, up to rounding, which differs between processors, the same camera."""
         same = self.split == other.split and self.lens == other.lens
         return same and np.allclose(self.camera.numbers(), other.camera.numbers(), rtol=0, atol=1e-9)
 
@@ -69,9 +69,8 @@ class Photo:
 class Collection:
     """Posed photos and SfM points, in the scene frame; `frame` leads back to world units.
 
-    root: the scene's own folder. points_from: that of the points triangulated for it (`sfm.kept_points`); None if it has its own.
-    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: for the user, a line with the reason for each thing dropped or
-    decided.
+    root: the scene's own folder. points_from: the folder of the points triangulated for it (`sfm.kept_points`); None if it has its own.
+    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: lines for the user on what was dropped or decided, and why.
     """
 
     name: str
@@ -90,21 +89,21 @@ class Collection:
         return self.points_from or self.root
 
     def split(self, name: str) -> tuple[Photo, ...]:
-        """The photos of one split, by name; held-out ones without their masks, which never enter a figure."""
+        """The photos of one split, by name. Held-out ones come without their masks, because quality is measured on the whole photo."""
         photos = tuple(photo for photo in self.photos if photo.split == name)
         return photos if name == "train" else tuple(replace(photo, mask=None) for photo in photos)
 
     def undivided(self) -> "Collection":
-        """The same with no photo held out."""
+        """The same collection with no photo held out."""
         photos = tuple(replace(photo, split="train") for photo in self.photos)
         notes = [note for note in self.notes if not note.of_split]
         undivided = Note("All photos are trained on, none is held out: there will be no held-out quality.")
         return replace(self, photos=photos, notes=(*notes, undivided))
 
     def changed_since(self, before: "Collection") -> list[str]:
-        """The names of photos that came, went, or changed split or camera since `before`: a run cannot go on with them."""
+        """The names of photos that were added or removed, or changed split or camera, since `before`: a run cannot be resumed with them."""
         now, then = ({photo.name: photo for photo in one.photos} for one in (self, before))
-        both = {name for name in now.keys() & then.keys() if now[name].stands_as(then[name])}
+        both = {name for name in now.keys() & then.keys() if now[name].same_split_and_camera(then[name])}
         return sorted((now.keys() | then.keys()) - both)
 
     def in_world_of(self, before: "Collection") -> bool:
@@ -119,9 +118,9 @@ class Collection:
         return photos[0] if len(photos) == 1 else None
 
     def all_called(self, name: str) -> list[Photo]:
-        """The photo called `name`; if there is none, those called so without their suffix, or else without their folders, too.
+        """The photo called `name`; if there is none, those called that without their suffix, or else without their folders as well.
 
-        Of two suffixes both may be left out: structure from motion makes a.png.jpg of a.png.
+        A name with two suffixes may be given without both: structure from motion turns a.png into a.png.jpg.
         """
         if exactly := [photo for photo in self.photos if photo.name == name]:
             return exactly
@@ -130,7 +129,7 @@ class Collection:
             return nearly
         return [photo for photo in self.photos if wanted in names_without_suffixes(composed(Path(photo.name).name))]
 
-    def check_meant(self, name: str) -> None:
+    def check_unambiguous(self, name: str) -> None:
         """Raise BadInput if several photos may be called `name`."""
         if len(photos := self.all_called(name)) > 1:
             names = list_names([photo.name for photo in photos])
@@ -142,7 +141,7 @@ class Collection:
             return (self.split("test") or self.photos)[0]
         if (photo := self.called(name)) is not None:
             return photo
-        self.check_meant(name)
+        self.check_unambiguous(name)
         raise BadInput(f"There is no photo {name} in this run.", f"Choose another, such as {self.photos[0].name}.")
 
 
@@ -152,7 +151,7 @@ def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
 
 
 def looks_away(photo: Photo, points: np.ndarray) -> bool:
-    """Whether the camera sees less than SHOWN of the points (P, 3) that are the photo's own; if it has none, whether it sees none of all."""
+    """Whether the camera sees less than SHOWN of the photo's own points, of all (P, 3); if it has none, whether it sees no point at all."""
     if len(photo.points):
         return float(photo.camera.shows(points[photo.points])[0].mean()) < SHOWN
     return not photo.camera.shows(points[:: max(1, len(points) // SAMPLE)])[0].any()
@@ -161,7 +160,7 @@ def looks_away(photo: Photo, points: np.ndarray) -> bool:
 def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:
     """(n,) bool: which cameras are more than `far` times as far from the scene's centre as the median camera.
 
-    They are errors of structure from motion. What is to enclose the cameras leaves them out.
+    They are errors of structure from motion: what has to enclose the cameras, such as the sky, leaves them out.
     """
     distances = np.array([np.linalg.norm(photo.camera.centre) for photo in photos])
     return distances > far * np.median(distances)

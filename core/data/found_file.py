@@ -1,4 +1,4 @@
-"""Finds photos whose file names differ slightly from those in a model: other programs, systems and disks change names."""
+"""Finds photos whose file names differ slightly from those in a model, as programs, systems and disks change names."""
 
 import os
 from collections import Counter
@@ -15,9 +15,9 @@ SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original proj
 
 
 def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> tuple[list[PosedPhoto], list[Note]]:
-    """The photos, where a missing file is replaced by one of nearly the same name; and a note that names these.
+    """The photos, with each missing file replaced by one of nearly the same name, if there is one; and a note that names these.
 
-    folders: searched after the photo's own folder. In each of them the subfolder that the photo's name has comes first.
+    folders: searched after the photo's own folder, first in the subfolder that the photo's name has.
     """
     missing = [photo for photo in photos if not is_file(photo.path)]
     if not missing:
@@ -32,7 +32,7 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
 
 
 def _named_beside(path: Path, missing: Path) -> str:
-    """The name of the file; if it lies in another folder, with its folders, from the innermost to the first whose name differs."""
+    """The name of the file; if it lies in another folder, with as many of its folders as it takes to tell the two apart."""
     if path.parent == missing.parent:
         return path.name
     shown = path.name
@@ -44,10 +44,10 @@ def _named_beside(path: Path, missing: Path) -> str:
 
 
 def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] = ()) -> dict[Path, Path]:
-    """The photo that each of these missing files must be, for the files that have exactly one.
+    """For each of these missing files, the photo that it must be; files with no such photo, or several, are left out.
 
-    Its name may differ in case, Unicode form and suffix. The file's own folder is searched first, then its `places`. A photo that several
-    missing files mean, or that is one of the `others`, is not taken.
+    The photo's name may differ in case, Unicode form and suffix. The file's own folder is searched first, then its `places`. A photo that would
+    stand for several missing files, or that is one of the `others`, is not taken.
     """
     known, found = {}, {}
     for path, folders in places.items():

@@ -16,7 +16,7 @@ from core.errors import BadInput
 from core.scene.lens import Lens
 from core.words import Note, Reasons, counted
 
-TRIED = 3  # masks that are read at once: photos, given as masks, are none
+TRIED = 3  # masks that are read at the start, to notice if photos were given in their place
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
 
 
@@ -28,7 +28,7 @@ def check_masks(folder: Path, photos: Sequence[str]) -> None:
     fix = "Give --masks a folder with one mask a photo."
     if not folder.is_dir():
         raise BadInput(f"{folder} is a file, not a folder." if folder.exists() else f"There is no folder {folder}.", fix)
-    os.listdir(folder)  # an error where it may not be read, which rglob passes over
+    os.listdir(folder)  # raises if it may not be read; rglob would find nothing
     if not any(path.suffix.lower() in SUFFIXES for path in folder.rglob("*")):
         raise BadInput(f"{folder} holds no pictures.", fix)
     if photos:
@@ -92,7 +92,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
 
 
 def _check_not_shared(masks: dict[str, Path]) -> None:
-    """Raise BadInput if a mask may be that of several photos, which differ in folder or suffix alone. masks: by photo name."""
+    """Raise BadInput if one mask fits several photos, whose names differ only in folder or suffix. masks: by photo name."""
     photo_of: dict[Path, str] = {}
     for photo, mask in masks.items():
         if (other := photo_of.setdefault(mask, photo)) != photo:

@@ -26,7 +26,7 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
     """The posed photos in the folder `path`, of any kind but plain photos.
 
     all_photos: hold none of them out.
-    If cameras come without points (most often in NeRF's formats), the collection has none; core.data.prepare makes them.
+    A scene without points (most often in NeRF's formats) becomes a collection without points; core.data.prepare adds them.
     Photos that cannot be used are left out and named in the collection's notes. Raises BadInput if there is no such folder, or no photo
     with a camera in it can be used.
     """
@@ -51,9 +51,9 @@ def _read(path: Path, kind: str) -> Posed:
 
 
 def find_kind(path: Path) -> str:
-    """What a folder holds: one of POSED, or "photos" (without poses).
+    """The kind of scene in a folder: a key of POSED, or "photos" (without poses).
 
-    A folder of triangulated points is of the kind of the scene whose points they are. A model beats a transforms.json.
+    A folder of triangulated points counts as the scene that they belong to. A COLMAP model takes precedence over a transforms.json.
     Raises BadInput for anything else.
     """
     check_is_folder(path)
@@ -94,7 +94,7 @@ def kind_with_cameras(path: Path) -> str | None:
 
 
 def posed_kind(path: Path) -> str | None:
-    """Which of NeRF's kinds of scene the folder holds, by the files in it, or None."""
+    """Which kind of scene other than COLMAP the folder holds, judged by its files, or None."""
     if (path / NERFSTUDIO_FILE).exists():
         return "nerfstudio"
     if (path / BLENDER_FILES["train"]).exists():
@@ -118,7 +118,7 @@ def scene_around(photos: Path) -> tuple[Path, str] | None:
 
 
 def check_cameras_unknown(path: Path) -> None:
-    """Raise BadInput for what is no folder, and for one with cameras but no plain photos: there is nothing for structure from motion to do."""
+    """Raise BadInput unless `path` is a folder in which structure from motion has something to do: not one with cameras and no plain photos."""
     check_is_folder(path)
     if (kind := kind_with_cameras(path)) and not list_photos(path):
         fix = f"Type: {command('wegs', 'train', path)} (or name the folder of its photos, to have them found anew)."
@@ -141,7 +141,7 @@ def find_photos(path: Path) -> Path:
 
 
 def _scene_below(path: Path) -> Path | None:
-    """The outermost folder below `path` that is a scene with cameras, and photos, or None: archives wrap theirs in one folder more."""
+    """The outermost folder below `path` that is a scene with cameras and photos, or None: archives often wrap it in one more folder."""
     for folder in folders_below(path):
         with suppress(BadInput, OSError):  # half a model is no scene, nor is one that may not be read
             if kind_with_cameras(folder) and (list_photos(folder) or photos_below(folder)):
@@ -150,7 +150,7 @@ def _scene_below(path: Path) -> Path | None:
 
 
 def warn_of_others(path: Path, photos: Path, report: Report) -> None:
-    """Name what is in and below `path` and not used: photos, because `photos` is the folder that `find_photos` found there, and a model."""
+    """Warn of what lies in and below `path` but is not used: photos in other folders than `photos`, which `find_photos` chose, and a model."""
     for folder, count in passed_over(path, photos).items():
         report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
     if below := not_searched(path):
@@ -161,22 +161,22 @@ def warn_of_others(path: Path, photos: Path, report: Report) -> None:
 
 
 def model_elsewhere(path: Path) -> Path | None:
-    """The folder in or below `path`, which holds plain photos, of a COLMAP model where none is looked for; of several that of most photos."""
+    """A folder with a COLMAP model in or below `path`, a folder of plain photos, where no model is looked for; of several, that of most photos."""
     return max(filter(holds_model, (path, *folders_below(path))), key=photos_in_model, default=None)
 
 
 def passed_over(path: Path, photos: Path) -> dict[Path, int]:
-    """How many photos are in the other folders with any that `path` may stand for, of which `find_photos` chose `photos`."""
+    """The folders that `find_photos` could have chosen for `path` in place of `photos`, with the number of photos in each."""
     return {folder: count for folder, count in count_photos(path).items() if count and folder != photos}
 
 
 def not_searched(path: Path) -> dict[Path, int]:
-    """How many photos are in the folders below `path` that it cannot stand for."""
+    """The folders below `path` that `find_photos` does not look into, with the number of photos in each."""
     places = count_photos(path)
     return {folder: count for folder, count in photos_below(path).items() if folder not in places}
 
 
 def count_photos(path: Path) -> dict[Path, int]:
-    """How many photos are in each folder that `path` may stand for: itself, or one of PHOTO_FOLDERS in it."""
+    """The folders that `find_photos` looks into, `path` itself and PHOTO_FOLDERS in it, with the number of photos in each."""
     folders = [path / name for name in PHOTO_FOLDERS]
     return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not names_wegs(folder)}

@@ -1,4 +1,4 @@
-"""Folders that wegs made (runs, scenes, points): made once, and recognised later by a mark that says what they were made of."""
+"""Folders that wegs made (runs, scenes, points), recognised later by a file in them, the mark, that says what they were made of."""
 
 import hashlib
 import json
@@ -28,10 +28,10 @@ def scene_beside(output: Path, scene: Path) -> Path:
 
 
 def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report) -> Path:
-    """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds, or that does not exist yet; that one is made by `make`.
+    """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds; if none does, the first that does not exist, made by `make`.
 
-    mark: the file by which a folder that was made so is known; those that are passed over are named. what: words for the content, such as
-    "Points as triangulated", to say that it is used again. Raises what `make` raises.
+    mark: the file by which such a folder is recognised; those that were made of something else are named to the user. what: words for the content,
+    such as "Points as triangulated", to say that it is used again. Raises what `make` raises.
     """
     folder, number, others = wanted, 1, []
     while os.path.lexists(folder) and not is_it(folder):
@@ -47,7 +47,7 @@ def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Call
             make(folder)
             return folder
         except MadeMeanwhile:
-            if not is_it(folder):  # made meanwhile by another training, and of something else
+            if not is_it(folder):  # another training has made it meanwhile, of something else
                 raise
     report.say(f"{what} before in {folder}; remove it to have them found again.")
     return folder
@@ -74,8 +74,8 @@ def _facts_and_fault(path: Path) -> tuple[dict, str | None]:
 
 
 def path_from(root: Path, path: Path) -> str:
-    """The path relative to `root`, so that both may be moved together: through a link if `root` holds it by one, and through `..` if it lies
-    outside. The whole path if there is no other, as on another drive of Windows."""
+    """The path relative to `root`, so that both may be moved together: as it is if it leads through a link in `root`, and beginning with `..` if it
+    lies outside. The whole path if there is no relative one, as between drives of Windows."""
     inside, home = Path(os.path.abspath(path)), Path(os.path.abspath(root))
     if inside.is_relative_to(home) and inside.resolve() == path.resolve():  # not where `..` follows a link
         return inside.relative_to(home).as_posix()
@@ -91,9 +91,9 @@ def way_to(target: Path, folder: Path) -> str | None:
 
 
 def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -> Path:
-    """The folder `place`; if it is gone, the one that `way` leads to from `folder`, as when both were moved together.
+    """The folder `place` or, if it is gone, the one that the relative path `way` leads to from `folder`: both may have been moved together.
 
-    files: what `place` held. A folder with none of them is another one: a way such as ../.. leads to some folder wherever it begins.
+    files: what `place` held. A folder with none of them is a different one: a path such as ../.. leads to some folder from anywhere.
     """
     together = (folder / str(way)).resolve()
     may_be = way and together.is_dir() and not place.is_dir()

@@ -1,4 +1,4 @@
-"""Fits cameras to the photo files that are found: scaled, turned as EXIF says, or left out with the reason."""
+"""Fits cameras to photo files: scales them, turns them as EXIF says, or leaves photos out and says why."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,7 @@ from core.words import Note, Reasons, counted, name_them
 
 ASPECT_TOLERANCE = 0.005  # sizes are rounded to whole pixels, on top of that
 OFF_MIDDLE = 0.25  # of a side: principal points of photos of another size than the intrinsics are for
-USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # in lengths of the longer side: from fisheye to telephoto, mm on a frame 36 mm wide
+USUAL_FOCAL_LENGTHS = (8 / 36, 600 / 36)  # over the longer side: from fisheye to telephoto, mm on a frame 36 mm wide
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Placing:
         return [*notes, Note(undistorted, harmless=True)] if self.undistorted else notes
 
     def _of_another_size(self) -> list[Note]:
-        """A note if most photos are, by their principal points, not of the size that their intrinsics are for."""
+        """A note if the principal points say that the intrinsics of most photos are for another size."""
         if 2 * len(self.off_middle) <= self.placed:
             return []
         lens = self.off_middle[0]
@@ -109,7 +109,7 @@ class Placing:
 
 
 def focal_length_of(camera: Camera | pycolmap.Camera) -> float:
-    """The mean of both focal lengths, in lengths of the longer side."""
+    """The mean of both focal lengths over the longer side."""
     return camera.mean_focal_length() / max(camera.width, camera.height)
 
 

@@ -70,7 +70,7 @@ class Posed:
 
 
 def in_utf_8(name: str) -> bool:
-    """Whether a photo's name is in UTF-8. COLMAP, which triangulates the points of scenes without any, takes no other."""
+    """Whether a photo's name is in UTF-8: COLMAP, which triangulates points where a scene has none, accepts no other."""
     return name.encode("utf-8", "replace").decode() == name
 
 
@@ -87,8 +87,8 @@ def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[Note]]:
 def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
     """A camera-to-world matrix (4, 4) or (3, 4) as PosedPhoto.rotation and PosedPhoto.centre, in the camera axes that it has.
 
-    Axes may share a length other than 1: a scaled camera sees the same. Rounded axes are made orthonormal (the nearest rotation, by SVD).
-    Raises Fault if it is no rotation otherwise. what: the matrix, in words for the Fault.
+    The axes may have a common length other than 1, as a scaled camera sees the same. Rounded axes are replaced by the nearest rotation (SVD).
+    Raises Fault for any other matrix that is no rotation. what: the matrix, in words for the Fault.
     """
     axes, centre = matrix[:3, :3], matrix[:3, 3]
     if not (np.abs(matrix[:3]) < LARGEST_COORDINATE).all():

@@ -1,6 +1,6 @@
-"""Loads pycolmap for the first time, while signals wait. A Ctrl-C during the import would be reported as a broken installation; and the handler
-that pycolmap sets for SIGTERM would print pages of C++ addresses, so the one from before is put back. (For a tenth of a second in between, SIGTERM
-gets through.)
+"""Imports pycolmap for the first time, with signals deferred: a Ctrl-C during the import would be reported as a broken installation. The handler
+that pycolmap sets for SIGTERM, which would print pages of C++ addresses, is replaced by the previous one. (For a tenth of a second in between,
+SIGTERM gets through.)
 """
 
 import signal
@@ -14,8 +14,8 @@ STOPS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def _later() -> Iterator[None]:
-    """Signals wait until the end of the block, and meet the handlers that were there before it."""
+def _signals_deferred() -> Iterator[None]:
+    """Signals are delivered at the end of the block, to the handlers that were set before it."""
     arrived = []
     former = {number: signal.signal(number, lambda number, _: arrived.append(number)) for number in STOPS}
     try:
@@ -27,6 +27,6 @@ def _later() -> Iterator[None]:
         signal.raise_signal(number)
 
 
-# Python sets handlers in no other thread.
-with _later() if threading.current_thread() is threading.main_thread() else nullcontext():
+# Python can set handlers in the main thread only.
+with _signals_deferred() if threading.current_thread() is threading.main_thread() else nullcontext():
     import pycolmap  # noqa: F401

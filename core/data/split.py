@@ -19,10 +19,9 @@ COPIED = "lists.json"  # in a scene made of plain photos: the lists that were co
 def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note], Path]:
     """The split of each usable photo ("train" or "test"; photos in neither are left out), notes, and the file that says so, or `model`.
 
-    A .tsv or one of TEST_LISTS, in any letters, lies in `root`; or, as in the original 3DGS, in the folder `model`; or in a folder between them, such
-    as dense/. names: the usable photos, sorted.
-    in_model: all photos of the model, so that a list is not called wrong for naming a photo that is merely missing.
-    Raises BadInput for a table that cannot be read.
+    A .tsv or one of TEST_LISTS, in upper or lower case, is looked for in `root`, in the folder `model` (as in the original 3DGS) and in those
+    between them, such as dense/. names: the usable photos, sorted. in_model: all photos of the model, so that a list is not called wrong for naming
+    one whose file is merely missing. Raises BadInput for a table that cannot be read.
     """
     places = dict.fromkeys((root, model, *(folder for folder in model.parents if root in folder.parents)))
     tables, others = find_tables(*places)
@@ -47,7 +46,7 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
 
 
 def none_held_out(splits: dict[str, str], why: str) -> list[Note]:
-    """A note where there are photos to train on and none to test on. why: in words."""
+    """A note if there are photos to train on but none to test on. why: in words."""
     lacking = "train" in splits.values() and "test" not in splits.values()
     return [Note(f"{why}: quality on unseen photos cannot be measured.")] if lacking else []
 
@@ -55,8 +54,8 @@ def none_held_out(splits: dict[str, str], why: str) -> list[Note]:
 def copy_lists(folders: Iterable[Path], scene: Path) -> None:
     """Copy the split tables and the test list in the folders of plain photos into the scene made of these, where they are looked for.
 
-    Of two with one name the last is copied. What was copied earlier and is gone from the folders goes from the scene, too, unless it was changed
-    there.
+    Of two with the same name the last is copied. What was copied earlier and is gone from the folders is removed from the scene, too, unless it was
+    changed there.
     """
     found = {path.name: path for folder in folders for path in _lists_in(folder)}
     copied = read_mark(scene / COPIED)
@@ -78,7 +77,7 @@ def _lists_in(folder: Path) -> list[Path]:
 
 
 def _find(folder: Path, *names: str) -> list[Path]:
-    """The files in a folder that have these names, in any letters, in their order."""
+    """The files in a folder that have these names, in upper or lower case, in the order of the names."""
     files = list_files(folder)
     return [path for name in names for path in files if path.name.lower() == name]
 

@@ -18,8 +18,8 @@ TABLES = ("*.tsv", "nerfw_split.csv")  # in any letters
 class SplitTable:
     """The rows of a split .tsv.
 
-    splits: photo name -> "train" or "test". without_id, unknown_split: photo names that have no row that is used. contradicted: those of both
-    splits, which are held out.
+    splits: photo name -> "train" or "test". without_id, unknown_split: names of photos all of whose rows are unusable for that reason.
+    contradicted: those in both splits, which are held out.
     """
 
     splits: dict[str, str]
@@ -36,7 +36,8 @@ def list_files(folder: Path) -> list[Path]:
 def find_tables(*folders: Path) -> tuple[list[Path], list[Path]]:
     """The TABLES in the folders, in their order and by name: those that hold a split, and others.
 
-    A split's first line names its COLUMNS. If no file has all of them, those with file names count as splits: reading one reports what it lacks.
+    The first line of a split names its COLUMNS. If no file has all of them, those with a column of file names count as splits, so that reading one
+    reports what it lacks.
     """
     paths = [path for folder in folders for path in list_files(folder) if any(Path(path.name.lower()).match(pattern) for pattern in TABLES)]
     columns = {path: columns_of(path) for path in paths}
@@ -63,7 +64,7 @@ def columns_of(path: Path) -> set[str]:
 def read_split_table(path: Path) -> SplitTable:
     """Read filename, id and split; other columns are ignored.
 
-    Ids, floats in the official files, have one purpose: a row without an id is not used, as in NeRF-W's reader. Raises BadInput for a file
+    Ids (floats in the official files) matter only in that a row without one is not used, as in NeRF-W's reader. Raises BadInput for a file
     without these columns.
     """
     fix = "Remove it, or give it the tab-separated columns filename, id and split."

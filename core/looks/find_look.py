@@ -204,7 +204,7 @@ def _unknown(trained: TrainedRun, word: str) -> BadInput:
     if lost := _left_out(trained, word):
         path = str(lost) if lost.is_file() else f"no longer {lost}"
         return BadInput(f"{lost.name} was left out when the cameras were found.", f"Give its path, as of a photo from outside: {path}")
-    trained.collection.check_meant(word)
+    trained.collection.check_unambiguous(word)
     photos = [photo.name for photo in trained.collection.photos]
     names = {name.lower(): name for name in (*photos, *saved_look.names(trained.folder))}
     near = [names[name] for name in difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.0)] or [NEUTRAL]

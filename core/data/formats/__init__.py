@@ -1,1 +1,1 @@
-"""What other programs write: cameras and points, each format read into a Posed."""
+"""Cameras and points as other programs write them; each format is read into a Posed."""

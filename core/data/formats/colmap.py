@@ -1,4 +1,4 @@
-"""COLMAP folders: a model and the photos it was made from, at whatever size they are found."""
+"""COLMAP folders: a model and the photos that it was made from, at whatever size."""
 
 import os
 from collections import Counter
@@ -19,8 +19,8 @@ from core.words import Note, name_them
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse", "dense/0/sparse")
 NERFSTUDIO_FOLDER = "colmap/sparse/0"
 NERFSTUDIO_FILE = "transforms.json"  # made of the model in that folder; it says more, but not which photo sees which point
-LENGTH_SLACK = 1e-9  # of a quaternion, which pycolmap takes to be of length 1
-ORIGINALS = ("input", "photos")  # where photos may lie before they are undistorted, which gives a model of other pixels
+LENGTH_SLACK = 1e-9  # of a quaternion; pycolmap relies on a length of 1
+ORIGINALS = ("input", "photos")  # where photos may lie that were not undistorted yet: a model of undistorted ones has other pixels
 
 
 def find_model(root: Path) -> Path | None:
@@ -41,18 +41,18 @@ def find_model(root: Path) -> Path | None:
 
 
 def lacks_photos(folder: Path) -> bool:
-    """Whether the folder is that of a COLMAP model, or of several: not a whole scene, as the photos lie elsewhere."""
+    """Whether the folder holds a COLMAP model or several, but no whole scene, as the photos lie elsewhere."""
     return any(holds_model(path) for path in (folder, *_numbered(folder)))
 
 
 def _numbered(folder: Path) -> list[Path]:
-    """The models 0, 1, ... that COLMAP writes when the photos fall apart into several, in no order of size."""
+    """The models 0, 1, ... that COLMAP writes when the photos fall apart into several; their numbers do not follow their size."""
     found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
     return sorted(found, key=lambda path: int(path.name))
 
 
 def _models_beside(model: Path) -> list[Path]:
-    """The other numbered models of its folder; none of a model that has no number."""
+    """The other numbered models in its folder; none for a model without a number."""
     return [folder for folder in _numbered(model.parent) if folder != model and holds_model(folder)] if model.name.isdecimal() else []
 
 
@@ -100,7 +100,7 @@ def read_colmap(root: Path) -> Posed:
 
 
 def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
-    """The names of a model's photos, by id; and, as Python names files, those that are not UTF-8, which pycolmap does not return."""
+    """The names of a model's photos, by id; and those that are not UTF-8, which pycolmap refuses to return, as Python spells such file names."""
     names, garbled = {}, []
     for number, image in reconstruction.images.items():
         try:
@@ -114,7 +114,7 @@ def posed_photo(image: pycolmap.Image, images: Path) -> PosedPhoto:
     """What the model says of an image, whose photo lies in the folder `images`."""
     pose = image.cam_from_world()
     camera = copy(image.camera)  # the model's own is freed with the model
-    with np.errstate(invalid="ignore", over="ignore"):  # an impossible pose is left out when the photo is placed
+    with np.errstate(invalid="ignore", over="ignore"):  # a photo with an impossible pose is left out later, by core.data.placing
         length = np.linalg.norm(pose.rotation.quat)
         if abs(length - 1) > LENGTH_SLACK:
             pose.rotation = pycolmap.Rotation3d(pose.rotation.quat / length if 0 < length < LARGEST_COORDINATE else np.full(4, np.nan))
@@ -150,7 +150,7 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
 
 
 def _as_photos_say(reconstruction: pycolmap.Reconstruction, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As PointTable has them: who observes which of the points with these ids (P,), ascending, by what the photos say of their features."""
+    """PointTable.observers and .observed of the points with these ids (P,), ascending, from what the photos say of their features."""
     observers, observed = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for number, image in reconstruction.images.items():
         said = np.fromiter((feature.point3D_id for feature in image.get_observation_points2D()), ids.dtype)
@@ -166,14 +166,14 @@ def _other_models(model: Path) -> list[Note]:
 
 
 def _bases(root: Path, model: Path) -> list[Path]:
-    """The folders in which the photos of the model, or the folders that hold them, may lie; the nearest first, as the others may hold the originals
-    of undistorted ones."""
+    """The folders in which the photos of the model, or folders of photos, may lie. The nearest comes first: farther ones may hold the originals of
+    undistorted photos."""
     return [model.parent.parent if model.name.isdecimal() else model.parent, root]
 
 
 def _has_photos(root: Path, model: Path) -> bool:
-    """Whether there is a folder of photos for the model: COLMAP's workspaces hold models without, beside the undistorted scenes made of them. Loose
-    pictures are photos if they are half as many as the model has, and else previews."""
+    """Whether there are photos for the model: COLMAP's workspaces also hold models without, beside the undistorted scenes made from them. Loose
+    pictures count as photos if they are at least half as many as the model has, otherwise as previews."""
     bases, enough = _bases(root, model), max(1, photos_in_model(model) / 2)
     has_folder = any((base / name).is_dir() for base in bases for name in ("images", *SHRUNKEN, *ORIGINALS))
     return has_folder or any(len(list_photos(base)) >= enough for base in bases)
@@ -181,7 +181,8 @@ def _has_photos(root: Path, model: Path) -> bool:
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
     """The first folder with at least half of the model's photos, or else the one with most: images/ or images_N/ in one of the bases, or a base
-    itself; input/ or photos/ only if none of these holds any. So whoever takes a photo out of images/ does not get the smaller copies instead.
+    itself; input/ or photos/ only if none of these holds any. Half is enough so that the smaller copies are not used as soon as somebody takes
+    a photo out of images/.
     """
     bases = _bases(root, model)
     usual = [base / name for base in bases for name in ("images", *SHRUNKEN)] + bases

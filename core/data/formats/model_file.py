@@ -1,6 +1,6 @@
-"""Reading a COLMAP model with pycolmap, after a check that its binary files are whole.
+"""Reads a COLMAP model with pycolmap, after a check that its binary files are whole.
 
-pycolmap 4.2 never returns from some truncated files and reads others as zeros, so each file is walked first, record by
+pycolmap 4.2 hangs on some truncated files and reads others as zeros, so each file is walked through first, record by
 record.
 """
 
@@ -26,20 +26,20 @@ NEEDED, POINTS = ("cameras", "images"), "points3D"
 SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
 EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file with no points
 POSE_BYTES = 7 * 8  # quaternion and translation
-# A point in a binary file. Its track follows: for each photo that sees it the photo's id and the number of its feature.
+# A point in a binary file. Its track follows: for each photo that sees it, the photo's id and the number of the feature.
 POINT = np.dtype([("id", "<u8"), ("position", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("photos", "<u8")])
 TRACK_COLUMN = 8  # of a point in text, after its id, place, colour and error
-# Numbers in text that are not finite, as programs spell them, or too large, and one in their place that pycolmap reads and nobody can use: begun with
-# a point, it is no id either.
+# Numbers in text that are not finite, in the spellings of various programs, or too large; and a replacement that pycolmap can read but that is no
+# usable number. As it begins with a point, it is no valid id either.
 NOT_FINITE, ENDLESS = re.compile(rb"(?i)(?<!\S)[+-]?(nan(\(\w*\))?|inf(inity)?|\d[\d.]*e\+?\d{3,})(?!\S)"), b".1e121"
 REFUSALS = (ValueError, IndexError, RuntimeError)  # of pycolmap
 
 
 @dataclass(frozen=True)
 class PointTable:
-    """The points of a model, in the order of their ids (P,) so that every run starts the same: positions (P, 3) float64, colours (P, 3) uint8.
+    """The points of a model by ascending ids (P,), so that every run starts the same: positions (P, 3) float64, colours (P, 3) uint8.
 
-    observers, observed: (N,) the id of an image, and the row of a point that it sees, as the points say.
+    observers, observed: (N,) each, from the points' tracks: the id of an image, and the row of a point that it sees.
     """
 
     ids: np.ndarray
@@ -55,7 +55,7 @@ def holds_model(folder: Path) -> bool:
 
 
 def photos_in_model(folder: Path) -> int:
-    """How many photos the COLMAP model in `folder` has, by the head of its file of photos; none if that cannot be read."""
+    """How many photos the COLMAP model in `folder` has, without reading all of it; 0 if that fails."""
     with suppress(OSError, struct.error):
         if (binary := folder / "images.bin").is_file():
             with binary.open("rb") as file:
@@ -66,7 +66,7 @@ def photos_in_model(folder: Path) -> int:
 
 
 def lacking_files(folder: Path) -> list[str]:
-    """The files that are missing from a COLMAP model of which `folder` has a part; none if it has all of it, or nothing."""
+    """The files that are missing from an incomplete COLMAP model in `folder`; none if it is complete, or if there is none."""
     begun = [suffix for suffix in SUFFIXES if any(_has(folder, suffix, part) for part in (*NEEDED, POINTS))]
     lacking = ([part + suffix for part in NEEDED if not _has(folder, suffix, part)] for suffix in begun)
     return min(lacking, key=len, default=[])
@@ -79,9 +79,9 @@ def _has(folder: Path, suffix: str, *parts: str) -> bool:
 def read_model(folder: Path) -> pycolmap.Reconstruction:
     """The model in `folder`, binary (preferred) or text, with or without points.
 
-    Its rigs and frames are not read: the file of images has the same poses, and programs that change a model often change that alone. If images
-    and points do not agree, as after photos were removed by hand, it is read without tracks (which photos see a point). Raises BadInput for
-    files that are missing, truncated, damaged or not a model.
+    Its rigs and frames are not read: the file of images has the same poses, and programs that change a model often change only that. If images
+    and points do not agree, as after photos were removed by hand, the model is read without tracks (which say which photos see a point). Raises
+    BadInput for files that are missing, truncated, damaged or not a model.
     """
     fix = "Copy the model again, or run COLMAP again."
     points = _points_file(folder)
@@ -110,7 +110,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
 
 
 def point_table(model: pycolmap.Reconstruction, folder: Path) -> PointTable:
-    """The points of the model that `read_model` made of this folder. Binary files are read once more, as pycolmap tells of one point at a time."""
+    """The points of the model that `read_model` read from this folder. A binary file is read again: pycolmap gives access to one point at a time."""
     file = _points_file(folder)
     if file is not None and file.suffix == ".bin":
         has_tracks = any(point.track.length() for point in model.points3D.values())
@@ -132,9 +132,9 @@ def _points_file(folder: Path) -> Path | None:
 
 
 def _read(folder: Path, suffix: str, points: Path | None) -> pycolmap.Reconstruction:
-    """The model of the files in `folder` with this suffix; refused files are read again, texts `_mended`, and at last without tracks.
+    """The model of the files in `folder` with this suffix. If pycolmap refuses them, text is tried again `_mended`, then either without tracks.
 
-    The files are read from a folder of their own: pycolmap insists on all three, and reads whatever else lies beside them.
+    The files are read from a temporary folder: pycolmap demands all three, and reads whatever else lies beside them.
     """
     with tempfile.TemporaryDirectory(dir=temporary_place()) as place:
         files = [Path(place, part + suffix) for part in (*NEEDED, POINTS)]
@@ -164,20 +164,20 @@ def _put_into(place: str, file: Path) -> None:
 
 
 def _replace(link: Path, content: bytes) -> None:
-    """Put a file in place of a link, not of what it leads to."""
+    """Replace a link by a file, leaving alone what the link points to."""
     link.unlink()
     link.write_bytes(content)
 
 
 def _mended(text: bytes) -> bytes:
-    """A text so that pycolmap reads it as the same model in binary: without the mark of UTF-8 that programs of Windows write, and with ENDLESS for
-    numbers that are not finite, so that they cost their own point or photos alone."""
+    """A text that pycolmap reads like the same model in binary: without the byte-order mark that Windows programs write, and with ENDLESS for numbers
+    that are not finite, which then spoil only their own point or photos."""
     return NOT_FINITE.sub(ENDLESS, text.removeprefix(BOM_UTF8))
 
 
 def _names_with_spaces(path: Path) -> dict[int, str]:
-    """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. BadInput if an image has one line,
-    not two: pycolmap would skip every other image."""
+    """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. Raises BadInput if an image has one line in
+    place of two: pycolmap would skip every other image."""
     names = {}
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         for line in file:
@@ -215,7 +215,7 @@ def _points_and_observers(data: bytes) -> tuple[np.ndarray, np.ndarray]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Inside, pycolmap logs only fatal errors. Its log level is global, so it is restored afterwards."""
+    """Within the block, pycolmap logs only fatal errors. Its log level, which is global, is restored afterwards."""
     before = pycolmap.logging.minloglevel
     pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
     try:

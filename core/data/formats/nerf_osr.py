@@ -1,7 +1,7 @@
 """NeRF-OSR folders, SITE/final/{train,validation,test}/{rgb,pose,intrinsics,mask}, and those of NeRF++, of the same layout.
 
 Source: the README and data reader of github.com/r00tman/NeRF-OSR (Rudnev et al. 2022), and nerfstudio's parser of the same data:
-text files of 16 numbers; pose leads from camera to world, with OpenCV axes; intrinsics hold px of the photo; masks are white
+text files of 16 numbers; pose leads from camera to world, with OpenCV axes; intrinsics are in px of the photo; masks are white
 where nothing moves.
 """
 
@@ -18,7 +18,7 @@ from core.errors import BadInput
 from core.words import Note, Reasons, name_them
 
 PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
-TRAINING, HELD_OUT = "train", ("test", "validation")  # the first of these that has photos
+TRAINING, HELD_OUT = "train", ("test", "validation")  # of the latter, the first that has photos
 LARGEST_SKEW = 1e-3  # of the focal length; a pinhole has none
 
 

@@ -1,4 +1,4 @@
-"""Points of a transforms.json from the COLMAP model that nerfstudio made it of: unlike its .ply, that says which photo sees which point."""
+"""Points for a transforms.json from the COLMAP model that nerfstudio made it of: unlike its .ply, that says which photo sees which point."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,15 +13,15 @@ from core.data.posed import LARGEST_COORDINATE, Points, PosedPhoto
 from core.errors import BadInput
 from core.words import Note
 
-ALIKE = 0.01  # how far poses may be apart: in radians, and in distances of the outermost camera from the middle of all
-LEAST_SPREAD = 1e-100  # of cameras; those that stand in one place then fit no others, and nothing is divided by zero
+ALIKE = 0.01  # how far poses may be apart: in radians, and relative to the distance of the outermost camera from the middle of all
+LEAST_SPREAD = 1e-100  # of cameras: those that all stand in one place fit no others then, and nothing is divided by zero
 
 
 def points_of_model(root: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points | None, list[Note]]:
     """The points of the COLMAP model below `root` in the frame of the photos, with which photo sees which; and notes.
 
-    image_ids: the model's ids of photos, by path; other photos are known by their names. Of several models the largest that fits counts.
-    None if there is no model, or, as a note then says, it is damaged, has no points, lacks most of the photos or has them in other poses.
+    image_ids: the model's ids of photos, by path; other photos are matched by name. Of several models, the largest that fits is used.
+    None if there is no model, or if it is damaged, has no points, lacks most of the photos or has them in other poses, as a note then says.
     """
     faults = []
     for model in nerfstudio_models(root):
@@ -51,9 +51,9 @@ def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, 
 
 
 def _moved(points: np.ndarray, pairs: Sequence[tuple[PosedPhoto, PosedPhoto]]) -> np.ndarray | None:
-    """The points (P, 3) after the turn, scaling and shift that lead from the first poses of the pairs to the second; None if none does.
+    """The points (P, 3) after the similarity that takes the first poses of the pairs to the second; None if none does.
 
-    The turn follows from the axes of the cameras, which may therefore stand on a line.
+    Its rotation follows from the axes of the cameras, which may therefore stand on a line.
     """
     rotations = np.array([there.rotation.T @ here.rotation for here, there in pairs])
     centres, wanted = (np.array([photo.centre for photo in photos]) for photos in zip(*pairs, strict=True))

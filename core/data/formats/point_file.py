@@ -10,8 +10,8 @@ from core.ply_file import read_rows
 PLACE, COLOUR = ("x", "y", "z"), ("red", "green", "blue")
 GREY = 0.5  # of points without colours
 WHITE = {"u1": 255.0, "u2": 65535.0}  # the value of full colour, by type
-WHITE_OF_OTHERS = 255.0  # of other integers, and of floats too large for [0, 1]
-BRIGHTEST = 2.0  # floats up to this are taken for [0, 1]: colours computed from light exceed 1 a little
+WHITE_OF_OTHERS = 255.0  # of other integers, and of floats beyond BRIGHTEST
+BRIGHTEST = 2.0  # floats up to this are taken to be in [0, 1]: colours computed from light may exceed 1 a little
 
 
 def read_points_file(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""What is wrong with a COLMAP model in text, and in which line: pycolmap tells neither. COLMAP's format.rst has the columns."""
+"""Finds what is wrong with a COLMAP model in text, and in which line: pycolmap says neither. The columns are those of COLMAP's format.rst."""
 
 import math
 from collections.abc import Sequence

@@ -34,7 +34,7 @@ LENGTHS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}  # whic
 LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # in the order of nerfstudio's distortion_params, which may stand in their place
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
 DYNAMIC_MASK = "whose dynamic_mask_*.png (Instant-NGP) is not used: invert it (white = use), name it as the photo, and give its folder to --masks"
-IN_VIEW = 0.5  # of the points; if the cameras show less, the file is likely to be in another frame
+IN_VIEW = 0.5  # share of the points; if the cameras see less, the file is probably in another frame
 POINTS_ASKED = 10_000  # evenly spread, to find that out
 
 
@@ -77,7 +77,7 @@ def read_blender(root: Path) -> Posed:
 
 @dataclass
 class _Reading:
-    """Reads frames, and collects which could not be used and why. Views are named by their whole paths until all are known."""
+    """Reads frames, and collects which could not be used and why. Photos are named by their whole paths until all are known."""
 
     root: Path
     notes: list[Note] = field(default_factory=list)
@@ -126,7 +126,7 @@ class _Reading:
         return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if is_file(path + suffix)), path))
 
     def split_as_listed(self, source: Path, facts: dict, photos: list[PosedPhoto]) -> list[PosedPhoto]:
-        """The photos with the split of the file's lists; unchanged if it has none. Without train_filenames, all that is not held out is trained
+        """The photos, split as the file's lists say; unchanged if it has none. Without train_filenames, all photos that are not held out are trained
         on. Names may omit folder and suffix if they stay unambiguous."""
         lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
         if not lists:
@@ -149,8 +149,8 @@ class _Reading:
 
     def points(self, facts: dict, photos: list[PosedPhoto]) -> Points | None:
         """The points of nerfstudio's COLMAP model or else of ply_file_path, or None. The latter are in the frame of the poses:
-        applied_transform has been applied to both. (Older versions of nerfstudio did not apply it to points, so the cameras are asked
-        whether they see them.)"""
+        applied_transform has been applied to both. (Older versions of nerfstudio did not apply it to points, so there is a check that the
+        cameras see them.)"""
         points, notes = points_of_model(self.root, photos, self.image_ids)
         self.notes += notes
         if points is not None:
@@ -198,15 +198,15 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Lens:
-    """A frame's intrinsics as the file gives them; what it omits follows from the size of the photo."""
+    """A frame's intrinsics as the file gives them; what is missing follows from the size of the photo."""
 
     model: str
     numbers: dict[str, float]
 
     @staticmethod
     def of(facts: dict, frame: dict) -> "_Lens":
-        """The lens of a frame. facts: those at the top of the file, overridden by the frame's own; its angles override their focal lengths, too,
-        and its focal lengths their angles."""
+        """The lens of a frame. facts: those at the top of the file, which the frame's own override; an angle in the frame also overrides a focal
+        length there, and the other way round."""
         for own, others in ((ANGLES, LENGTHS), (LENGTHS, ANGLES)):
             if own & frame.keys():
                 facts = {name: value for name, value in facts.items() if name not in others}

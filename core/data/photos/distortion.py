@@ -9,7 +9,7 @@ from core.scene.lens import Lens
 
 NEGLIGIBLE_PX = 0.01  # a lens that moves no pixel of the photo farther than this is a pinhole
 ROUND_TRIP_PX = 1.0  # a pixel whose ray does not lead back to it lies where the lens formula folds over
-NODES = 65  # a side of a grid of pixels; where all of their rays lead back, those of the others do
+NODES = 65  # a side of a grid of pixels; if all of their rays lead back to them, so do those of the others
 BLOCK_PIXELS = 1 << 20  # rays are followed in blocks of rows, to bound memory
 MODELS = pycolmap.CameraModelId.__members__.keys() - {"INVALID"}
 
@@ -41,7 +41,7 @@ def usable(camera: pycolmap.Camera) -> bool:
 
 
 def is_sound(lens: Lens) -> bool:
-    """Whether the values of the lens, which may come from a damaged file, are such that `undistort` can work with them."""
+    """Whether `undistort` can work with the values of the lens, which may come from a damaged file."""
     if lens.model not in MODELS or lens.orientation not in TURNS or not type(lens.width) is type(lens.height) is int:
         return False
     if not all(type(value) in (int, float) for value in lens.params):
@@ -59,7 +59,7 @@ def is_pinhole(camera: pycolmap.Camera) -> bool:
 
 
 def folds_over(camera: pycolmap.Camera) -> bool:
-    """Whether some pixel of the photo is one that no ray leads to, as the lens formula folds over before it; tested along the edge."""
+    """Whether no ray leads to some pixel of the photo, because the lens formula folds over before it; tested along the edge."""
     along = np.linspace(0, 1, 17)
     edge = np.concatenate([np.column_stack([along, np.full(17, side)]) for side in (0, 1)])
     pixels = np.concatenate([edge, edge[:, ::-1]]) * (camera.width, camera.height)
@@ -106,12 +106,12 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
     focal = np.array([camera.fx, camera.fy])
 
     def followed(wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rays (N, 3) of these pixels (N, 2) in the lens's axes, and where it shows them."""
+        """The rays (N, 3) of these pixels (N, 2), in the lens's axes, and the pixels (N, 2) at which the lens shows them."""
         directions = rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
         return directions, model.img_from_cam(directions)
 
     def off_px(directions: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """How far from these rays (N, 3) those lie that the lens formula leads back to."""
+        """How far (px) the rays that the lens formula gives for the pixels `seen` are from the rays that led to these."""
         return np.linalg.norm((model.cam_from_img(seen) - directions[:, :2]) * focal, axis=1)
 
     x, y = np.meshgrid(np.linspace(0, camera.width, NODES), np.linspace(0, camera.height, NODES))

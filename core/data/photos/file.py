@@ -30,7 +30,7 @@ Image.MAX_IMAGE_PIXELS = 1 << 29  # more than twice that are an attack to Pillow
 warnings.filterwarnings("ignore", module=r"PIL\.")  # what is wrong with a photo is said here, once
 logging.getLogger("PIL").setLevel(logging.CRITICAL)
 
-# Of Pillow's formats, those of photos. Others are not told by how they begin, or run a program, as EPS does.
+# Those of Pillow's formats that photos have. Others are not recognised by their first bytes, or run a program, as EPS does.
 FORMATS, FORMATS_IN_BOXES = ("JPEG", "PNG", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF", "PPM"), ("HEIF", "AVIF")
 UNKNOWN = "is not a photo that can be read"
 TRUNCATED = "ends before its picture does (truncated)"
@@ -41,7 +41,7 @@ BOXES = (b"ftyp", b"meta", b"mdat", b"free", b"skip", b"moov")
 LONG = b"\0\0\0\1"  # in place of a box's size, which then follows
 ORIENTATION = 0x0112  # EXIF's tag
 COLOURS = Image.frombytes("RGB", (6**3, 1), bytes(chain(*product(range(0, 256, 51), repeat=3))))  # all over the cube
-UNSEEN = 2  # 8-bit steps that a colour may be off
+UNSEEN = 2  # 8-bit steps by which a colour may be off
 MOST_EXIF_BYTES = 0xFFFF - 2  # of a JPEG
 
 
@@ -90,7 +90,7 @@ def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
 
 
 def probe(path: Path) -> Header:
-    """The header of a photo. Of formats that do not tell whether a file of theirs is whole, the picture is decoded, too.
+    """The header of a photo. In formats whose structure does not show whether a file is whole, the picture is decoded, too.
 
     Raises BadInput for a file that is missing, empty, truncated or not a photo.
     """
@@ -102,9 +102,9 @@ def probe(path: Path) -> Header:
 
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
-    """The header of a photo file and its picture, which is not decoded yet, in a context that turns what decoding raises into BadInput.
+    """The header of a photo file and its picture, not decoded yet; whatever decoding raises in the block becomes BadInput.
 
-    Raises BadInput like `probe`. A JPEG that ends early would be decoded with its lower part grey, and HEIF might end the program.
+    Raises BadInput like `probe`: a truncated JPEG would be decoded with its lower part grey, and a truncated HEIF might end the program.
     """
     try:
         with open(path, "rb") as file:
@@ -135,7 +135,7 @@ def _know_heif() -> None:
 
 
 def _is_misread(picture: Image.Image) -> bool:
-    """Whether Pillow shows other shades than the file has: of those of more than 16 bits, and of some TIFFs of 16."""
+    """Whether Pillow would misread the brightness: with more than 16 bits a channel, and in some TIFFs of 16 bits."""
     if picture.mode in ("I", "F"):
         return True
     if picture.format != "TIFF" or 16 not in picture.tag_v2.get(BITSPERSAMPLE, ()):
@@ -145,7 +145,7 @@ def _is_misread(picture: Image.Image) -> bool:
 
 
 def _header(data: mmap.mmap, picture: Image.Image) -> Header:
-    """Pillow turns HEIF and TIFF as they say when it decodes them, and tells the size of a TIFF as displayed before that."""
+    """Pillow turns HEIF and TIFF upright when it decodes them, and reports the size of a TIFF as displayed even before that."""
     if picture.format == "TIFF":
         size = picture.size[::-1] if swaps_sides(picture.tag_v2.get(ORIENTATION, 1)) else picture.size
         return Header("TIFF", *size, _orientation(picture.getexif()), b"", _profile(picture))
@@ -175,7 +175,7 @@ def tags_of(exif: bytes) -> Image.Exif:
 
 
 def upright_exif(exif: bytes) -> bytes:
-    """The EXIF block of a photo whose pixels have been turned upright, or nothing if a JPEG could not hold it; focal length and the rest stay."""
+    """The EXIF block, focal length and all, of a photo whose pixels have been turned upright; empty if it is too long for a JPEG."""
     tags = tags_of(exif)
     tags[ORIENTATION] = 1
     try:
@@ -192,7 +192,7 @@ def _profile(picture: Image.Image) -> bytes:
 
 @lru_cache(maxsize=64)  # photos of one camera have the same
 def _changes_colours(profile: bytes) -> bool:
-    """Whether colours of this profile differ from those of sRGB: its name does not tell. False if it is broken, True if it is of grey or inks."""
+    """Whether colours of this profile differ from sRGB's, tried out because its name does not tell. False if broken; True if for grey or CMYK."""
     try:
         known = ImageCms.getOpenProfile(BytesIO(profile))
     except ImageCms.PyCMSError:

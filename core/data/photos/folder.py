@@ -40,7 +40,7 @@ def _list_files(folder: Path, suffixes: tuple[str, ...], chosen: Callable[[Path]
 
 
 def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
-    """The files that equal an earlier one of `paths` byte for byte -> that one. Only files that begin alike are read to the end."""
+    """Each file that equals an earlier one of `paths` byte for byte -> that one. Only files with the same start are read to the end."""
     copies = {}
     for same_size in _alike(paths, lambda path: path.stat().st_size):
         for same_start in _alike(same_size, lambda path: digest(path, START_BYTES)):
@@ -50,7 +50,7 @@ def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
 
 
 def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Path]]:
-    """Groups of files with the same key, in their order; files that cannot be read are left out."""
+    """The files in groups of the same key, groups of one left out, as are files that cannot be read."""
     groups: dict[object, list[Path]] = {}
     for path in paths:
         with suppress(OSError):  # reported when it is read as a photo
@@ -59,7 +59,7 @@ def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Pa
 
 
 def no_photos(folder: Path, what: str = "no photos") -> BadInput:
-    """The error for a folder without photos, which says what it holds instead. what: what is missing, in words."""
+    """The error for a folder without photos, which says what the folder holds instead. what: what is missing, in words."""
     name = folder.resolve() if folder == Path() else folder
     if others := list_unreadable(folder):
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
@@ -93,7 +93,7 @@ def photos_below(folder: Path) -> dict[Path, int]:
 
 
 def folders_below(folder: Path, levels: int = LEVELS) -> Iterator[Path]:
-    """Subfolders by name, each before its own; without hidden ones, those that wegs wrote, and those that cannot be listed."""
+    """Subfolders by name, each followed by its own; without hidden ones, those that wegs wrote, and those that cannot be listed."""
     with suppress(OSError):
         for path in sorted(folder.iterdir()):
             if path.is_dir() and os.access(path, os.R_OK | os.X_OK) and not path.name.startswith(".") and not is_of_wegs(path):

@@ -1,4 +1,4 @@
-"""Whether two photos are one picture, stored again in another size, format or quality, as collections from the web hold them."""
+"""Whether two photo files hold the same picture in another size, format or quality, as happens in collections from the web."""
 
 from dataclasses import dataclass
 from math import log
@@ -7,16 +7,16 @@ from typing import Self
 import cv2
 import numpy as np
 
-SIDE, DETAIL_SIDE = 32, 128  # of the thumbnails that are compared: of colours, and of brightness without what is smooth
-SMOOTH = 9  # side of the square whose mean is taken off the latter
-TILES = 8  # a side: in each of them the detail has to agree
-FLAT = 3.0  # root mean square of a tile's detail, in 8-bit steps, below which it shows none
-# How far colours may differ, root mean square, as a part of their spread, and how well detail has to correlate in every tile. Real photos stored
+SIDE, DETAIL_SIDE = 32, 128  # of the thumbnails that are compared: colours, and detail (brightness less its local mean)
+SMOOTH = 9  # side of the square of which that is the mean
+TILES = 8  # a side: the detail has to agree in each of them
+FLAT = 3.0  # root mean square of a tile's detail, in 8-bit steps, below which the tile is ignored
+# How far colours may differ (root mean square over their standard deviation), and how well detail has to correlate in every tile. Real photos stored
 # again at half their size, or at JPEG quality 30, differ by 0.05 at most and correlate by 0.8 or more; two of Liberty, Sacré-Cœur, Fountain or
-# Kermit differ by 0.2 or more and do not correlate. Detail alone would take one place in two lights for one picture; colours alone, a
-# column seen from two sides.
+# Kermit differ by 0.2 or more and do not correlate. By detail alone, a place in two lights would be the same picture; by colours alone, a column
+# seen from two sides.
 SAME_COLOURS, SAME_DETAIL = 0.1, 0.75
-BLOCKS = 8  # a side: where the mean colours of two pictures' blocks are too far apart, so are their colours, which then need not be compared
+BLOCKS = 8  # a side: if the mean colours of the blocks are already too far apart, the pixels need not be compared
 ROUNDING = 1.001  # of sums in float32
 ASPECT_TOLERANCE = 0.02
 
@@ -39,7 +39,7 @@ class Thumbnail:
         return cls(log(width / height), colours.ravel(), brightness - cv2.blur(brightness, (SMOOTH, SMOOTH)))
 
     def shows_same(self, other: Self) -> bool:
-        """Whether both are of one picture."""
+        """Whether both are of the same picture."""
         if abs(self.aspect - other.aspect) > ASPECT_TOLERANCE:
             return False
         if np.square(self.colours - other.colours).mean() >= self.colours_slack():
@@ -51,7 +51,7 @@ class Thumbnail:
         return bool(shown.any() and correlations.min() > SAME_DETAIL)
 
     def colours_slack(self) -> float:
-        """The mean square difference from this picture's colours at which those of another photo are no longer of the same picture."""
+        """The mean square difference of colours from which on another thumbnail is of another picture."""
         return (SAME_COLOURS * self.colours.std()) ** 2
 
     def block_colours(self) -> np.ndarray:
@@ -65,7 +65,7 @@ class Thumbnail:
 
 
 class Pictures:
-    """Pictures that were met, by name."""
+    """The pictures met so far, by name."""
 
     def __init__(self):
         self._met: list[tuple[str, Thumbnail]] = []

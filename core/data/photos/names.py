@@ -1,4 +1,4 @@
-"""Names of photos: what else a photo may be called, which row of a list means it, and the paths of its files."""
+"""Names of photos: what else a photo may be called, which row of a list means it, and file paths made of it."""
 
 import os
 from collections import Counter
@@ -10,18 +10,18 @@ from core.data.photos.folder import SUFFIXES
 
 
 def names_without_suffixes(name: str) -> list[str]:
-    """What a photo may be called: its name, without its suffix, and, where structure from motion made a.png.jpg of a.png, without both."""
+    """What a photo may be called: its name, its name without the suffix, and, as structure from motion makes a.png.jpg of a.png, without both."""
     stem = without_suffix(name)
     return [name, stem, *([without_suffix(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
 
 
 def composed(name: str) -> str:
-    """The name with letters such as é as one sign: names that macOS wrote may have them as two, which nobody types."""
+    """The name in Unicode form NFC, é as one character: macOS may write two, which nobody types."""
     return normalize("NFC", name)
 
 
 def folded(name: str) -> str:
-    """The name as `composed`, whatever the case of its letters."""
+    """The name `composed` and without regard to case, for comparison."""
     return composed(name).casefold()
 
 
@@ -31,10 +31,10 @@ def without_suffix(name: str) -> str:
 
 
 def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """The row of a list that means each photo, for the photos it names; and the rows that fit several photos, with these.
+    """For each photo that a list names, the row that means it; and each row that fits several photos, with these.
 
-    A row means a photo if it is the photo's name or the end of its path, with or without the suffix. So does a longer path that ends in the
-    photo's name, if it is the only one. The rows and photos that are left are then compared without regard to case.
+    A row means a photo if it is the photo's name or the end of its path, with or without the suffix, or if it is the only longer path that ends
+    in the photo's name. The rows and photos that remain are then compared without regard to case.
     """
     names = set(names)
     rows, unclear = _rows_spelt_alike(names, listed, composed)
@@ -75,14 +75,14 @@ def _ends(name: str) -> list[str]:
 
 
 def is_file(path: Path | str) -> bool:
-    """Whether there is a file; False, where pathlib raises, for a name that is too long for the disk."""
+    """Whether there is a file; False, and no error as from pathlib, for a name that is too long for the disk."""
     return os.path.isfile(path)
 
 
 def relative_path(name: str) -> Path:
-    """A photo's name as a path that cannot leave the folder it is joined to: some models name photos by whole paths, or through `..`.
+    """A photo's name as a path that stays inside the folder that it is joined to: some models name photos by whole paths, or with `..`.
 
-    Of a whole path the file's own name is left. On Windows that is any path with a drive or a root: joined, it would replace the folder.
+    Of an absolute path only the file name is kept; on Windows, also of one with only a drive or a root, which would replace the folder.
     """
     path = Path(name.replace("\\", "/"))  # some were written on Windows
     return Path(path.name) if path.anchor else Path(*(part for part in path.parts if part != ".."))
@@ -98,7 +98,7 @@ def png_paths(names: Iterable[str]) -> dict[str, Path]:
         png, number = path.with_suffix(".png"), 1
         if sharing[png] > 1:
             png = path.with_name(f"{path.name}.png")
-        while png in taken:  # named by whole paths, or through `..`
+        while png in taken:  # as photos named by whole paths may be
             number += 1
             png = path.with_name(f"{path.name}-{number}.png")
         taken[png] = name

@@ -18,9 +18,9 @@ from core.errors import BadInput
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
 OPAQUE = 250  # of 255; programs that blend or convert leave opaque pixels a little below
 LIGHT_PX = 2000  # a side; more than enough for light, as the encoder sees a square of 144
-GREY = (32, 224)  # between black and white
-MOST_GREY = 0.5  # of a mask; one with more is a photo or a map of classes
-LEAST_USE = 0.01  # of a photo; a mask that leaves less is a mistake
+GREY = (32, 224)  # neither black nor white
+MOST_GREY = 0.5  # share of a mask that may be grey; with more, it is a photo or a map of classes
+LEAST_USE = 0.01  # share of a photo; a mask that leaves less is a mistake
 MEANING = "White (255) marks what is to be used, black what is not."  # in a mask
 
 
@@ -44,9 +44,8 @@ def read_pixels(path: Path) -> np.ndarray:
 def read_pixels_and_alpha(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """A photo as displayed, EXIF rotation applied: (H, W, 3) uint8 RGB; and its alpha, (H, W) uint8, None where all of it is opaque.
 
-    Grey, 16-bit (to within one 8-bit step; those of no value above 255 as 8-bit), palette and CMYK photos are converted; transparent
-    pixels are shown over white, as viewers do.
-    Raises BadInput for what is missing, truncated or no photo.
+    Grey, 16-bit (to within one 8-bit step; taken for 8-bit if no value is above 255), palette and CMYK photos are converted; transparent pixels
+    are shown over white, as viewers show them. Raises BadInput for what is missing, truncated or no photo.
     """
     header, pixels, alpha = read_stored(path)
     return upright(_over_white(pixels, alpha), header.orientation), None if alpha is None else upright(alpha, header.orientation)
@@ -70,8 +69,8 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
     A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the lens did not see
-    them, if they are transparent by more than a trace, or if the photo's mask hides them; the latter two are filled with the colours around them.
-    transparent_is_empty: transparent pixels are valid, and empty space. Raises BadInput like `read_pixels`.
+    them, if they are noticeably transparent, or if the photo's mask hides them; those of the last two kinds are filled with the colours around.
+    transparent_is_empty: transparent pixels are valid, and count as empty space. Raises BadInput like `read_pixels`.
     """
     header, pixels, alpha = read_stored(photo.path, (width, height))
     pixels = _over_white(pixels, alpha)
@@ -153,13 +152,14 @@ def _over_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
 
 
 def off_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """The colours (H, W, 3) uint8 that this `alpha`, (H, W) uint8, shows as `pixels` over white; of no use where it is 0."""
+    """The inverse of `_over_white`: the colours (H, W, 3) uint8 that with this `alpha`, (H, W) uint8, look like `pixels` over white; arbitrary where
+    alpha is 0."""
     share = np.maximum(alpha, 1)[..., None].astype(np.float32) / 255
     return np.rint(255 - (255 - pixels) / share).clip(0, 255).astype(np.uint8)
 
 
 def _undistort(pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the wanted size, and its mask."""
+    """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the size `wanted`, and where it is valid."""
     channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]
     most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if swaps_sides(header.orientation) else wanted))
     if pixels.shape[1] > most[0] and pixels.shape[0] > most[1]:

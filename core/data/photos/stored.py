@@ -10,7 +10,7 @@ from PIL import Image, ImageCms
 from core.data.photos.file import TRUNCATED, Header, bad_photo, opened, swaps_sides
 
 REDUCTIONS = (8, 4, 2)  # at which a JPEG can be decoded
-MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels; it may be off by this much of the wanted picture
+MISALIGNED_PX = 0.1  # a reduced JPEG is rounded up to whole pixels, which may shift the wanted picture by this much
 GREYS = ("1", "L", "LA")  # Pillow's names of grey pictures of 8 bits and less
 FILL = 128  # what a JPEG decoder paints where the data ran out
 
@@ -72,19 +72,19 @@ def reduction(header: Header, wanted: tuple[int, int] | None) -> int:
 
 
 def _runs_out(picture: Image.Image) -> bool:
-    """Whether the last row is the decoder's grey: some servers put an end marker where the data ran out."""
+    """Whether the last row has the decoder's grey: the data ran out, although there is an end marker, as some servers append one."""
     last = np.asarray(picture.crop((0, picture.height - 1, *picture.size)))
     return bool((last == FILL).all()) and not (np.asarray(picture) == FILL).all()
 
 
 def _in_8_bits(picture: Image.Image) -> Image.Image:
-    """A grey picture of 16 bits in 8. One of no value above 255, as some masks are, stays as it is."""
+    """A grey picture of 16 bits in 8 bits. If no value is above 255, as in some masks, the values stay."""
     shades = np.asarray(picture)
     return Image.fromarray((shades if shades.max() < 256 else shades >> 8).astype(np.uint8))
 
 
 def _in_srgb(picture: Image.Image, profile: bytes) -> Image.Image:
-    """The picture in RGB, without its alpha. A profile that is not of its kind of colours counts for nothing."""
+    """The picture in RGB, without its alpha. A profile for another kind of colours, such as CMYK, is ignored."""
     if profile:
         of_its_kind = picture if picture.mode in ("L", "CMYK") else picture.convert("L" if picture.mode in GREYS else "RGB")
         with suppress(ImageCms.PyCMSError):

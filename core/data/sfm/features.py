@@ -1,4 +1,4 @@
-"""SIFT features of photos and their matches, by pycolmap on a CPU, in parts that tell of progress."""
+"""SIFT features of photos and their matches, by pycolmap on a CPU, in parts between which progress is reported."""
 
 import time
 from collections.abc import Iterator
@@ -18,18 +18,18 @@ from core.scene.camera import Camera
 from core.system import memory, threads
 
 LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
-MOST_FEATURES = 8192  # at most, of a photo, where the caller asks for no fewer
+MOST_FEATURES = 8192  # of a photo, unless the caller asks for fewer
 LEAST_PHOTOS = 2
 JPEG_QUALITY = 95  # of the copies that features are extracted from, and of undistorted photos
-SEED = 0  # given to every estimate that draws at random: pycolmap.set_random_seed would reach the calling thread only
+SEED = 0  # given to every randomised estimate: pycolmap.set_random_seed would affect the calling thread only
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 LEAST_INLIERS = 15  # COLMAP's, of the geometry of a pair
-PART_S = 3.0  # features and matches are computed in parts that take so long, to tell of progress and to notice Ctrl-C
-# Space on the disk, in the database and again in its journal, for a photo of MOST_FEATURES, and for a pair of such photos whose features all match.
+PART_S = 3.0  # features and matches are computed in parts that take this long, to report progress and to notice Ctrl-C
+# Disk space, in the database and again in its journal, for a photo of MOST_FEATURES, and for a pair of such photos whose features all match.
 PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
-MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, even where they go fast: those that are in the database already take no time
+MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, however fast: those that are in the database already take no time
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
-# Of memory: what a thread takes that finds or matches MOST_FEATURES in photos of LONG_SIDE_PX, and the program besides.
+# Memory for a thread that finds or matches MOST_FEATURES in photos of LONG_SIDE_PX, and for the rest of the program.
 THREAD_BYTES, OTHER_BYTES = 400 << 20, 600 << 20
 HALF = 128  # of 255: features are extracted where less of a pixel than this is empty space
 
@@ -37,7 +37,7 @@ HALF = 128  # of 255: features are extracted where less of a pixel than this is 
 def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
     """Write the pictures that `extract` reads; returns, by a picture's name, its photo and the camera at its size.
 
-    Numbered, because COLMAP's list of pairs is split at spaces. Photos that cannot be decoded are left out.
+    Their names are numbers, because COLMAP splits its list of pairs at spaces. Photos that cannot be decoded are left out.
     """
     cameras = {}
     for number, (photo, camera) in enumerate(posed, 1):
@@ -91,17 +91,17 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
 
 
 def _number(work: Path, names: list[str]) -> None:
-    """Number the photos in their order. Otherwise they are numbered as threads finish with them, and mapping depends on the numbers."""
+    """Add the photos to the database in their order. Otherwise they get their ids as threads finish with them, and mapping depends on the ids."""
     with pycolmap.Database.open(work / DATABASE):
         pass  # creates it
     pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)
 
 
 def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO) -> None:
-    """Match the pairs of photos, into the database.
+    """Match the pairs of photos; the matches go into the database.
 
-    verify: estimate the geometry of each pair, and keep the matches that fit it. Without it, all features that look alike stay matched.
-    ratio: of the distances to the most and the second most similar feature, which a match has to be below (Lowe 2004, 7.1).
+    verify: estimate the geometry of each pair, and keep only the matches that fit it.
+    ratio: a match must be nearer than this times the distance of the second most similar feature (Lowe 2004, 7.1).
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
@@ -127,13 +127,13 @@ def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool
 
 
 def _threads_within_limit() -> int:
-    """A thread for each core that may be used, or as many as fit below the limit on memory, at which pycolmap would end the whole program."""
+    """One thread a core, or as many as fit into the memory limit: beyond it, pycolmap would end the whole program."""
     cores, room = threads.cores(), memory.limit()
     return cores if room is None else max(1, min(cores, (room - OTHER_BYTES) // THREAD_BYTES))
 
 
 def _parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:
-    """The items in parts of `least` to `most`, sized to take PART_S each, with the number of items up to the end of that part."""
+    """The items in parts of `least` to `most`, sized to take PART_S each, and for each part the number of items up to its end."""
     done, size = 0, least
     while done < len(items):
         part, since = items[done : done + size], time.monotonic()

@@ -1,6 +1,6 @@
-"""Guided matches: features of two photos are matched once more, each only with those that lie where the geometry of the pair puts it.
+"""Guided matching: features of two photos are matched once more, each only with those that lie where the geometry of the pair puts it.
 
-COLMAP does this, too, but compares all descriptors and takes a second a pair. Here most are ruled out by their place: a twentieth of that.
+COLMAP can do this, too, but compares all descriptors and takes a second a pair. Here most are ruled out by their place first: 20 times as fast.
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from core.kernels.compiled import kernel
 from core.report import Report
 from core.system.threads import in_parallel
 
-ON_LINES = (Configuration.CALIBRATED, Configuration.UNCALIBRATED)  # F says where a feature lies, or E where EXIF tells both focal lengths
-AT_POINTS = (Configuration.PLANAR, Configuration.PANORAMIC, Configuration.PLANAR_OR_PANORAMIC)  # H does
+ON_LINES = (Configuration.CALIBRATED, Configuration.UNCALIBRATED)  # F gives a feature's line in the other photo (E, if EXIF has both focal lengths)
+AT_POINTS = (Configuration.PLANAR, Configuration.PANORAMIC, Configuration.PLANAR_OR_PANORAMIC)  # H gives its point
 NEAR_PX = 4.0  # COLMAP's, as all that follows
 LARGEST = 0.7 * 512  # distance of matched descriptors, which are 512 long
 FAR = np.iinfo(np.int32).max
 BYTES = 128  # of a descriptor
-EIGHT = 8  # flags that are looked at together
-PAIRS_AT_ONCE = 64  # whose features are held: up to 1 MB a photo
+EIGHT = 8  # flags that are tested together
+PAIRS_AT_ONCE = 64  # whose features are in memory: up to 1 MB a photo
 
 
 class Features(NamedTuple):
@@ -36,7 +36,7 @@ class Features(NamedTuple):
 
 
 def guide(work: Path, pairs: Sequence[tuple[str, str]], report: Report) -> None:
-    """Replace the matches of each pair in the database that has a geometry by guided ones; done once more, it changes nothing."""
+    """Replace the matches of each pair in the database that has a geometry by guided ones. A second call changes nothing."""
     with pycolmap.Database.open(work / DATABASE) as database:
         numbers = {image.name: image.image_id for image in database.read_all_images()}
         for start in range(0, len(pairs), PAIRS_AT_ONCE):
@@ -67,7 +67,8 @@ def _features(database: pycolmap.Database, number: int) -> Features:
 
 
 def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoViewGeometry) -> np.ndarray:
-    """(k, 2) uint32: features of the first and second photo that are each other's most alike among those near, and clearly so (Lowe 2004, 7.1)."""
+    """(k, 2) uint32: pairs of a feature of the first and one of the second photo, each the other's nearest in descriptor among those that the
+    geometry allows, and clearly so (Lowe 2004, 7.1)."""
     at_points, n = geometry.config in AT_POINTS, len(first.pixels)
     nearest, partner = np.full((n + len(second.pixels), 2), FAR, np.int32), np.full(n + len(second.pixels), -1, np.int32)
     matrix = geometry.H if at_points else _fundamental(first, second, geometry)
@@ -79,7 +80,7 @@ def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoView
 
 
 def _fundamental(first: Features, second: Features, geometry: pycolmap.TwoViewGeometry) -> np.ndarray:
-    """F, which of calibrated photos is that of their E: one estimated beside it is less certain."""
+    """F; for calibrated photos computed from E, which is more certain than an F estimated beside it."""
     if geometry.config == Configuration.UNCALIBRATED:
         return geometry.F
     return np.linalg.inv(second.intrinsics).T @ geometry.E @ np.linalg.inv(first.intrinsics)
@@ -87,11 +88,11 @@ def _fundamental(first: Features, second: Features, geometry: pycolmap.TwoViewGe
 
 @kernel
 def most_alike_near(pixels1, descriptors1, pixels2, descriptors2, matrix, at_points, limit, nearest, partner):
-    """For each feature of either photo the two least squared distances of its descriptor to those of the other's features that lie near.
+    """For each feature of either photo, the two smallest squared distances of its descriptor to those of the other photo's features that lie near.
 
-    matrix: (3, 3) float32, H if `at_points`, else F, from the first photo to the second. limit: px², of the squared distance from where H puts a
-    feature, or of Sampson's (Hartley & Zisserman, eq. 11.9). nearest: (n + m, 2) int32, FAR, and partner: (n + m,) int32: filled, the first
-    photo's features before the second's; the partner is that at the least distance.
+    matrix: (3, 3) float32, H if `at_points`, else F, from the first photo to the second. limit: px², the largest squared distance to where H puts a
+    feature or, with F, the largest squared Sampson distance (Hartley & Zisserman, eq. 11.9). Outputs, the first photo's features before the
+    second's: nearest, (n + m, 2) int32, to be filled with FAR before; partner, (n + m,) int32, the feature at the smaller distance.
     """
     n, m = len(pixels1), len(pixels2)
     x2, y2, slack2 = np.empty(m, np.float32), np.empty(m, np.float32), np.empty(m, np.float32)

@@ -1,4 +1,4 @@
-"""Cameras of plain photos are found once: structure from motion takes minutes, so its result is kept beside the runs."""
+"""Cameras of plain photos, found once: structure from motion takes minutes, so its result is kept beside the runs."""
 
 from pathlib import Path
 
@@ -12,8 +12,8 @@ from core.report import Report
 def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
     """The folder of the COLMAP scene made of the photos in the folder `photos`, which is made now unless it exists.
 
-    wanted: the folder; with a number if another scene has it. A scene is used again only for the very same files (name, size and
-    modification time of each). Errors: as `reconstruct`.
+    wanted: the name of the folder, to which a number is added if another scene has it. A scene is used again only for the very same files (name,
+    size and modification time of each). Errors: as `reconstruct`.
     """
     files = originals.files_of(photos)
 

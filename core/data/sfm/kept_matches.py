@@ -1,4 +1,4 @@
-"""Features and matches are kept after a stop: they take nearly all the time of structure from motion. COLMAP skips what its database has."""
+"""Keeps features and matches after a stop: they take nearly all the time of structure from motion, and COLMAP skips what its database has."""
 
 import hashlib
 import sqlite3
@@ -20,10 +20,10 @@ KEPT_FILES = (f"{DATABASE}*", MARK)  # of the work folder; SQLite puts files of 
 
 @contextmanager
 def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
-    """A work folder to make the scene `output` in, removed at the end.
+    """A work folder, in `place_for` the output, to make the scene `output` in; removed at the end.
 
-    If the block is stopped by Ctrl-C, a kill, a full disk or for lack of memory, the database in the folder is kept, and the next block finds it.
-    The folder lies in `place_for` the output. Nothing is kept without locks (core.system.lock), nor while another program makes the same scene.
+    If the block is stopped by Ctrl-C, a kill, a full disk or lack of memory, the database in the folder is kept for the next block. Nothing is kept
+    if the disk has no locks (core.system.lock), or while another program makes the same scene.
     """
     name = output.resolve().name
     work = place_for(output) / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
@@ -39,7 +39,7 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
         keep = False
         _empty(work, but=KEPT_FILES)
         try:
-            with named_if_full(work, disk_full(output)):  # asked here, as there is room again once the copies of the photos are gone
+            with named_if_full(work, disk_full(output)):  # before the copies of the photos are removed, which makes room again
                 yield work
         except BaseException as problem:
             stopped = isinstance(problem, KeyboardInterrupt) or as_disk_full(problem) or as_out_of_memory(problem)
@@ -55,7 +55,7 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
 
 
 def keep_if_of(made_of: dict[str, Any], work: Path, report: Report) -> None:
-    """Let the database in `work` be used if it was made of the same (JSON) and is sound; else remove it. From now on it is one made of this."""
+    """Keep the database in `work` if it is sound and was made of the same things (JSON) as noted there; else remove it, and note these."""
     if read_mark(work / MARK) == made_of and _is_sound(work / DATABASE):
         report.say("Going on with the features and matches that were found before it was stopped.")
         return

@@ -1,4 +1,4 @@
-"""Points for scenes that have cameras but no points: triangulated once, and kept beside the runs."""
+"""Points for scenes that have cameras but no points, triangulated once and kept beside the runs."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -25,8 +25,8 @@ LEAST_NEAR = 0.2
 def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
     """The folder of the collection's points, which core.data.load reads like the scene itself; made now unless it exists.
 
-    wanted: the folder; with a number if something else has it. Points are used again only for the very same training photos, masks and
-    cameras. Warns of cameras that do not fit the photos, each time. Raises BadInput if no point is found, or nothing can be written.
+    wanted: the name of the folder, to which a number is added if it is taken. Points are used again only for the very same training photos, masks
+    and cameras. Warns each time if the cameras do not fit the photos. Raises BadInput if no point is found, or nothing can be written.
     """
     training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
     root = collection.root.resolve()
@@ -67,7 +67,7 @@ def scene_of(folder: Path) -> tuple[Path, str] | None:
 
 
 def home_of(root: Path) -> Path:
-    """The scene's own folder: `root`, or, if that holds triangulated points, the scene that they are of."""
+    """The scene's own folder: `root` or, if that holds triangulated points, the scene that they belong to."""
     scene, _ = scene_of(root) or (root, None)
     return scene
 

@@ -1,4 +1,4 @@
-"""Landmarks, by which photos from outside are located: SIFT features of a collection's photos, with the SfM points they show."""
+"""Landmarks, by which photos from outside are located: SIFT features of a collection's photos, with the SfM points that they show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -18,7 +18,7 @@ from core.system.atomic import replacing, scratch
 
 FILE = "landmarks.npz"  # in a run folder
 MOST_PHOTOS = 40  # of the collection, at most
-NEAR_PX = 2.0  # between a feature and the projection of the point it is taken for; features are hardly more exact
+NEAR_PX = 2.0  # from a feature to the projection of the point that it shows; features are hardly more exact
 LENGTH = 128  # numbers of a SIFT descriptor
 NO_POINT = -1
 
@@ -41,8 +41,7 @@ class Landmarks:
         return replace(self, points=other.to_scene(own.to_world(self.points)))
 
     def save(self, path: Path, run: str) -> None:
-        """Write them as .npz, whole or not at all; raises as `core.system.atomic.replacing` does. run: the identity of the run in whose frame they
-        are."""
+        """Write them as .npz, whole or not at all; raises as `core.system.atomic.replacing`. run: the identity of the run whose frame they are in."""
         with replacing(path) as temporary:
             np.savez(temporary, run=run, **vars(self))
 

@@ -1,4 +1,4 @@
-"""Which photos are worth matching: every pair if they are few, else the pairs whose largest features look alike.
+"""Which pairs of photos to match: all if they are few, else those whose largest features look alike.
 
 Matching all features of a pair takes a fifteenth of a second on two cores, this search a millisecond. With 1,000 photos the search takes 8 minutes
 and matching the likely pairs 35; matching all pairs would take ten hours.
@@ -16,9 +16,9 @@ from core.system.threads import in_parallel
 
 # Statue of Liberty, 87 photos, of the ten that each shares most points with: 512 features find 74, 87, 91 % among 10, 20, 30 partners,
 # 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
-LARGEST_FEATURES = 512  # of a photo, the largest
+LARGEST_FEATURES = 512  # of a photo
 PARTNERS = 30  # of a photo
-MATCH_S = 0.07  # to match two photos of 1600 px or more that show the same, on two cores; two thirds of it if they do not
+MATCH_S = 0.07  # to match two photos of 1600 px or more of the same thing, on two cores; two thirds of that for others
 COUNT_S = 1e-3  # to count how many of the largest features of two photos look alike
 BLOCK = 16  # photos that a thread compares with another one at a time
 RATIO = 0.85  # test of Lowe (2004, section 7.1): the angle to the nearest feature over that to the second nearest
@@ -29,7 +29,7 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     in the number of photos.
 
     The more of their LARGEST_FEATURES largest features match, the likelier two photos overlap (Wu 2013, Towards linear-time incremental
-    structure from motion, section 3): these are few, and large features are seen from near and far.
+    structure from motion, section 3): there are few of them, and large features are seen from near and far.
     """
     total = all_pairs(len(names))
     if total == most_pairs(len(names)):
@@ -77,7 +77,7 @@ def count_alike(first: np.ndarray, second: np.ndarray) -> int:
     """How many of these features, (n, 128) of length 1, are each other's nearest and pass the RATIO test."""
     if min(len(first), len(second)) < 2:
         return 0
-    # By torch, which keeps to one thread where it is asked to: the threads of NumPy's library spin while they wait for each other.
+    # By torch, which can be held to one thread: the threads of NumPy's BLAS spin while they wait for each other.
     similarity = (torch.from_numpy(first) @ torch.from_numpy(second).T).numpy()
     rows = np.arange(len(first))
     nearest = similarity.argmax(axis=1)

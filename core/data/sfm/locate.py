@@ -25,7 +25,7 @@ USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
 # to 100 % of all matches; wrong matches alone give at most 11 inliers of 332. Of its mirrored photos, which show another place, 7 of 76 had 12 to 22
 # inliers, a third to 60 % of all matches, as the two sides of a statue look alike; all of these had more once they were mirrored back.
 LEAST_AGREEING, LEAST_SHARE = 12, 1 / 3
-SURE = 50  # inliers from which on the mirrored photo need not be asked
+SURE = 50  # with this many inliers, the mirrored photo need not be tried
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     """The camera of a photo file; None if too few of its features match the landmarks or agree on a camera.
 
     Features are matched with the landmarks photo by photo; each match pairs a pixel with a point, and the camera follows from these pairs
-    (P3P, or P4P if the focal length is unknown, in LO-RANSAC). A mirrored photo is of another place. mask: a picture, white where the photo is
-    to be used.
-    The same for any number of threads. Raises BadInput for a photo that cannot be read, or that its mask hides altogether.
+    (P3P, or P4P if the focal length is unknown, in LO-RANSAC). If more features agree once the photo is mirrored, it shows another place.
+    mask: a picture, white where the photo is to be used.
+    The result is the same for any number of threads. Raises BadInput for a photo that cannot be read, or that its mask hides altogether.
     """
     width, height = probe(path).displayed
     long_side = max(width, height)
@@ -73,7 +73,7 @@ def _mirror(work: Path) -> None:
 
 
 def _matched(work: Path, landmarks: Landmarks, report: Report) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2) pixels of the picture QUERY and the (n, 3) points that they match, each pair once."""
+    """(n, 2) pixels of the picture QUERY, and the (n, 3) points that they match; each pair once."""
     starts = np.cumsum(landmarks.counts) - landmarks.counts
     rows = {f"{number}.jpg": slice(start, start + count) for number, (start, count) in enumerate(zip(starts, landmarks.counts, strict=True))}
     with pycolmap.Database.open(work / DATABASE) as database:
@@ -117,7 +117,8 @@ def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
 def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
     """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree.
 
-    A focal length that the photo gives is not that of a part of it, and programs that crop leave it as it is: what more features agree on counts.
+    If EXIF gives a focal length, an unknown one is tried as well, and that on which more features agree is taken: programs that crop a photo
+    leave its EXIF as it was.
     """
     if not len(points):
         return None
@@ -133,7 +134,7 @@ def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, si
     if not answers:
         return None
     found, fitted = max(answers, key=lambda each: each[0]["num_inliers"])
-    witnesses = len(np.unique(points[found["inlier_mask"]], axis=0))  # a feature of several orientations, and one landmark twice, are one witness
+    witnesses = len(np.unique(points[found["inlier_mask"]], axis=0))  # a point counts once, however many features match it
     if witnesses < LEAST_AGREEING or found["num_inliers"] < LEAST_SHARE * len(points) or not is_usual(fitted):
         return None
     rotation = found["cam_from_world"].rotation.matrix()

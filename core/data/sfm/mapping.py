@@ -1,4 +1,4 @@
-"""From matches to cameras and points, by COLMAP's incremental mapping; if that loses most photos, once more with focal lengths refined last."""
+"""From matches to cameras and points, by COLMAP's incremental mapping; if most photos are lost, again with focal lengths refined last."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,27 +17,8 @@ LEAST_PLACED = 3  # photos, unless there are only two: fewer are no scene
 
 
 def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
-    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput if none has LEAST_PLACED.
-
-    COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses follow, and other photos
-    cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So if fewer than half the photos are registered
-    with a focal length that lenses have, they are mapped again with the focal lengths of EXIF, or COLMAP's guess, refined only at the
-    end. That model is taken if it has more such photos, and more points (core/TRIED.md has the figures).
-    """
-    models = _models(work, names, report, refined=True)
-    largest = _largest(models)
-    found = _plausible(largest)
-    if 2 * found < len(names):
-        again = _models(work, names, report, refined=False)
-        largest_again = _largest(again)
-        _refine(largest_again)
-        plausible = _plausible(largest_again)
-        if plausible > found and largest_again.num_points3D() > largest.num_points3D():
-            models = again
-            report.say(
-                f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
-                f"not {found} as with focal lengths refined along the way."
-            )
+    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput if none has LEAST_PLACED."""
+    models = _best_models(work, names, report)
     for model in models:
         _drop_folded(model)
     models = _largest_first(model for model in models if model.num_reg_images())
@@ -57,6 +38,32 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
     if folded := sum(not image.has_pose for image in models[0].images.values()):
         report.warn(f"{counted(folded, 'photo')} fit only with an impossible lens and were left out.")
     return models[0]
+
+
+def _best_models(work: Path, names: list[str], report: Report) -> list[pycolmap.Reconstruction]:
+    """COLMAP's models, with focal lengths refined along the way or, if that goes badly, last.
+
+    COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses follow, and other photos
+    cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So if fewer than half the photos are registered
+    with a focal length that lenses have, they are mapped again with the focal lengths of EXIF, or COLMAP's guess, refined only at the
+    end. Those models are taken if the largest has more such photos, and more points (core/TRIED.md has the figures).
+    """
+    models = _models(work, names, report, refined=True)
+    largest = _largest(models)
+    found = _plausible(largest)
+    if 2 * found >= len(names):
+        return models
+    again = _models(work, names, report, refined=False)
+    largest_again = _largest(again)
+    _refine(largest_again)
+    plausible = _plausible(largest_again)
+    if plausible <= found or largest_again.num_points3D() <= largest.num_points3D():
+        return models
+    report.say(
+        f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
+        f"not {found} as with focal lengths refined along the way."
+    )
+    return again
 
 
 def _largest_first(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:

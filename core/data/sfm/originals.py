@@ -20,7 +20,7 @@ def files_of(photos: Path) -> dict[str, list[int]]:
 
 
 def name_in(scene: Path, path: Path) -> str | None:
-    """What the scene calls the photo that it made of the file `path`, which may have been moved; None for any other, or one that changed since."""
+    """What the scene calls the photo made of the file `path`, which may have been moved since; None for other files, and for changed ones."""
     known, original = read_mark(scene / MADE_OF), str(path.resolve())
     if original not in known:
         moved = [file for file in known if Path(file).name == path.name and not Path(file).exists()]
@@ -29,7 +29,7 @@ def name_in(scene: Path, path: Path) -> str | None:
 
 
 def is_made_of(scene: Path, files: dict[str, list[int]]) -> bool:
-    """Whether the scene was made of these very files (`files_of`): the same by name, size and modification time, wherever they lay then."""
+    """Whether the scene was made of these very files (`files_of`): the same names, sizes and modification times, wherever they were then."""
     made_of, found = ([(Path(path).name, mark) for path, mark in each.items()] for each in (read_mark(scene / MADE_OF), files))
     return bool(found) and made_of == found  # in their order: two links may lead to files of one name
 
@@ -41,7 +41,7 @@ def lenses_of(scene: Path) -> dict[str, Lens]:
 
 
 def placed_of(scene: Path) -> tuple[int, int, int] | None:
-    """How many photos the scene was made of, how many of them got a camera, and how many of these a focal length that lenses have.
+    """How many photos the scene was made of, how many of these got a camera, and how many of those with a focal length that lenses have.
 
     None for a scene that wegs did not make.
     """

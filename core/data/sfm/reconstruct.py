@@ -69,7 +69,7 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
     made_of = files_of(photos)
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():
         (new / "scene").mkdir()
-        copy_lists(lists, new / "scene")  # first: one that cannot be read is told before the minutes
+        copy_lists(lists, new / "scene")  # first: an error in reading one comes before the minutes of work
         copies, originals = _copy_upright(paths, work, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
@@ -97,11 +97,11 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
 
 
 def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[str, str], dict[Path, str]]:
-    """Copy the readable photos into work/PHOTOS as COLMAP needs them; returns their names in the scene by those of the copies, and by file.
+    """Copy the readable photos into work/PHOTOS as COLMAP needs them; returns their names in the scene, by the name of the copy and by file.
 
-    COLMAP ignores EXIF rotation and colour profiles, so photos that have them are written upright and in sRGB. Anything but a JPEG is converted to
-    one, and what is not opaque has its alpha in work/ALPHA, a PNG of the photo's name. Copies are named by numbers, because COLMAP splits its list
-    of pairs at spaces.
+    COLMAP ignores EXIF rotation and colour profiles, so photos with either are written upright and in sRGB. Other formats are converted to JPEG;
+    the alpha of photos that are not opaque goes into work/ALPHA, as a PNG under the photo's name in the scene. Copies are named by numbers,
+    because COLMAP splits its list of pairs at spaces.
     """
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
@@ -131,9 +131,9 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
 
 
 def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: Container[str]) -> str:
-    """The photo's own name in UTF-8, which is all that COLMAP takes, with a suffix of the format that it is to be written in.
+    """The photo's own name, in UTF-8 as COLMAP demands, with a suffix of the format in which it will be written.
 
-    Where that is `taken`, or too long for a disk, its end behind the prefix, more than once if need be.
+    If that is `taken`, or too long for a disk, the prefix and the end of it; again if need be.
     """
     name = os.fsencode(path.name).decode("utf-8", "replace")
     suffixes = JPEG_SUFFIXES if photo.alpha is None else (".png",)
@@ -172,15 +172,15 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
 
 
 def _most_bytes(name: str, lens: Lens) -> int:
-    """Of the undistorted photo of that name."""
+    """The most bytes that the undistorted photo of that name can take."""
     pixel_bytes = PNG_PIXEL_BYTES if name.lower().endswith(".png") else JPEG_PIXEL_BYTES
     return int(pixel_bytes * lens.width * lens.height)
 
 
 def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:
-    """Make the undistorted `picture`, a PNG by COLMAP of the photo over white, transparent where the photo is, or where its lens saw nothing.
+    """Make the undistorted `picture`, COLMAP's PNG of the photo over white, transparent where the photo was, or where its lens saw nothing.
 
-    camera: a pinhole.
+    camera: the pinhole of the undistorted picture. lens: the photo's own.
     """
     seen_from = Camera(np.eye(3), np.zeros(3), *pinhole(camera, camera.width, camera.height), camera.width, camera.height)
     found, seen = undistort(read_pixels(alpha)[..., :1], lens, seen_from)

@@ -16,18 +16,18 @@ from core.words import counted
 
 NEAREST, SPREAD = 10, 10  # partners of a photo: the nearest ones, and others evenly spread over those that look its way
 MOST_DEGREES = 75.0  # between the directions in which partners look; SIFT matches little beyond 40
-# As the lines are known, more may be let through to them. Against the usual 0.8: points of plaza, Liberty and kermit + 98, 13, 15 %;
-# COLMAP's own points have one nearer by 29, 6, 5 %, and they lie farther from COLMAP's by 10, 8, 45 % (medians).
+# Laxer than the usual 0.8, as matches are then tested against known epipolar lines: plaza, Liberty and kermit get 98, 13, 15 % more points. Each of
+# COLMAP's own points then has one nearer by 29, 6, 5 %, and each of these has COLMAP's nearest farther off by 10, 8, 45 % (medians).
 RATIO = 0.85
 EPIPOLAR_PX = 2.0  # how far a match may lie off the line on which the other camera's ray is seen
 
 
 def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> tuple[pycolmap.Reconstruction, float]:
-    """A COLMAP model of the photos at their given cameras (world units), with the points they see; images are named as photos. And the
+    """A COLMAP model of the photos at their given cameras (world units), with the points that they see; images are named as photos. Also returns the
     share of all matches that agree with these cameras, in [0, 1].
 
-    Features come from the undistorted pictures, except where these show nothing of use. As the cameras are known, matches are tested
-    against their epipolar lines, not against an estimate, and points seen by two photos count. work: an empty folder.
+    Features come from the undistorted pictures, except where these are masked. As the cameras are known, matches are tested against their epipolar
+    lines, not against an estimated geometry, and two photos are enough for a point. work: an empty folder.
     Photos that cannot be decoded are left out; training names them. Raises BadInput for fewer than LEAST_PHOTOS. Two runs agree bit for bit.
     """
     with quiet():
@@ -54,9 +54,9 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
 
 
 def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
-    """The pairs (first > second) of cameras whose photos are worth matching: all of few, and of many those that may show the same.
+    """The pairs (first > second) of cameras whose photos are worth matching; their number is linear in that of the cameras.
 
-    For each camera the NEAREST that look its way, for detail, and SPREAD others of them, for wide angles: linear in their number.
+    Of those that look in about the same direction, each camera is paired with the NEAREST ones, for detail, and SPREAD others, for wide angles.
     """
     centres = np.array([camera.centre for camera in cameras])
     forward = np.array([camera.world_to_camera[2] for camera in cameras])
@@ -72,7 +72,7 @@ def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
 
 
 def off_line_px(first: Camera, second: Camera, in_first: np.ndarray, in_second: np.ndarray) -> np.ndarray:
-    """(N,) px by which matches (N, 2 each) miss what the cameras allow: Sampson's distance (Hartley & Zisserman, eq. 11.9)."""
+    """(N,) px by which matches, (N, 2) in each picture, violate the epipolar geometry: the Sampson distance (Hartley & Zisserman, eq. 11.9)."""
     turn = second.world_to_camera @ first.world_to_camera.T
     x, y, z = second.world_to_camera @ (first.centre - second.centre)
     essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
@@ -85,7 +85,7 @@ def off_line_px(first: Camera, second: Camera, in_first: np.ndarray, in_second: 
 
 
 def _known(work: Path, cameras: dict[str, tuple[Photo, Camera]]) -> pycolmap.Reconstruction:
-    """The model without points, with the numbers that the database gave to the photos."""
+    """The model without points, in which photos and cameras have their ids from the database."""
     known = pycolmap.Reconstruction()
     with pycolmap.Database.open(work / DATABASE) as database:
         for name, (_, camera) in cameras.items():
@@ -103,7 +103,7 @@ def _known(work: Path, cameras: dict[str, tuple[Photo, Camera]]) -> pycolmap.Rec
 
 
 def _keep_epipolar(work: Path, cameras: dict[str, tuple[Photo, Camera]], pairs: list[tuple[str, str]]) -> float:
-    """Call those matches true that agree with the cameras; returns which share of all that is, 1 of none."""
+    """Keep the matches that agree with the cameras; returns their share of all, 1 if there are none."""
     total = kept = 0
     with pycolmap.Database.open(work / DATABASE) as database:
         numbers = {name: database.read_image_with_name(name).image_id for name in cameras}

@@ -1,4 +1,4 @@
-"""Which way is down. COLMAP's models lie as their first photos were held; a scene that stands upright can be walked around in a viewer."""
+"""Finds which way is down. COLMAP's models lie as their first photos were held; in a viewer, one can walk around a scene that stands upright."""
 
 import numpy as np
 import pycolmap
@@ -25,9 +25,9 @@ def turn_upright(model: pycolmap.Reconstruction) -> None:
 def find_down(axes: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "3"]:
     """The unit vector that points down, from the rotations world to camera of photos (rows: right, below, ahead).
 
-    It is at right angles to what is right in a photo, give or take ROLL, and to what is ahead, give or take TILT: a fit by reweighted least
-    squares, in which photos that disagree, as those taken on edge, count little (Cauchy's loss). Of the fits that start from what is below and,
-    for photos from above, from what is ahead, the better one is taken.
+    Down is perpendicular to each photo's right axis, give or take ROLL, and to its viewing direction, give or take TILT: a fit by reweighted least
+    squares, in which photos that disagree, such as those taken on edge, count little (Cauchy's loss). One fit starts from the mean of the axes that
+    point below, another, for photos from above, from the mean viewing direction; the better one is taken.
     """
     right, below, ahead = axes.transpose(1, 0, 2)
     normals = np.concatenate([right / np.sin(np.radians(ROLL)), ahead / np.sin(np.radians(TILT))])

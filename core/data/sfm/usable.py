@@ -1,4 +1,4 @@
-"""Which photos of a folder structure from motion uses: those that can be read and are large enough, and of one picture the fullest file."""
+"""Which photos of a folder structure from motion uses: those that can be read and are large enough, and the fullest of several files of a picture."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from core.data.photos.pixels import read_pixels_and_alpha
 from core.errors import BadInput
 from core.report import Report
 
-# What decides between files of one picture, in this order; EXIF tells the focal length, and programs that copy do not shorten names.
+# What decides between files of the same picture, in this order. EXIF has the focal length; programs that make copies lengthen names.
 LESS = ("with fewer pixels", "without EXIF", "with fewer bytes", "under a longer name", "under a later name")
 LONGEST_SIDE_PX = 65_500  # of a JPEG, which COLMAP is given
 # COLMAP places a photo by 30 features. Those of plaza, Liberty, Sacré-Cœur and Kermit, shrunk to 40 x 30 px, have 3 to 31; to 80 x 60 px, 22 to 108.
@@ -30,11 +30,11 @@ class UsablePhoto:
 
 
 class StoredTwice(BadInput):
-    """A file of a picture of which there is a fuller one."""
+    """There is a fuller file of the same picture."""
 
 
 def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path, UsablePhoto | BadInput]]:
-    """Each photo, or why it is not used, the fullest first, with progress. Photos are always decoded: some damage shows only then."""
+    """Each photo, the fullest first, or why it is not used; reports progress. Photos are always decoded, as some damage shows only then."""
     headers = {path: _header(path) for path in paths}
     ranks = {path.name: _rank(path, headers[path]) for path in paths}
     fullest_first = sorted(paths, key=lambda path: ranks[path.name])
@@ -54,7 +54,7 @@ def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path,
 
 
 def _header(path: Path) -> Header | BadInput:
-    """The header, or why there is none: enough to rank photos by, which are decoded later."""
+    """The header, by which photos are ranked before they are decoded, or why there is none."""
     try:
         with opened(path) as (header, _):
             return header
@@ -63,7 +63,7 @@ def _header(path: Path) -> Header | BadInput:
 
 
 def _rank(path: Path, header: Header | BadInput) -> tuple[int, bool, int, int, str]:
-    """The least is the fullest."""
+    """A key by which the fullest file comes first."""
     if isinstance(header, BadInput):
         return 0, True, 0, len(path.name), path.name
     return -header.width * header.height, not header.exif, -path.stat().st_size, len(path.name), path.name

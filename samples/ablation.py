@@ -5,8 +5,8 @@
     python samples/ablation.py SCENE --split val.tsv --only "no mask" --only "mask by MLP"     # to choose by, not to publish
 
 Each variant (samples/measurements/variants.py) is the base preset with a few settings changed; one that changes nothing is the full model.
-One run after the other; what is finished is stored in the output folder and not trained again, what was killed goes on. Runs there with other
-settings are replaced, so each preset wants a folder of its own.
+Runs are trained one after the other. Those that are finished in the output folder are not trained again, and those that were killed are resumed;
+runs there with other settings are replaced, so use a folder of its own for each preset.
 Prints a Markdown table for each scene and protocol, and writes it as SCENE.md, and all figures run by run as SCENE.csv.
 """
 
@@ -69,7 +69,7 @@ def main(scenes, preset_name, steps, resolution, seeds, protocols, names, split,
 def ablate(
     scene: Path, base: Settings, variants: dict[str, dict[str, Any]], seeds: int, protocols: Sequence[str], folder: Path, report: Report
 ) -> dict[str, list[dict]]:
-    """The figures of each variant, one entry a seed; seeds go round together, so that a first answer comes early.
+    """The figures of each variant, one entry a seed. All variants are trained with a seed before the next one, so that a first answer comes early.
 
     variants: changes of the settings `base`, by name. folder: of the runs.
     """

@@ -7,8 +7,8 @@ step, plain-step: a training step, everything on or off; its parts on one thread
 plain-torch: the same by a rasterizer in plain torch. gaussians, pixels: how time and memory grow. threads: one against two.
 bake: a look, beside its matrix products. first-use: kernels compiled. What each does stands in samples/measurements.
 
-CPU time is that of all threads. A measurement has a process of its own, so its peak memory is its own too. Kernels are
-compiled in the warm-up, and the compiler takes memory: run it twice to read the memory. The last table is Markdown.
+CPU time is that of all threads. Each measurement runs in a process of its own, so its peak memory is its own, too. Kernels are
+compiled in the warm-up, and the compiler takes memory: for figures of memory, run it twice. The last table is Markdown.
 """
 
 import sys

@@ -1,11 +1,11 @@
-"""wegs beside its rivals on one scene, with the same photos, cap, steps and renderer. Prints a table for the README.
+"""wegs beside its rivals on one scene, with the same photos, limit on Gaussians, steps and renderer. Prints a table for the README.
 
     python samples/compare.py samples/plaza --preset quick
     python samples/compare.py SCENE -r 2 --seeds 3 --output runs/compare
 
 The rivals: plain 3DGS (`--preset vanilla --sh-degree 1`) and the affine exposure model (`--set appearance=exposure`), the latter with
 everything else of the method. What is finished in the output folder is neither trained nor measured again; runs there with other settings
-are replaced, so each preset wants a folder of its own. With several seeds the table holds means, for PSNR with the standard deviation.
+are replaced, so use a folder of its own for each preset. With several seeds the table holds means, for PSNR with the standard deviation.
 """
 
 import sys

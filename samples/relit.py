@@ -3,9 +3,9 @@
     python samples/relit.py RUN
 
 RUN (default: the newest) is of samples/plaza, or of another collection that `make_plaza.py` made. The look of each held-out photo is read from
-the whole photo, and refined. It is scored against the empty square, ray-cast in the same light: as the photo's own camera sees it, this camera some
-metres away, where no photo was taken, the three cameras of other photos that see most alike, and three spread over all others. Prints the PSNR of
-each photo and a table of the means.
+the whole photo, and refined. It is scored against the empty square, ray-cast in the same light, as seen by: the photo's own camera; that camera
+moved by some metres to where no photo was taken; the three cameras of other photos with the most similar view; and three spread over all others.
+Prints the PSNR of each photo and a table of the means.
 """
 
 import json

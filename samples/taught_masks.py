@@ -1,10 +1,10 @@
-"""How well the mask network finds passers-by if it is taught with the true masks, which wegs never sees.
+"""How well the mask network finds passers-by if it is trained with the true masks, which wegs never sees.
 
     python samples/taught_masks.py samples/plaza
 
 Here the same layers (Enc1 and UNet, on their own) learn the true mask of every training photo by binary cross-entropy, with photos mirrored
-and brightened at random. Their masks of held-out photos show how far labels alone would lead; they are no strict bound. Prints the mean mask
-IoU as `wegs eval` measures it.
+and brightened at random. Their masks of held-out photos show how far labels alone would lead; they are not a strict bound. Prints the mean
+mask IoU as `wegs eval` measures it.
 """
 
 import sys

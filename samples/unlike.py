@@ -3,9 +3,9 @@
     python samples/unlike.py samples/plaza --by dark
     python samples/unlike.py statue_of_liberty --by dark -r 2
 
-The darkest (or warmest, or brightest) quarter of a scene's training photos is held out and the others are trained on. Each photo of the
-quarter is then read as one from outside; its look is rendered with the photo's camera and compared with the photo, where that is valid and,
-if the scene's passers-by are known, static. The scene's own held-out photos play no part.
+The darkest (or warmest, or brightest) quarter of a scene's training photos is held out, and the run is trained on the others. Each photo of the
+quarter is then read as one from outside; its look is rendered with the photo's camera and compared with the photo where that is valid and, if
+the scene's passers-by are known, static. The scene's own held-out photos are not used.
 """
 
 import sys
@@ -38,7 +38,7 @@ from core.words import counted
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
-# Of a photo's mean colour; the quarter in which it is least is held out.
+# A function of a photo's mean colour; the quarter of the photos for which it is least is held out.
 LIGHTS = {"dark": lambda red, green, blue: red + green + blue, "bright": lambda *colour: -sum(colour), "warm": lambda red, _, blue: blue / red}
 SMALL_PX = 64  # wide: of what tells a photo's mean colour
 
@@ -86,7 +86,7 @@ def train(collection: Collection, settings: Settings, folder: Path, terminal: Te
 
 @torch.no_grad()
 def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
-    """How far out a photo's embedding lies (1: the end of the known range), and the PSNR of its look moved into that, and of its look with gains."""
+    """How far out a photo's embedding lies (1: the end of the known range), the PSNR of its look moved into that range, and that with gains."""
     view = held_out_view(trained, photo)
     scored = [part for part in (view.valid, view.truth.static) if part is not None]
     scored = torch.stack(scored).all(dim=0) if scored else None

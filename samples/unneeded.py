@@ -1,4 +1,4 @@
-"""What leaving out unneeded parts costs and saves: a run with the parts that its photos call for, beside the run it has to equal.
+"""What leaving out unneeded parts costs and saves: a run with the parts that its photos need, beside the run that it should equal.
 
     python samples/make_plaza.py --variant calm --output calm
     python samples/make_plaza.py --variant exposure --output exposure

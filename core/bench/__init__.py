@@ -1,9 +1,11 @@
 """Error against run time, as work-precision figures.
 
-which, of what, where to  suite
-what is measured          rendering (levers), baking, training, refinement
-with what                 stopwatch, differences, machine, small_scene
-what comes of it          figure, drawing, files
+suite                                       which figures are made, of what, and where they go
+rendering (levers), baking,                 the measurements, each of which returns a Figure
+training, refinement
+stopwatch, differences, machine,            what they measure with, and on
+small_scene
+figure, drawing, files                      a Figure as data, as a picture, and as files
 """
 
 FIGURES = ("rendering", "baking", "training", "refinement")  # what `wegs bench` can measure, in the order in which it does

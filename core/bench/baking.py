@@ -1,6 +1,6 @@
 """Baking: what is lost, and saved, when SH bands and little-seen Gaussians are left out of the file.
 
-Gaussians go in the order of their contribution, the largest alpha * transmittance that they reach in any pixel of any
+Gaussians are left out in the order of their contribution, the largest alpha * transmittance that they reach in any pixel of any
 training view (RadSplat, section 4.2), the least first; the sky stays. Errors are those of the training views, in 8-bit steps, against
 the bake with everything.
 """
@@ -36,13 +36,13 @@ SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 NOTES = (
     "Errors of the training views in the neutral look, against the bake with everything.",
     "Gaussians are left out in the order of their largest contribution to any pixel of any training view; the sky stays.",
-    "`wegs bake` looks through all training views for what it may leave out, which its seconds count.",
+    "`wegs bake` searches all training views for what it may leave out; its seconds include that.",
 )
 
 
 @torch.no_grad()
 def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float) -> Figure:
-    """What `wegs bake` does, and bands kept and shares pruned, of a run. views: training views that errors are measured in, spread evenly.
+    """`wegs bake` beside every SH degree and share of pruned Gaussians, for a run. views: how many training views, evenly spread, give the errors.
 
     budget: see `stopwatch.timed`.
     """

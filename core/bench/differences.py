@@ -1,4 +1,4 @@
-"""How far pictures are from those that they should be."""
+"""How far pictures are from the true ones."""
 
 import torch
 from torch import Tensor

@@ -20,7 +20,7 @@ DPI = 130
 PANEL_INCHES = 5.4, 4.2
 MARGIN_INCHES = 1.0  # for title and footer
 LEGEND_INCHES = 2.2  # where no cell is free for it
-# Where a label may stand: its shift in pt, and which part of it is shifted.
+# Where a label may stand beside its point: the shift in pt, and the alignment.
 BESIDE = (((8, 5), "left"), ((8, -11), "left"), ((-8, 5), "right"), ((-8, -11), "right"), ((0, 9), "center"), ((0, -16), "center"))
 MARKER_PX = 4  # from the middle of a point to where a label may begin
 NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 and 5 name hardly anything
@@ -119,7 +119,7 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
 
 
 def _floor(quantity: Quantity, points: list[Point]) -> float:
-    """Where a logarithmic axis shows what lies below all that it can show; -inf where nothing does."""
+    """Where a logarithmic axis shows values that are too small for it, such as 0; -inf if there are none."""
     values = [point.values[quantity.name].median for point in points]
     above = [value for value in values if value > quantity.floor]
     if quantity.scale != "log" or len(above) == len(values):
@@ -156,7 +156,7 @@ def _scale(axis: "Axes", which: str, quantity: Quantity) -> None:
 
 
 def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
-    """Write the choices beside defaults, the front and the ends of curves, in this order, where there is room and no other point is nearer."""
+    """Write labels beside the defaults, the front, the ends of curves and then all other points, where there is room and no other point is nearer."""
     from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Bbox
 

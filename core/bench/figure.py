@@ -1,4 +1,4 @@
-"""A work-precision figure as data: what was measured, what it is drawn over, and which choices nothing beats."""
+"""A work-precision figure as data: what was measured, in which panels it is drawn, and which choices are not beaten by any other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from core.errors import BadInput
 
 @dataclass(frozen=True)
 class Spread:
-    """The median of repeated measurements and their quartiles; all three the same for what does not vary."""
+    """The median of repeated measurements and their quartiles; all three are equal for what does not vary."""
 
     median: float
     low: float
@@ -139,7 +139,7 @@ class Figure:
         return point.values[panel.x].median, gain if self.quantity(panel.y).more_is_better else -gain
 
     def verdicts(self) -> list[str]:
-        """A line for each panel on where the defaults lie; none for a figure that holds no default."""
+        """A line for each panel on where the defaults lie; none if no point is a default."""
         lines = []
         for panel in self.panels:
             defaults = [point for point in self.shown(panel) if point.is_default]

@@ -1,6 +1,6 @@
-"""What a rasterizer can trade for time, with the definition's own functions.
+"""What a rasterizer can trade for time, measured with the functions of the definition (core.rasterizer.reference).
 
-The contract fixes the thresholds, so no backend takes them as arguments. Here the definition is blended tile by tile with others.
+The contract fixes the thresholds, so no backend takes them as arguments. Here the definition is blended tile by tile with other thresholds.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Levers:
     sh_degree: int = MAX_DEGREE
 
 
-# As good as no thresholds: what is left out are contributions below a thousandth of half an 8-bit step.
+# As good as no thresholds: only contributions below a thousandth of half an 8-bit step are left out.
 UNTHRESHOLDED = Levers(alpha_min=1e-6, stop_transmittance=0.0)
 
 

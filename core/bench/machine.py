@@ -1,4 +1,4 @@
-"""What a figure was measured on: without it, seconds mean nothing."""
+"""The machine that a figure was measured on, without which seconds mean nothing."""
 
 import os
 import platform
@@ -18,7 +18,7 @@ def made_on(*seeds: int) -> dict[str, str]:
     facts = {"cpu": cpu_model(), "cores": str(cores()), "threads": str(torch.get_num_threads())}
     if torch.cuda.is_available():
         facts["gpu"] = torch.cuda.get_device_name()
-    if hasattr(os, "getloadavg"):  # what else ran: the reason for many a wide spread
+    if hasattr(os, "getloadavg"):  # what else ran, which often explains a wide spread
         facts["load"] = f"{os.getloadavg()[0]:.1f}"
     facts["wegs"] = core.__version__
     facts |= {name: _version(name) for name in PACKAGES}

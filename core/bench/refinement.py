@@ -1,4 +1,4 @@
-"""Refinement: how many dB each step of Adam brings on held-out photos, by both protocols.
+"""Refinement: how many dB each step of Adam gains on held-out photos, by both protocols.
 
 The refinement is that of core.appearance.refinement, the regions are those of core.evaluation.protocols: with `half`, the left half is fitted and
 the right half measured; with `full`, the whole photo is both, so that its figures have seen what they are scored on.
@@ -64,7 +64,7 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
 def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED."""
     fit, seen = fit_of(subject, view, protocol), subject.seen_by(view.camera)
-    deque(islice(refining(subject, fit), 2), maxlen=0)  # unmeasured: the first step of all loads the kernels
+    deque(islice(refining(subject, fit), 2), maxlen=0)  # not measured, because the very first step loads the kernels
     course, seconds, since = [], 0.0, time.perf_counter()
     for step, look in enumerate(refining(subject, fit)):
         seconds += time.perf_counter() - since

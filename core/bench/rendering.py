@@ -74,7 +74,7 @@ class Choice:
 
 @torch.no_grad()
 def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int, report: Report, budget: float, name: str = "rendering") -> Figure:
-    """All backends on a CPU and levers on `what`, these splats (float32) and cameras. budget: see `stopwatch.timed`. name: the figure's."""
+    """All CPU backends and levers, on splats (float32) and cameras. what: these, in words. budget: see `stopwatch.timed`. name: the figure's."""
     exact = [draw(splats, camera, Levers(sh_degree=splats.degree)) for camera in cameras]
     unthresholded = [draw(splats, camera, UNTHRESHOLDED) for camera in cameras]
     chosen = list(choices(splats, cameras))
@@ -93,7 +93,7 @@ def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int
 
 
 def choices(splats: Splats, cameras: list[Camera]) -> Iterator[Choice]:
-    """The definition over precision, tiles, thresholds and SH degree, each alone; each other backend on a CPU over the SH degree."""
+    """The definition with precision, tiles, thresholds and SH degree varied one at a time; each other CPU backend with the SH degree varied."""
     plain = Levers(sh_degree=splats.degree)
     degrees = {f"degree {degree}": replace(plain, sh_degree=degree) for degree in range(splats.degree + 1)}
     curves = {

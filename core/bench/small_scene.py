@@ -1,6 +1,6 @@
-"""A collection made of numbers: a tower and a ball on a square, photographed in several lights, with passers-by.
+"""A synthetic collection: a tower and a ball on a square, photographed in several lights, with passers-by.
 
-For figures that anyone can draw again without a photo at hand. The photos are rendered from known Gaussians, so the
+It is for figures that anyone can reproduce without photos. The photos are rendered from known Gaussians, so the
 scene is easier than a real one; its figures compare choices, not methods.
 """
 
@@ -78,7 +78,7 @@ def rendering_scene() -> tuple[Splats, list[Camera]]:
     random = np.random.default_rng(0)
     noon = Light(np.array([0.4, 0.8, -0.45]), np.full(3, 0.7), np.full(3, 0.3), np.zeros(3))
     splats = in_light(square(random), noon, degree=3)
-    # Every opacity there is: haze is what thresholds and early stops are about.
+    # All opacities, because thresholds and early stops matter for haze.
     opacities = torch.from_numpy(random.uniform(0.05, 0.95, len(splats))).float()
     splats = replace(splats, logit_opacities=torch.logit(opacities))
     return splats, [camera_at(angle, 2.3, 0.8).resized(*RENDERED_PX) for angle in (0.3, 2.0)]

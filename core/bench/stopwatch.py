@@ -15,8 +15,8 @@ Result = TypeVar("Result")
 def timed(work: Callable[[], Result], budget: float) -> tuple[Result, Spread]:
     """What `work()` returns, and the seconds it takes: once to warm up (memory is touched), then LEAST to MOST times.
 
-    budget: seconds after which no further repeat beyond LEAST begins. Work that takes longer than that by itself needs
-    no warm-up: its first time counts. So what it runs has to be compiled already.
+    budget: seconds after which no repeat beyond LEAST is begun. If a single call takes longer than that, there is no
+    warm-up: the first time counts, too. So whatever it runs must already be compiled.
     """
     taken: list[float] = []
     warm = False

@@ -24,7 +24,7 @@ from core.system.atomic import room_in, scratch
 from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
-OF_RUN = "rendering-run"  # the rendering of a run's own cameras
+OF_RUN = "rendering-run"  # the rendering figure of a run's own cameras
 ELSEWHERE = ("Seconds are those of the machine that trained; this figure was drawn on:",)  # histories do not name it
 CHECKS = 12  # times a run that is trained for a figure is measured on the way
 
@@ -60,15 +60,14 @@ def bench(
     report: Report,
     force: bool = False,
 ) -> list[Figure]:
-    """Measure and draw the figures `names` (of FIGURES, in that order); they are written into `output`.
+    """Measure and draw the figures `names` (of FIGURES, in that order); each is written into `output` as soon as it is measured.
 
-    Of the run in `run_folder`, or of all presets, trained now on `scene` or, where that is None too, on the built-in one.
-    Each figure is written as soon as it is measured.
+    They are of the run in `run_folder` or, without one, of all presets, which are trained now on `scene` or on the built-in scene.
     """
     if scene is not None and run_folder is not None:
         raise BadInput("A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is.")
     if scene is not None and set(names) == {"rendering"}:
-        raise BadInput("Rendering is measured on the built-in scene.", "Leave SCENE out, or give a run with --run.")
+        raise BadInput("Without --run, rendering is measured on the built-in scene alone.", "Leave SCENE out, or give a run with --run.")
     renders_run = run_folder is not None and "rendering" in names
     files.check_free(output, (*names, OF_RUN) if renders_run else names, force)
     size = FULL if full else SMALL
@@ -98,7 +97,7 @@ def bench(
             finish(baking_figure(trained, size.views, report, size.budget))
         if "training" in names:
             finish(training_figure(courses, title, notes))
-        if "refinement" in names and _follows_a_look(trained, report):
+        if "refinement" in names and _can_be_refined(trained, report):
             finish(refinement_figure({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report))
     if not figures:
         raise BadInput("There was nothing to measure.", "Take another --only, or a run with looks.")
@@ -108,8 +107,8 @@ def bench(
 def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:
     """Draw the training of runs, and the refinement on their held-out photos, into the folder of the first.
 
-    Figures that an earlier call left there are replaced, or removed where they are not drawn now: they may be of other runs.
-    runs: their folders; none for the newest run, and one given twice is drawn once. refine: without it only the training is drawn.
+    Figures that an earlier call left there are replaced or, if they are not drawn now, removed: they may be of other runs.
+    runs: their folders, the newest run if empty; one given twice is drawn once. refine: if False, only the training is drawn.
     """
     found = [run_folders.find_run(path) for path in runs or (None,)]
     folders = list({folder.resolve(): folder for folder in found}.values())
@@ -118,11 +117,11 @@ def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, rep
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]
     live = ((course.name, open_run(course.folders[0], report)) for course in (courses if refine else ()))
-    trained = {name: one for name, one in live if _follows_a_look(one, report)}
+    trained = {name: one for name, one in live if _can_be_refined(one, report)}
     if trained:
         try:
             figures.append(refinement_figure(trained, protocols, FULL.photos, report))
-        except BadInput as problem:  # photos that are gone, say: the histories need none
+        except BadInput as problem:  # for example if photos are gone, which the histories do not need
             report.warn(f"Nothing is drawn of the refinement: {problem}")
     drawn = {figure.name for figure in figures}
     if old := files.figure_files(folders[0] / CURVES, tuple(name for name in FIGURES if name not in drawn)):
@@ -142,7 +141,7 @@ def _keep(figure: Figure, folder: Path, report: Report) -> None:
 
 
 def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: Collection | None, report: Report) -> tuple[str, ...]:
-    """Those of the figures `names` for which there is enough in the run or the photos to measure; the others are named.
+    """Those of the figures `names` that the run or the photos allow to measure; the others are reported, with the reason.
 
     collection: None for that of the run, or the built-in one.
     """
@@ -166,9 +165,9 @@ def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: 
 
 
 def _courses_of(folders: list[Path]) -> list[Course]:
-    """The courses of runs that were trained before, with whatever settings: none of their points is called a default.
+    """The courses of runs that were trained before; as their settings may be any, none of their points is called a default.
 
-    They are named by as much of the ends of their paths as tells them apart.
+    They are named by the ends of their paths, as long as it takes to tell them apart.
     """
     paths = [folder.resolve().parts for folder in folders]
     for length in range(1, max(map(len, paths)) + 1):
@@ -178,8 +177,8 @@ def _courses_of(folders: list[Path]) -> list[Course]:
     return [Course(name, (folder,)) for name, folder in zip(names, folders, strict=True)]
 
 
-def _follows_a_look(trained: TrainedRun, report: Report) -> bool:
-    """Whether the run has looks to refine; says so if not."""
+def _can_be_refined(trained: TrainedRun, report: Report) -> bool:
+    """Whether the run has looks to refine; reports it if not."""
     if not trained.has_looks:
         report.say(f"{trained.folder}: trained without appearance, so there is no look to refine.")
     return trained.has_looks
@@ -216,7 +215,7 @@ def _train_presets(
     if is_built_in:
         (folder / "photos").mkdir()
         collection = small_scene.collection(folder / "photos")
-    # Else the first preset would pay for the compilation of the kernels.
+    # Otherwise the compilation of the kernels would count as time of the first preset.
     _train(collection, _sized("default", size, 0, is_built_in).changed(steps=20), folder / "warm-up", report)
     courses = []
     for name in wanted:
@@ -230,7 +229,7 @@ def _train_presets(
 
 
 def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
-    """A preset that ends in time, with more looks at its held-out photos."""
+    """The preset with fewer steps and Gaussians, as `size` says, and with more checks of its held-out quality."""
     settings = preset(name).decided(**LEAST)
     steps = max(1, round(min(settings.steps, LEAST["steps"]) * size.share))
     gaussians = min(settings.max_gaussians, size.gaussians)

@@ -22,7 +22,7 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     Raises BadInput if it cannot be read at all.
     """
     path = run_folders.find_run(None) if path is None else path
-    if not (path.is_file() or path.is_dir()):  # a pipe would be waited for without end
+    if not (path.is_file() or path.is_dir()):  # reading a pipe might never end
         what = f"{path} is neither a file nor a folder." if path.exists() else f"There is no file or folder {path}."
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
     if path.is_file() and path.suffix.lower() != ".ply" and (run := run_folders.run_around(path)):
@@ -47,7 +47,7 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
 
 
 def _scene(path: Path, report: Report) -> list[Finding]:
-    """Findings about what is no run. BadInput if it is no scene, which says what to do with a file, and names a .ply that a folder holds."""
+    """Findings about a scene or a folder of photos. For anything else, the BadInput says what to do, and names a .ply if the folder holds one."""
     try:
         return examine_scene(path, report)
     except BadInput as problem:

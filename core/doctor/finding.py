@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check. figure: what was found. meaning: why it matters, empty if it does not. advice: what to do, if anything.
+    """The result of a check. figure: what was found. meaning: why it matters, or empty. advice: what to do, if anything.
 
-    elsewhere: the advice on a file that wegs did not write, where wegs' own commands and settings are of no use; empty if it is the same.
+    elsewhere: the advice for a file that wegs did not write, where wegs' own commands and settings do not help; empty if it is the same.
     """
 
     name: str
@@ -25,7 +25,7 @@ class Finding:
 
 
 def counting(name: str, count: int, total: int, meaning: str, advice: str = "", elsewhere: str = "") -> Finding:
-    """The finding that `count` of `total` are as its name says; if none are, that needs no explanation."""
+    """The finding that `count` of `total` are what its name says; without an explanation if none are."""
     return Finding(name, part(count, total), meaning, advice, elsewhere) if count else Finding(name, "none", "")
 
 

@@ -14,17 +14,17 @@ NEEDLES_SHARE = 0.5  # of all; a third do no harm where no photo was taken (core
 # Longest axis over the shortest. Above, a c - b^2 in float32 (half a step is 6e-8) is wrong by 1 %: 6e-8 * 400^2.
 STIFF = 400.0
 GIANT = 0.5  # longest axis, in radii of the scene
-FAR = 3.0  # radii of the scene; giants beyond are a background
-STRAY = 1000.0  # radii of the scene; beyond, a viewer that fits the whole file into its window shows a dot
+FAR = 3.0  # radii of the scene; giants farther away are a background
+STRAY = 1000.0  # radii of the scene; with Gaussians farther away, a viewer that fits the whole file into its window shows a dot
 WASTE = 0.02  # share of Gaussians that do nothing
-COLOURS = (-0.5, 1.5)  # of the DC term; [0, 1] can be shown, and view dependence adds and subtracts some
+COLOURS = (-0.5, 1.5)  # of the DC term; [0, 1] can be shown, and view dependence adds or subtracts something
 BURNT_SHARE = 0.02
-ROUNDED = 1e-4  # by which logarithms may be off after their way into the scene's frame
+ROUNDED = 1e-4  # rounding error of logarithms that were converted into the scene's frame
 SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 
 
 def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Finding]:
-    """Findings about Gaussians in the scene frame. sky: how many of the last ones are the dome, which is meant to be large and far."""
+    """Findings about Gaussians in the scene frame. sky: how many of the last ones are the dome, which is large and far on purpose."""
     total = len(splats)
     finite, turned = splats.finite_rows(), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2
     findings = [
@@ -47,7 +47,7 @@ def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
 
 
 def _unconverted(values: torch.Tensor, share: float = 1.0) -> bool:
-    """Whether numbers that 3DGS stores as logits, logarithms or SH are as they were before that: none below 0, and this share up to 1."""
+    """Whether numbers that 3DGS stores as logits, logarithms or SH look unconverted: none is below 0, and this share of them is at most 1."""
     low, most, high = np.quantile(values.numpy(), [0.0, share, 1.0])
     return bool(-ROUNDED <= low < high and most <= 1 + ROUNDED)
 

@@ -40,7 +40,7 @@ def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
         findings.append(Finding("rest of the file", counted(beyond, "byte"), "after the last row that its header counts", AGAIN))
     if sky > len(splats):
         figure = f"{sky:,} of {counted(len(splats), 'Gaussian')}"
-        findings.append(Finding("sky", figure, "rows were taken out since wegs wrote them; it is taken for a part of the scene", AGAIN))
+        findings.append(Finding("sky", figure, "rows were removed since wegs wrote the file; the sky now counts as part of the scene", AGAIN))
     return findings
 
 
@@ -48,7 +48,7 @@ def _findings(path: Path, splats: Splats, sky: int, report: Report) -> list[Find
     centres = views.centres_of(splats, sky)
     if not len(centres):
         return look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky)
-    # Not the radius that holds 97 %: other programs' skies are Gaussians, too, and may be more than 3 % of them.
+    # Not the radius that holds 97 %: other programs' files may hold a sky, too, of more than 3 % of the Gaussians.
     half = SceneFrame.around(centres, quantile=0.5)
     frame = SceneFrame(half.centre, 2 * half.radius)
     in_scene = splats.in_scene(frame)

@@ -26,8 +26,8 @@ from core.words import counted
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread
 NEAR_BOUND = 0.95  # of the residual's bound: beyond, the transfer has hardly any gradient
 AT_BOUND_SHARE = 0.01
-SAME_LOOK = 0.007  # spread of DC residuals; times SH_0 = 0.28 it is half an 8-bit step of colour
-FELL_DB = 0.5  # by which held-out quality may fall below its best
+SAME_LOOK = 0.007  # spread of DC residuals; times SH_0 = 0.28, this is half an 8-bit step of colour
+FELL_DB = 0.5  # by how much held-out quality may fall below its best
 OFTEN = 0.01  # share of steps that were skipped
 
 
@@ -60,7 +60,7 @@ def _progress(trained: TrainedRun) -> list[Finding]:
     advice, meaning = "", "what was asked for"
     if run_folders.is_at_work(trained.folder):
         meaning += "; it is still being trained"
-    elif steps < wanted or (len(trained.splats) and not any(trained.folder.glob(run_folders.CLOUDS))):  # of no Gaussian there is no file
+    elif steps < wanted or (len(trained.splats) and not any(trained.folder.glob(run_folders.CLOUDS))):  # without Gaussians there is no file
         advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
         if steps == wanted:
             meaning += "; the results were not written"
@@ -80,12 +80,12 @@ def _progress(trained: TrainedRun) -> list[Finding]:
 
 
 def _course(trained: TrainedRun) -> list[Finding]:
-    """Whether held-out quality fell, by what training recorded; nothing before its first check, and of a run without."""
+    """Whether held-out quality fell, as recorded in training; nothing before the first check, and for a run without checks."""
     name, settings = "held-out quality", trained.settings
     course = [row[history.HELD_OUT] for row in history.checks(trained.folder)]
     if course:
         best, last = max(course), course[-1]
-        advice = "It learned its photos by heart: train for fewer steps or with fewer Gaussians." if last < best - FELL_DB else ""
+        advice = "The run overfits its photos: train for fewer steps or with fewer Gaussians." if last < best - FELL_DB else ""
         return [Finding(name, f"{last:.2f} dB, {best:.2f} at best", "of a few test photos, by history.csv", advice)]
     if trained.collection.split("test") and any(step <= trained.step for step in schedule.evenly(settings.held_out_checks, settings.steps)):
         meaning = f"{history.FILE} was removed or damaged after the training, or no test photo could be read"
@@ -99,7 +99,7 @@ def _settings(settings: Settings) -> Finding:
 
 
 def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
-    """How much the training photos' looks add to the base, and their masks hide."""
+    """How much the looks of the training photos add to the base, and how much their masks hide."""
     photos = spread_over(trained.collection.split("train"), MOST_PHOTOS)
     names = trained.model.photo_names
     masks: dict[str, float] = {}
@@ -153,7 +153,7 @@ class _Residuals:
         self.total, self.squares = self.total + dc, self.squares + dc**2
 
     def findings(self) -> list[Finding]:
-        """The findings, once a look or more were added."""
+        """The findings, once at least one look has been added."""
         bounded = self.settings.appearance == "full"  # the affine transfer has no bound
         share = self.near_bound / self.numbers if bounded else 0.0
         near = f", {100 * share:.3g} % of them near the bound of {self.settings.residual_bound:g}" if bounded else ""

@@ -27,7 +27,7 @@ from core.report import Report
 from core.training.transparency import transparent_may_be_empty
 from core.words import Note, counted, list_names
 
-FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself asks for 15 to 30
+FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself demands 15 to 30
 POINTS_WANTED = 500  # to start Gaussians from
 ODD_DISTANCE = 10.0  # from the scene's centre, times the median camera's
 ASPECT = 0.05  # by which fx and fy may differ; no real camera exceeds it
@@ -57,7 +57,7 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
 
 
 def _note(note: Note) -> Finding:
-    """A note of the reader as a finding, with advice unless it is harmless."""
+    """A note from reading the scene as a finding, with advice unless it is harmless."""
     advice = "" if note.harmless else "Correct it unless it is meant."
     return Finding("reading", note.text.rstrip("."), "said while the scene was read", advice)
 
@@ -111,7 +111,7 @@ def _cameras(collection: Collection) -> list[Finding]:
 
 def _points(collection: Collection) -> list[Finding]:
     photos, count = collection.photos, len(collection.points)
-    if not count:  # a note of the reader says so; training triangulates them
+    if not count:  # a note says so as well; training triangulates them
         training = len(collection.split("train"))
         fix = f"Add photos: at least {LEAST_PHOTOS} to train on are needed to triangulate points." if training < LEAST_PHOTOS else ""
         return [Finding("points", "none", f"training triangulates them from {counted(training, 'photo')}", fix)]
@@ -156,8 +156,8 @@ def _photos(collection: Collection, report: Report) -> list[Finding]:
 
 
 def _is_flat(pixels: np.ndarray) -> bool:
-    """Whether the numbers of a picture (H, W, 3) hardly differ: it is black, white or of one grey."""
-    # NumPy's std takes 0.8 s and 280 MB for a photo of 12 MP, this a hundredth of a second and nothing.
+    """Whether all values of a picture (H, W, 3) are about equal: it is black, white or of one grey."""
+    # NumPy's std takes 0.8 s and 280 MB for a photo of 12 MP, this a hundredth of a second and no memory.
     means, deviations = cv2.meanStdDev(pixels)
     return math.sqrt(np.square(deviations).mean() + means.var()) < FLAT
 
@@ -201,7 +201,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
 
 
 def _cameras_to_come(root: Path, folder: Path, usable: int) -> tuple[str, str]:
-    """How the photos in `folder`, so many of them usable, get cameras: what it takes, and what to do first, if anything."""
+    """How the photos in `folder`, so many of them usable, get cameras, and what to do first, if anything."""
     if around := scene_around(folder):
         return f"photos within the {around[1]} scene {around[0]}", "Give that folder to use its cameras, if it names these photos."
     if usable < LEAST_PHOTOS:
@@ -212,13 +212,13 @@ def _cameras_to_come(root: Path, folder: Path, usable: int) -> tuple[str, str]:
 
 
 def _in_words(seconds: float) -> str:
-    """So much time, rounded up to whole minutes, or hours if it is more than two."""
+    """The time in words, rounded up to whole minutes or, beyond two hours, to whole hours."""
     what, length = ("hour", 3600) if seconds > 2 * 3600 else ("minute", 60)
     return counted(math.ceil(seconds / length), what)
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
-    """Findings about folders in and below `root` with photos that are not used, as only those in `folder` are, and with cameras."""
+    """Findings about photos and cameras in and below `root` that are not used, because only the photos in `folder` are."""
     used = len(list_photos(folder))
     findings = [
         Finding("photos elsewhere", f"{count} in {other}, beside the {used} in {folder}", "only one folder is used", "Put all photos into one.")

@@ -1,4 +1,4 @@
-"""Checks of Gaussians as cameras see them: how far float32 moves them in a picture, and which no camera sees."""
+"""Checks of Gaussians as cameras see them: how far rounding to float32 moves them in a picture, and which no camera sees."""
 
 import json
 from pathlib import Path
@@ -19,8 +19,8 @@ from core.scene.splats import Splats
 from core.words import counted
 
 VISIBLE_PX = 0.1  # a shift that begins to show in sharp detail
-PICTURE_PX = 500.0  # taken for the size of a scene radius if there are no cameras
-UNSEEN = 0.1  # share of Gaussians that no photo shows
+PICTURE_PX = 500.0  # the size of a scene radius in a picture, as assumed without cameras
+UNSEEN = 0.1  # share of Gaussians that may be seen by no photo
 WIDEST_PX = 640  # views are rendered at most this wide to see which Gaussians show
 SAMPLE = 2000  # centres, from which the depth of a view is estimated
 
@@ -32,7 +32,7 @@ def centres_of(splats: Splats, sky: int) -> np.ndarray:
 
 
 def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -> Finding:
-    """By how much float32 moves a coordinate of the scene. means, cameras: scene frame; frame: that of the file."""
+    """How far rounding to float32 moves a coordinate of the scene. means, cameras: scene frame; frame: that of the file."""
     error = frame.rounding / frame.radius
     shifts_px = [error * max(camera.fx, camera.fy) / depth for camera in cameras if (depth := _depth(camera, means))]
     if shifts_px:
@@ -53,7 +53,7 @@ def _depth(camera: Camera, means: np.ndarray) -> float | None:
 
 
 def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) -> Finding:
-    """Which Gaussians reach 1/255 of no pixel of any camera; the last `sky` rows do not count. Scene frame."""
+    """How many Gaussians contribute 1/255 or more to no pixel of any camera; the last `sky` rows do not count. Scene frame."""
     rasterizer, small = core.rasterizer.create("auto"), [camera.shrunk(WIDEST_PX / camera.width) for camera in cameras]
     try:
         largest = largest_contributions(splats, small, rasterizer, lambda done, total: report.progress("Views", done, total))
@@ -86,7 +86,8 @@ def cameras_beside(path: Path) -> list[Camera]:
 
 
 def _camera(values: dict) -> Camera:
-    """Raises Fault for one that cannot be drawn with, and what Python raises for values that are missing or no numbers."""
+    """The camera of an entry of cameras.json. Raises Fault for one that nothing can be drawn with, and what Python raises for values that are
+    missing or no numbers."""
     axes, centre = (np.array(values[name], dtype=np.float64).reshape(shape) for name, shape in (("rotation", (3, 3)), ("position", 3)))
     rotation, centre = from_camera_to_world(np.column_stack([axes, centre]), "a pose")
     width, height = int(values["width"]), int(values["height"])

@@ -1,4 +1,4 @@
-"""Renders against photos: metrics, protocols, result files and picture sheets."""
+"""Compares renders with photos: metrics, protocols, result files and picture sheets."""
 
 PROTOCOLS = {
     "half": "embedding from the left half of a test photo (W - W//2 columns), figures from the right half",

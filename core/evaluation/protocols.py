@@ -1,9 +1,10 @@
 """The two protocols by which methods for scenes in the wild are compared; their figures never share a table.
 
-half (NeRF-W): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures from the right half, of which it has seen
-nothing. (nerfbaselines scores the middle column of an odd W, too, which the embedding sees.) full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures
-come from the whole photo.
-Pictures are 8-bit quantised before they are compared, and masks never enter a metric.
+half (NeRF-W): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures come from the right half, which the embedding
+has not seen. (nerfbaselines also scores the middle column of an odd W, which the embedding has seen.)
+full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come from the whole photo.
+
+Pictures are quantised to 8 bits before they are compared, and masks never enter a metric.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,7 +29,7 @@ Distance = Callable[[Tensor, Tensor], float | None]  # LPIPS
 
 @dataclass(frozen=True)
 class HeldOutView:
-    """A test photo. picture: [0, 1], at the size of `camera`. valid: where the photo shows something; None if everywhere."""
+    """A test photo. picture: [0, 1], at the size of `camera`. valid: where the photo shows something; None: everywhere."""
 
     name: str
     picture: Float[Tensor, "h w 3"]
@@ -60,7 +61,7 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
     region = photo[:, fitted]
     camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
     valid = None if view.valid is None else view.valid[:, fitted]
-    if valid is not None and fitted != scored:  # or what was transparent would have colours of the part that is scored
+    if valid is not None and fitted != scored:  # transparent pixels are filled again, as their colours may come from the part that is scored
         region = torch.from_numpy(fill(to_8_bit(region), valid.cpu().numpy())).to(region) / 255
     return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
 
@@ -103,7 +104,7 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """Pictures to look at. look: a key of WAYS, what `render` shows; None of a run that has but one. mask: [0, 1], of any size, or None."""
+    """Pictures to look at. look: the one that `render` shows, a key of WAYS; None for a run with only one. mask: [0, 1], of any size, or None."""
 
     name: str
     photo: UInt8[ndarray, "h w 3"]

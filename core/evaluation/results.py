@@ -112,7 +112,7 @@ class Results:
 
 
 def measured_earlier(folder: Path, run: str, step: int) -> list[str]:
-    """The names of the results in a run folder that were measured of another run, or at another step than `step`, the newest. run: its identity."""
+    """The names of results in a run folder that were not measured on the run of this identity at this step."""
     now = {"run": run, "steps": step}
     return [name for name, *_ in EVALUATED.values() if not now.items() <= (now | read_mark(folder / name)).items()]
 

@@ -29,7 +29,7 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
 
 
 def titles(protocol: str, step: int, looks: str, masked: bool) -> tuple[str, ...]:
-    """The titles of the columns. step: the run's, when it was measured. looks: those shown, in words; empty for a run that has but one."""
+    """The titles of the columns. step: of the run, when it was measured. looks: those shown, in words; empty for a run with only one."""
     render, error = (f"render ({looks})", f"error ({looks}; ") if looks else ("render", "error (")
     mask = ("mask (white: static)",) if masked else ()
     return f"photo (protocol {protocol}, step {step})", render, *mask, f"{error}brightest: {FULL_ERROR})"

@@ -1,4 +1,4 @@
-"""What is evaluated: anything that embeds pictures and renders looks. The protocols know nothing else about it."""
+"""What is evaluated: anything that embeds pictures and renders looks. The protocols need nothing else."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ class Subject(Protocol):
         """The mask of a picture, 1 = static, of any size; None if there is no mask network."""
 
     def seen_by(self, camera: Camera) -> Refinable:
-        """What the camera sees of it, in any look."""
+        """What the camera sees of the scene, in any look."""
 
 
 def refining_to(
@@ -39,7 +39,7 @@ def refining_to(
 ) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement from the look `start` to one in which `camera` sees what a photo shows.
 
-    pixels: the photo, [0, 1]. valid: what of it counts; all, if None. told: of the steps done.
+    pixels: the photo, [0, 1]. valid: which pixels count; None: all. told: called with the number of steps done.
     """
     wanted = Wanted.of(camera, pixels, valid)
     seen = subject.seen_by(wanted.camera)

@@ -1,4 +1,4 @@
-"""Files for other programs, by suffix. A new format takes a module and a line in FORMATS."""
+"""Files for other programs, in a format chosen by the suffix. A new format is a module and a line in FORMATS."""
 
 from pathlib import Path
 

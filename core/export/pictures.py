@@ -1,4 +1,4 @@
-"""Renders as files to look at: PNG, contact sheet, video."""
+"""Renders as files to look at: PNG pictures, contact sheets, videos."""
 
 import math
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from core.errors import WegsError
 from core.export.labelled_sheet import line_of_text
 from core.system.atomic import replacing, write_bytes
 
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what goes wrong with a video is said here, once
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors with videos are reported here, once
 
 SHEET_COLUMNS = 5  # at most
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
-VIDEO_SECONDS, MOST_FPS = 3.0, 30.0  # of few frames, and of many, which then take longer
+VIDEO_SECONDS, MOST_FPS = 3.0, 30.0  # the length with few frames, and the rate with many, which then take longer
 VIDEO_CODECS = "vp09", "mp4v"  # VP9, which browsers and editors play; if OpenCV lacks it, MPEG-4 part 2, which they do not
 
 
@@ -38,7 +38,7 @@ def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
 
 
 class KeptPictures(Sequence):
-    """The pictures of PNG files, RGB, each read when it is asked for: the frames of a long fade would not fit into memory together."""
+    """The pictures of PNG files, RGB, each read when it is needed: the frames of a long fade would not fit into memory together."""
 
     def __init__(self, paths: Sequence[Path]):
         self.paths = paths

@@ -37,7 +37,7 @@ def _properties(rest: int) -> list[str]:
 
 PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
 CENTRE, DC, REST, OPACITY, SCALE, QUATERNION = slice(0, 3), slice(6, 9), slice(9, 54), 54, slice(55, 58), slice(58, 62)  # where they are in a row
-# Converters from 8-bit formats write the logits and logarithms of 0 and 1 as Inf; they are read as this, which no renderer can tell from it.
+# Converters from 8-bit formats write the logits and logarithms of 0 and 1 as +-Inf; they are read as +- this, which renders the same.
 ENDLESS = 30.0
 BYTES_PER_GAUSSIAN = 4 * len(PROPERTIES)
 
@@ -108,7 +108,7 @@ def read_ply(path: Path) -> Splats:
             fault = f"lacks the column {name}" if name not in names else f"holds lists in the column {name}"
             raise BadInput(f"{path} {fault}.", "It is not a 3DGS .ply; export it as one.")
     table = np.empty((len(vertices), len(wanted)), dtype=np.float32)
-    with np.errstate(over="ignore"):  # a double beyond float32 becomes Inf, and is told as that
+    with np.errstate(over="ignore"):  # a double beyond float32 becomes Inf, as which it is reported
         for column, name in enumerate(wanted):
             table[:, column] = vertices[name]
             if name == "opacity":

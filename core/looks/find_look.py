@@ -24,21 +24,21 @@ from core.looks.trained import NEUTRAL, Look, TrainedRun, neutral_look
 from core.report import QUIET, Report
 from core.training.sized_photos import SizedPhoto
 
-SMALLEST_PHOTO_PX = 16  # the shorter side; light in a smaller photo could not be told from noise
+SMALLEST_PHOTO_PX = 16  # of the shorter side; in a smaller photo, light could not be told from noise
 
 
 @torch.no_grad()
 def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
     """The look that `word` stands for.
 
-    mask: a picture, white where the photo is to be used; what it hides does not enter the look at all. refine: refine the look of a photo
+    mask: a picture, white where the photo is to be used; what it hides does not affect the look at all. refine: refine the look of a photo
     whose camera is known or can be found; this takes seconds, with progress in `report`.
 
-    Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be one of the collection, or the file
-    that structure from motion made it of; the name of a look saved in the run; the name of a photo of the collection, also without its
-    suffix if that is unambiguous. A training photo has the embedding that was learned for it; a held-out one, or one with `mask`, is encoded with
-    its predicted mask, any other photo with M := 1.
-    Raises BadInput, with the nearest name, if nothing fits; for a mask with a look that is not read from a photo, and for one that is no file.
+    Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be in the collection, or the original
+    of one that is; the name of a look saved in the run; the name of a photo of the collection, also without its suffix if that is unambiguous.
+    A training photo has the embedding that was learned for it; a held-out one, or one with `mask`, is encoded with its predicted mask, any other
+    photo with M := 1.
+    Raises BadInput, with the nearest name, if nothing fits; and for a mask that is no file, or given for a look that is not read from a photo.
     """
     if mask is not None and not mask.is_file():  # a pipe would be waited for without end
         raise BadInput(f"{mask} is not a file." if mask.exists() else f"There is no mask {mask}.", "Give a picture, white = use.")
@@ -64,10 +64,10 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
 
 def check_known(trained: TrainedRun, word: str) -> None:
-    """Raise BadInput, before any work, for a word that stands for nothing in `find_look`, a saved look that cannot be read, a photo that a table does
-    not know, and a file from outside that is no photo."""
+    """Raise BadInput, before any work, where `find_look` would: for a word that means nothing, a saved look that cannot be read, a photo that a GLO
+    table does not know, and a file from outside that is no photo."""
     if word == NEUTRAL or _saved_as(trained, word):
-        find_look(trained, word)  # which is no work
+        find_look(trained, word)  # these take no time
         return
     photo = _of_collection(trained, word)
     if photo is None:
@@ -79,7 +79,7 @@ def check_known(trained: TrainedRun, word: str) -> None:
 
 
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
-    """The file of a saved look, named by its path or its name; a path that does not exist is reported when it is read."""
+    """The file of the saved look that `word` means by path or name, or None. A .json that does not exist is reported when it is read."""
     path = Path(word)
     named = path if path.name != word else trained.folder / LOOKS / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":
@@ -88,7 +88,7 @@ def _saved_as(trained: TrainedRun, word: str) -> Path | None:
 
 
 def _of_collection(trained: TrainedRun, word: str) -> Photo | None:
-    """The photo of the collection that is this file, was made of it, was it before it was moved, or is called so."""
+    """The photo of the collection that `word` means: by its file, by the original that the file was made of, by a file that was moved, or by name."""
     path, collection = Path(word), trained.collection
     if not path.is_file():
         return collection.called(word)
@@ -98,11 +98,11 @@ def _of_collection(trained: TrainedRun, word: str) -> Photo | None:
 
 
 def _moved(collection: Collection, path: Path) -> Photo | None:
-    """The photo of the collection that is gone from its place and, by name and size, is this file."""
+    """The photo of the collection whose file is gone, and which has the name and size of this file."""
     photo = collection.called(path.name)
     if photo is None or photo.path.is_file():
         return None
-    with suppress(BadInput):  # no photo at all, which is told where it is read
+    with suppress(BadInput):  # for a file that is no photo, which is reported where it is read
         if probe(path).displayed == (photo.camera.width, photo.camera.height):
             return replace(photo, path=path)
     return None
@@ -122,7 +122,7 @@ def find_view(trained: TrainedRun, word: str | None) -> Photo:
 
 
 def _left_out(trained: TrainedRun, word: str) -> Path | None:
-    """The file called `word`, with or without suffix, that is not in the scene made of it and others."""
+    """The file called `word`, with or without suffix, that structure from motion left out of the scene."""
     return next((path for path in originals.left_out(trained.collection.root) if Path(word).name in (path.name, path.stem)), None)
 
 
@@ -151,7 +151,7 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
 
 
 def _sized(trained: TrainedRun, photo: Photo, mask: Path | None, report: Report) -> SizedPhoto:
-    """The photo to read, with the user's mask if there is one, and else with its own unless that is of no use."""
+    """The photo to read: with the user's mask if there is one, else with its own, or without that if it cannot be used."""
     if mask is not None:
         return trained.sized_photo(_masked_by_user(trained, photo, mask))
     try:
@@ -165,7 +165,7 @@ def _sized(trained: TrainedRun, photo: Photo, mask: Path | None, report: Report)
 
 
 def _masked_by_user(trained: TrainedRun, photo: Photo, mask: Path) -> Photo:
-    """The photo with this mask in place of its own; BadInput unless it fits."""
+    """The photo with this mask in place of its own; BadInput unless the mask fits."""
     size = mask_size(mask)
     masked = with_mask(photo, mask, size, originals.lenses_of(trained.collection.root).get(photo.name))
     check_fits(mask, size, size_for_mask(masked))

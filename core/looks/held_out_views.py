@@ -33,8 +33,9 @@ def over_views(
     report: Report,
     left_out: str = "not measured",
 ) -> Iterator[tuple[Photo, Measured]]:
-    """(photo, measure(view)) for each photo, one at a time, as pictures are large. Photos that raise BadInput are skipped and named at the
-    end; if all do, the last BadInput is raised. what: the work, for its progress bar. left_out: what to say of skipped photos, after "3 photos"."""
+    """(photo, measure(view)) for each photo, one at a time, because pictures are large. Photos that raise BadInput are skipped and named in a
+    warning at the end; if all do, the last BadInput is raised. what: the work, for the progress bar. left_out: what to say of skipped photos,
+    after "3 photos"."""
     unusable = []
     for number, photo in enumerate(photos, 1):
         try:

@@ -13,20 +13,20 @@ from core.data.collection import spread_over
 from core.looks.trained import TrainedRun, bake, neutral_look
 
 VIEWS = 16  # training cameras, which show where in a photo the sky usually is
-SHRUNK = 4  # times; their pictures are that much smaller than in training
+SHRUNK = 4  # how many times smaller their pictures are than in training
 TRIES = 20  # shares of the tone that are tried, from 1/20 to all of it
-PLAIN = 1.1  # a gain, or a channel's gain over the mean, worth mentioning
+PLAIN = 1.1  # a gain, or a channel's gain over the mean gain, that is worth mentioning
 TINTS = "redder", "greener", "bluer"
 
 
 @torch.no_grad()
 def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> Colouring:
-    """What a photo ([0, 1], any size) tells of its look, without a tone if the embedding is within the known range.
+    """The look of a photo ([0, 1], any size): its embedding and, if that lies outside the known range, a tone.
 
-    Otherwise the whole tone is what turns the mean of the training views, in the neutral look, into the photo. The smallest share of it
-    (a power of its gains) that brings the embedding within that range is taken off the photo. If none does, the share that brings it nearest
-    is, and the embedding is moved into the range. If transparent pixels are empty space, it is moved without a tone: what such a photo
-    shows around the object is not the run's sky.
+    The whole tone would turn the mean of the training views, in the neutral look, into the photo. Of its shares (powers of its gains), the look
+    gets the smallest that brings the embedding into the range once it is removed from the photo. If none does, it gets the share that brings the
+    embedding nearest, which is then moved into the range. If transparent pixels are empty space, the embedding is moved without a tone: what such
+    a photo shows around the object is not the run's sky.
     """
     model, known_range, picture = trained.model, trained.known_range, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
@@ -37,14 +37,14 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> C
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
     embeddings = [model.embedding_from_outside(taken_off(picture, tone, layers)) for tone in tones]
     distances = [known_range.distance(embedding) for embedding in embeddings]
-    # The largest of equals: all of it for a black photo, which nothing changes.
+    # Of equally near ones the largest: for a black photo, which no share changes, the whole tone.
     nearest = min(range(TRIES), key=lambda number: (distances[number], -number))
     chosen = next((number for number in range(TRIES) if distances[number] <= 1), nearest)
     return Colouring(known_range.nearest(embeddings[chosen]), tones[chosen])
 
 
 def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
-    """How a photo with this tone (gains > 0) is lit compared with the training photos, such as "darker, bluer"; empty if about the same."""
+    """How the light in a photo with this tone (gains > 0) differs from that in the training photos, as in "darker, bluer"; empty if hardly."""
     channels = tone.log().mean(dim=0)
     brightness = channels.mean()
     words = []
@@ -56,7 +56,7 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
 
 
 def _layers(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
-    """What place and sky each contribute to the mean colours of the bands of the training views, in the neutral look."""
+    """What the place and the sky each contribute to the mean colour of each band of the training views, in the neutral look."""
     neutral = bake(trained, neutral_look(trained))
     alone = [toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
     layers = []

@@ -1,4 +1,4 @@
-"""A first look at a trained run without a viewer: photos beside the scene in their looks."""
+"""A first impression of a trained run without a viewer: photos beside the scene in their looks."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -13,7 +13,7 @@ from core.report import Report, Told, unheard
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
-HALF_STEP = 0.5 / 255  # a smaller change need not show in an 8-bit picture
+HALF_STEP = 0.5 / 255  # a change by at most this much hardly shows in an 8-bit picture
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class Pruned:
 class Pruner:
     """Prunes the looks of one scene, which share its geometry.
 
-    Which Gaussians go depends on the geometry alone, so that all looks keep the same ones in the same order: viewers can fade between
-    them, and a fade begins and ends with the two bakes bit for bit. Which bands go depends on the look.
+    Which Gaussians are left out depends on the geometry alone, so that all looks keep the same ones in the same order: viewers can fade between
+    them, and a fade begins and ends with the two bakes bit for bit. Which bands are left out depends on the look.
 
-    sky: how many of the last Gaussians are the dome. It is kept, because a viewer may look where no photo does, and would see holes.
+    sky: how many of the last Gaussians are the dome. All of it is kept: in a viewer, people may look where no photo does, and would see holes.
     background: what looks are shown and compared over.
-    kept: (N,) Gaussians that stay in every look, except one so bright that it must keep all of `drawn`.
+    kept: (N,) Gaussians that stay in every look; only a look so bright that they would break the bound keeps all of `drawn`.
     drawn: (N,) Gaussians that reach any pixel of any view, the dome, and those that are not finite, which the file's writer counts.
     """
 
@@ -60,7 +60,7 @@ class Pruner:
         self.kept = self._kept(splats, strongest)
 
     def _kept(self, splats: Splats, strongest: Tensor) -> Bool[Tensor, " n"]:
-        """All but as many of the faintest as together weigh at most HALF_STEP in every pixel.
+        """All Gaussians but the faintest, of which as many go as together weigh at most HALF_STEP in every pixel.
 
         Leaving out a Gaussian of weight w = alpha T changes a pixel by w |c - B|, with c its colour and B what is behind it. Taken from
         back to front, those in front keep their weights, so a set changes a pixel by at most the sum of its w times the brightest
@@ -82,17 +82,17 @@ class Pruner:
 
     @torch.no_grad()
     def __call__(self, baked: Splats) -> Pruned:
-        """The pruned look: all in all, no pixel of any view changes by more than HALF_STEP.
+        """The pruned look, in which no pixel of any view changes by more than HALF_STEP.
 
-        Proved by rendering: the lowest degree that keeps the bound in every view is taken. If the look is too bright for the bound at any
-        degree, only Gaussians that no view draws are left out, which changes nothing.
+        This is checked by rendering: the lowest SH degree that keeps the bound in every view is taken. If none does, because the look is very
+        bright, only Gaussians that no view draws are left out, which changes nothing.
         """
         if not self.drawn.any():
             return Pruned(baked)
         kept = baked[self.kept]
         options = [kept.up_to_degree(degree) for degree in range(baked.degree + 1)]
         if torch.equal(self.kept, self.drawn):
-            options.pop()  # needs no proof: it is what remains
+            options.pop()  # needs no check: it is what remains if no other keeps the bound
         largest = [0.0] * len(options)
         for camera in self.cameras:
             if min(largest, default=1.0) > HALF_STEP:

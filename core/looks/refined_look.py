@@ -1,4 +1,4 @@
-"""Refines a look against the photo it was read from, if its camera is known or can be found."""
+"""Refines a look against the photo that it was read from, if the photo's camera is known or can be found."""
 
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ def refined_of_collection(trained: TrainedRun, look: Look, sized: SizedPhoto, re
 def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report: Report) -> Look:
     """The look of a photo file from outside the collection, refined; unchanged if the photo cannot be located, with the reason in `source`.
 
-    The photo is compared at its own size, or the mean size of the run's photos in training if that is smaller. mask: white where it is to be used.
+    The photo is compared at its own size or, if that is smaller, the mean size of the run's photos in training. mask: white where it is to be used.
     """
     if not trained.has_looks:
         return look
@@ -49,7 +49,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
     try:
         loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
-    except BadInput as problem:  # nothing is left of a mask in a smaller picture
+    except BadInput as problem:  # with a mask: in the smaller picture, nothing of it is left
         too_fine = "too little of it is left at the size at which it is drawn"
         return not_refined(look, too_fine if mask is not None else problem.what)
     pixels, valid = as_tensors(loaded.pixels, loaded.valid, trained.device)
@@ -64,10 +64,10 @@ def not_refined(look: Look, why: str) -> Look:
 
 
 def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
-    """The landmarks that photos from outside are located by, in the run's scene frame: found once, then kept in the run folder.
+    """The landmarks by which photos from outside are located, in the run's scene frame: found once, then kept in the run folder.
 
-    They are not kept while some of the training photos they should come from cannot be read. Raises BadInput if there are none yet and the
-    scene cannot be read, has other cameras by now, or does not tell which photo shows which point.
+    They are not kept as long as some of the training photos that they should come from cannot be read. Raises BadInput if none are kept and
+    the scene cannot be read, has other cameras by now, or does not say which photo shows which point.
     """
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path, trained.identity)) is not None:

@@ -49,7 +49,7 @@ class RunView:
         return seen if look.tone is None else toned(seen, look.tone, len(self.discs))
 
     def in_cells(self, weight: Float[Tensor, "h w"]) -> "RunInCells":
-        """The view in cells, its pixels counting as much as these weigh."""
+        """The view in cells; `weight` is how much each pixel counts."""
         return RunInCells(self, weight)
 
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
@@ -60,7 +60,7 @@ class RunView:
         return self.trained.model.transfer(TransferInput(base.sh, base.means, latents), look.embedding, look.changes)[0]
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
-        """The embedding, or the nearest to it that a refinement may take."""
+        """The embedding or, if it lies too far out, the nearest that a refinement may reach."""
         return self.trained.known_range.nearest(embedding, FARTHEST)
 
 
@@ -93,7 +93,7 @@ class RunInCells:
 
     @property
     def unseen(self) -> Int[Tensor, " u"]:
-        """Rows of the Gaussians of which less than UNSEEN_PX is in view: what lies out of view, behind something, or where nothing counts."""
+        """Rows of the Gaussians of which less than UNSEEN_PX is in view: they are outside the view, behind something, or where no pixel counts."""
         unseen = self.view.trained.splats.finite_rows()
         unseen[self.view.visible.rows[self.shares.of_gaussians() >= UNSEEN_PX]] = False
         return unseen.nonzero()[:, 0]

@@ -1,4 +1,4 @@
-"""Looks saved by name in JSON files: an embedding, its tone and the changes of a refinement. Only the run that made one can read it, at that step."""
+"""Looks saved by name in JSON files: embedding, tone and the changes of a refinement. Only the run that saved one can read it, at that step."""
 
 import json
 import re
@@ -17,7 +17,7 @@ from core.system.device import CPU
 from core.training.on_disk.run_folders import check_writable
 from core.words import counted
 
-LARGEST = 1e6  # no number of a look comes near; far larger ones would overflow
+LARGEST = 1e6  # far beyond any number of a look; much larger ones would overflow
 
 
 def path_of(folder: Path, name: str) -> Path:
@@ -33,7 +33,7 @@ def path_of(folder: Path, name: str) -> Path:
 def check_free(folder: Path, name: str, force: bool, collection: Collection) -> None:
     """Raise BadInput, before the work, if a run cannot save a look `name`, or has one that may not be replaced.
 
-    BadSetting for what a photo of the run's collection is called: its own look could no longer be asked for by name.
+    Raises BadSetting for the name of a photo of the run's collection, whose own look could then no longer be named.
     """
     path = path_of(folder, name)
     if collection.called(path.stem) is not None:
@@ -68,7 +68,7 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
 def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
     """Read a look of the run `identity` after `step` steps.
 
-    like: all that a look of the run may hold; of its numbers, the shapes count. Raises BadInput if the file is anything else, or holds other
+    like: all that a look of the run may hold; only the shapes of its tensors matter. Raises BadInput if the file is anything else, or holds other
     shapes, numbers beyond LARGEST, or gains below zero.
     """
     if not path.is_file():
@@ -79,7 +79,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
         found = _tensor(numbers)
         tone = _tensor(facts["tone"]) if "tone" in facts else None
         changes = {name: _tensor(change) for name, change in facts.get("changes", {}).items()}
-    except PermissionError:  # no fault of the look's
+    except PermissionError:  # says nothing about the look
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as problem:
         raise BadInput(f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME.") from None
@@ -97,7 +97,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
 
 
 def _tensor(numbers: list) -> Tensor:
-    """Raises TypeError, ValueError or OverflowError for what are no numbers in rows of one length."""
+    """Raises TypeError, ValueError or OverflowError for anything but numbers in rows of equal length."""
     return torch.tensor(numbers, dtype=torch.float64).float()
 
 

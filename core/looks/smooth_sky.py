@@ -1,8 +1,7 @@
 """The sky of a look, also where no training photo looked.
 
-A disc of the dome learns its colour from the photos that show it. All others keep the grey they began with, and what the SH transfer adds
-to that is made up: whoever turns round in a viewer would stand under brown clouds. Therefore every disc takes its colour from those that
-photos show.
+A disc of the dome learns its colour from the photos that show it. All others keep their initial grey, to which the SH transfer adds something
+arbitrary: somebody who turns round in a viewer would see brown clouds. Therefore every disc takes its colour from those that photos show.
 """
 
 from collections.abc import Sequence
@@ -21,8 +20,8 @@ from core.system.threads import one_torch_thread
 
 LENGTH_DEGREES = 80.0  # between two directions whose colours correlate by 1 / e; this and NOISE were chosen in core/TRIED.md, "The sky"
 NOISE = 1.0  # variance of the colour of a disc that one photo shows unobstructed, over that of the sky
-VIEWS, SIDE_PX = 128, 100  # training cameras that are asked, and the longer side of what they see: a disc is 5 degrees wide
-MOST = 2000  # discs that others take their colour from: all of the usual dome's; the cube of their number is what this costs
+VIEWS, SIDE_PX = 128, 100  # how many training cameras are used, and the longer side of their pictures: a disc is 5 degrees wide
+MOST = 2000  # discs from which others take their colour: all of the usual dome's; the cost grows with the cube of their number
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class SmoothSky:
     @staticmethod
     @torch.no_grad()
     def of(splats: Splats, sky: int, cameras: Sequence[Camera], rasterizer: Rasterizer) -> "SmoothSky | None":
-        """That of Gaussians whose last `sky` are the dome, as these cameras show it; None where they show none of it."""
+        """That of Gaussians whose last `sky` are the dome, as these cameras show it; None if they show none of it."""
         if not sky:
             return None
         photos = torch.zeros(sky, dtype=torch.float64, device=splats.means.device)
@@ -53,7 +52,7 @@ class SmoothSky:
         if not len(shown):
             return None
         every = -(-len(shown) // MOST)
-        shown = shown[::every]  # they lie in rings from pole to pole: these are spread over all that is shown, and stand for the others
+        shown = shown[::every]  # discs lie in rings from pole to pole, so these are spread over all that is shown; each stands for `every`
         with one_torch_thread():  # more would round differently
             directions = torch.nn.functional.normalize(splats.means[-sky:].double(), dim=1)
             angles = (directions @ directions[shown].T).clamp_(-1, 1).arccos_().rad2deg_()  # in place: 320 MB for the largest dome

@@ -35,10 +35,10 @@ NEUTRAL = "neutral"  # the name of the look that every run has; no other can hav
 class TrainedRun:
     """What `load_run` finds in a run folder.
 
-    splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one a Gaussian, if the run has any.
-    trainer: what the trainer noted at the checkpoint, such as its seconds and skipped steps. photo_embeddings: (k, e), row i of
-    `model.photo_names[i]`: from the GLO table, or from the encoder as it was at the end of training; None for an encoder whose training is
-    unfinished, and without looks. It is a Subject of core.evaluation.
+    splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one row a Gaussian, if the run has any.
+    trainer: what the trainer noted at the checkpoint, such as its seconds and skipped steps. photo_embeddings: (k, e), row i for
+    `model.photo_names[i]`, from the GLO table or from the encoder as it was at the end of training; None while the encoder's training is
+    unfinished, and without looks. A TrainedRun is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -83,11 +83,11 @@ class TrainedRun:
         return None if mask is None else mask[0]
 
     def base(self, rows: Int[Tensor, " r"] | Bool[Tensor, " n"] | slice) -> tuple[Splats, Float[Tensor, "r l"] | None]:
-        """These Gaussians as no look has changed them, and their latents."""
+        """These Gaussians before any look changes them, and their latents."""
         return self.splats[rows], None if self.latents is None else self.latents[rows]
 
     def seen_by(self, camera: Camera) -> RunView:
-        """What the camera sees of it, in any look."""
+        """What the camera sees of the run, in any look."""
         return RunView(self, camera)
 
     @cached_property
@@ -155,7 +155,7 @@ class Look:
 def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     """The newest checkpoint of a run folder, and all that is needed to use it; BadInput if there is none.
 
-    on_gpu: if the run was trained on a GPU and there is one here, use it there; else on the CPU.
+    on_gpu: use the run on a GPU, if it was trained on one and there is one here; otherwise it is used on the CPU.
     """
     identity, settings, collection = run_config.read_config(folder)
     found = checkpoint.read_newest(folder, checkpoint.load)
@@ -178,9 +178,9 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
 
 
 def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:
-    """The Gaussians of the run in one look, scene frame: one pass of the SH transfer; appearance is over after it.
+    """The Gaussians of the run in one look, scene frame, by one pass of the SH transfer. What follows knows nothing of appearance.
 
-    rows: of those wanted, all by default; ascending, the whole dome among them.
+    rows: those that are wanted, all by default; ascending, the whole dome among them.
     """
     embedding, tone, changes = look.colouring
     splats, latents = trained.base(rows)
@@ -191,7 +191,7 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
 
 
 def drawn(trained: TrainedRun, baked: Splats, camera: Camera) -> Float[Tensor, "h w 3"]:
-    """The run in a look that is baked, as the camera sees it; not clamped at 1."""
+    """The run in a baked look, as the camera sees it; not clamped at 1."""
     return trained.rasterizer.render(baked, camera, trained.background)
 
 
@@ -201,7 +201,7 @@ def neutral_look(trained: TrainedRun) -> Look:
 
 
 def blend(first: Look, last: Look, share: float) -> Look:
-    """The look `share` of the way from `first` to `last`; at 0 and 1 exactly these, so that their bakes are equal."""
+    """The look `share` of the way from `first` to `last`; at 0 and 1 exactly these two, so that their bakes are equal."""
     if share in (0.0, 1.0):
         return last if share else first
     name = f"{share:.3f} of the way from {first.name} to {last.name}"

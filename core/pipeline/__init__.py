@@ -1,9 +1,9 @@
 """Photos -> scene -> trained run -> .ply: the sequence of steps behind the commands, a file each. The command line is a thin skin over it.
 
-cameras        photos whose cameras nobody knows become a scene                            `wegs sfm`
-training       a scene becomes a trained run; a run that was stopped goes on               `wegs train`
+cameras        photos without cameras become a scene                                       `wegs sfm`
+training       a scene becomes a trained run; a stopped run is resumed                     `wegs train`
 baking         the run in one look, named or read from a photo, becomes a file             `wegs bake`
-interpolating  a fade from one look to another becomes frames, and a .ply each on demand   `wegs interpolate`
+interpolating  a fade from one look to another becomes frames and, if wanted, .ply files   `wegs interpolate`
 evaluating     the run is measured against the photos that were held out                   `wegs eval`
 
 `wegs doctor` and `wegs bench` are in core.doctor and core.bench. No file has the name of a function: `core.pipeline.train` is the function.

@@ -33,8 +33,8 @@ def bake_to_file(
 ) -> Path:
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
-    prune: leave out what no training view shows. mask: of the photo that `word` names, white where it is to be used. with_sky: write the dome, too.
-    refine: refine the look of a photo whose camera is known or found.
+    prune: leave out what no training view would miss. mask: of the photo that `word` names, white where it is to be used. with_sky: write the dome,
+    too. refine: refine the look of a photo whose camera is known or can be found.
     Raises BadInput for a run, look, mask or output that cannot be used, BadSetting for a name that a saved look cannot have; DiskFull.
     """
     start = time.perf_counter()

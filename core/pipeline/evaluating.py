@@ -94,7 +94,7 @@ def _what_is_measured(trained: TrainedRun, photos: tuple[Photo, ...], protocol: 
 def _gathered(
     measured: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]], paths: dict[str, Path], work: Path | None
 ) -> tuple[tuple[ViewResult, ...], list[Row], float]:
-    """The figures of each photo, its row of the sheet, and the mean size of photos, 1 as on disk. work: where pictures are kept, if at all."""
+    """The figures of each photo, its row of the sheet, and the mean scale of the photos (1: as on disk). work: where to write pictures, if at all."""
     views, rows, scales = [], [], []
     for photo, (result, pictures) in measured:
         views.append(result)

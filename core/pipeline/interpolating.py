@@ -33,7 +33,7 @@ def interpolate(
 ) -> Path:
     """Fade from one look to another in `steps` frames (2 or more), seen by the camera of photo `view`; returns their folder.
 
-    The first and the last frame show the two looks themselves, bit for bit: nothing of them is interpolated. ply: write each look as a .ply, too.
+    The first and the last frame show the two looks themselves, bit for bit. ply: write each look as a .ply, too.
     refine: as in `bake_to_file`.
     Raises BadSetting for fewer steps and for an output with the suffix of a file, BadInput for a run, look, view or output that cannot be used;
     DiskFull.
@@ -63,7 +63,7 @@ def interpolate(
         write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))
         try:
             write_video(work / "video.mp4", frames)
-        except WegsError as problem:  # the frames took the time: they are kept
+        except WegsError as problem:  # the frames, which took the time, are kept
             report.warn(str(problem).replace(str(work), str(output)))
     files = [counted(steps, "frame"), "sheet.png"]
     if ply:
@@ -89,7 +89,7 @@ def _write_frames(trained: TrainedRun, ends: tuple[Look, Look], steps: int, came
 
 
 class _OnceEach(Report):
-    """Passes on the first line and the first warning about the files of a fade: those about the others differ in numbers alone."""
+    """Passes on only the first line and the first warning about the files of a fade: the others would differ in nothing but numbers."""
 
     def __init__(self, report: Report):
         self.report, self.has_said, self.has_warned = report, False, False

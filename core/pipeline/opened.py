@@ -1,4 +1,4 @@
-"""The run that a command works on: found, loaded, and told about where it is unfinished."""
+"""Finds and loads the run that a command works on, with a warning if it is unfinished or its files have changed."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ ONE_LOOK = "This run was trained without appearance: all its looks are one."
 
 
 def open_run(folder: Path | None, report: Report) -> TrainedRun:
-    """The run in `folder`, or the newest one for None, as of its last checkpoint; a warning if that is not its last step, or files have changed."""
+    """The run in `folder` (None: the newest) at its last checkpoint; warns if that is not its last step, or if files have changed."""
     trained = load_run(run_folders.find_run(folder))
     if trained.step < trained.settings.steps:
         stopped = f"was stopped; {checkpoint.how_to_go_on(trained.folder)} goes on"

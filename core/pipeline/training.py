@@ -38,7 +38,7 @@ def train(
     force: bool = False,
     masks: Path | None = None,
 ) -> Path:
-    """Train on the photos in `scene`; returns the run folder, which nothing is written into before the scene is read.
+    """Train on the photos in `scene`; returns the run folder, into which nothing is written before the scene has been read.
 
     Cameras or points that the scene lacks are made first (core.data.prepare), and kept beside the run for the next one.
     masks: a folder of pictures, white where the photo of that name is to be used (core.data.given_masks).
@@ -62,7 +62,7 @@ def train(
 
 
 def resume(folder: Path | None, report: Report = QUIET) -> Path:
-    """Go on with a stopped run (default: the newest), as if it had never stopped; a finished one is left as it is."""
+    """Continue a stopped run (default: the newest) as if it had never stopped; a finished one is left as it is."""
     folder = run_folders.find_run(folder)
     with held(folder):
         return _go_on(folder, report)
@@ -94,7 +94,7 @@ def _go_on(folder: Path, report: Report) -> Path:
 
 
 def _resume(trainer: Trainer, path: Path, before: Collection) -> None:
-    """Put the trainer where the checkpoint `path` was written. A function of its own, or the checkpoint would stay in memory through the training."""
+    """Bring the trainer to the state in the checkpoint `path`. In a function of its own, so that the checkpoint does not stay in memory."""
     saved = checkpoint.load(path)
     with checkpoint.fitting(path):
         decoded = {sized.photo.name for sized in trainer.photos}  # without those damaged since
@@ -133,7 +133,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
 
 
 def _write_results(trainer: Trainer, report: Report) -> None:
-    """Write what a finished training leaves to look at. The neutral look comes last: it marks the run as finished."""
+    """Write the results of a finished training. The neutral look comes last, because it marks the run as finished."""
     folder = trainer.folder
     trained = load_run(folder)
     neutral = run_folders.point_cloud_path(folder, trained.step)

@@ -1,4 +1,4 @@
-"""Trains and measures a run once: finished figures are read from a file, and a run that was killed goes on."""
+"""Trains and measures a run once: finished figures are read from a file, and a run that was killed is resumed."""
 
 import json
 import shutil
@@ -50,10 +50,10 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
 
 
 def with_split(scene: Path, table: Path, folder: Path) -> Path:
-    """A copy of `scene` that is split as the .tsv `table` says, for choices that no published figure may depend on.
+    """A copy of `scene` that is split as the .tsv `table` says: choices are made by another split than the one by which figures are published.
 
-    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput for what is no split table, and if a folder with another split is there, to which
-    older figures belong.
+    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput for what is no split table, and if such a folder exists with another split, to
+    which older figures belong.
     """
     read_split_table(table)
     made = folder / f"{scene.resolve().name}-{table.stem}"

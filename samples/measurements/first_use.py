@@ -1,4 +1,4 @@
-"""What a new user waits for: the kernels compiled once, then the first step of every later run."""
+"""How long a new user waits: for the kernels to be compiled, once, and for the first step of every later run."""
 
 import json
 import os

@@ -9,6 +9,7 @@ are replaced, so use a folder of its own for each preset. With several seeds the
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -48,12 +49,11 @@ def main(scene: Path, preset_name: str, resolution: int, output: Path, seeds: in
                 folder = output / f"{scene.resolve().name}-{folder_name(name)}-seed{seed}"
                 runs[name].append(measured(scene, settings, folder, protocols, terminal))
     write_json(output / f"{scene.resolve().name}.json", runs)
-    click.echo(table(runs))
+    click.echo(table(runs, protocols))
 
 
-def table(runs: dict[str, list[dict]]) -> str:
+def table(runs: dict[str, list[dict]], protocols: Sequence[str]) -> str:
     """Markdown: PSNR / SSIM / LPIPS against each truth there is, for the look as it is read and refined. runs: one entry a seed."""
-    protocols = list(next(iter(runs.values()))[0]["results"])
     against = list(runs["wegs"][0]["results"][protocols[0]]["means"])
     lines = [
         "| method | protocol | " + " | ".join(f"{name}: zero-shot | {name}: refined" for name in against)

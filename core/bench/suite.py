@@ -63,13 +63,14 @@ def bench(
     """Measure and draw the figures `names` (of FIGURES, in that order); each is written into `output` as soon as it is measured.
 
     They are of the run in `run_folder` or, without one, of all presets, which are trained now on `scene` or on the built-in scene.
+    force: replace figures that are there, or remove them where nothing can be drawn in their place.
     """
     if scene is not None and run_folder is not None:
         raise BadInput("A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is.")
     if scene is not None and set(names) == {"rendering"}:
         raise BadInput("Without --run, rendering is measured on the built-in scene alone.", "Leave SCENE out, or give a run with --run.")
-    renders_run = run_folder is not None and "rendering" in names
-    files.check_free(output, (*names, OF_RUN) if renders_run else names, force)
+    replaced = (*names, OF_RUN) if "rendering" in names else names
+    files.check_free(output, replaced, force)
     size = FULL if full else SMALL
     trained = None if run_folder is None else open_run(run_folder, report)  # fails now, not after minutes
     collection = None
@@ -101,6 +102,7 @@ def bench(
             finish(refinement_figure({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report))
     if not figures:
         raise BadInput("There was nothing to measure.", "Take another --only, or a run with looks.")
+    _remove_older(output, replaced, figures, report)
     return figures
 
 
@@ -123,11 +125,7 @@ def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, rep
             figures.append(refinement_figure(trained, protocols, FULL.photos, report))
         except BadInput as problem:  # for example if photos are gone, which the histories do not need
             report.warn(f"Nothing is drawn of the refinement: {problem}")
-    drawn = {figure.name for figure in figures}
-    if old := files.figure_files(folders[0] / CURVES, tuple(name for name in FIGURES if name not in drawn)):
-        for path in old:
-            path.unlink()
-        report.say(f"{folders[0] / CURVES}: removed {', '.join(path.name for path in old)}, of an earlier call")
+    _remove_older(folders[0] / CURVES, FIGURES, figures, report)
     for figure in figures:
         _keep(figure, folders[0] / CURVES, report)
     return figures
@@ -138,6 +136,15 @@ def _keep(figure: Figure, folder: Path, report: Report) -> None:
     paths = files.save(figure, folder)
     report.say(f"{folder}: {', '.join(path.name for path in paths)}")
     report.say("")
+
+
+def _remove_older(folder: Path, names: tuple[str, ...], figures: list[Figure], report: Report) -> None:
+    """Delete those of the figures `names` in the folder that were not drawn now: they may be of another run."""
+    drawn = {figure.name for figure in figures}
+    if old := files.figure_files(folder, tuple(name for name in names if name not in drawn)):
+        for path in old:
+            path.unlink()
+        report.say(f"{folder}: removed {', '.join(path.name for path in old)}, of an earlier call")
 
 
 def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: Collection | None, report: Report) -> tuple[str, ...]:

@@ -9,15 +9,15 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the work is split over processes instead
 
-import argparse
 import json
-import shutil
+import signal
 import sys
 from dataclasses import asdict
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
+import click
 import cv2
 import numpy as np
 from plaza_maker import shots
@@ -30,9 +30,17 @@ from plaza_maker.square import static_groups
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from core.errors import BadInput, BadSetting
+from core.system.atomic import filling
+from core.system.outputs import files_in
+from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
+SAMPLE = Path(__file__).resolve().parent / "plaza"
 TABLE = "plaza.tsv"  # of the photos and their splits
+PARTS = (TABLE, "dense", "styles", "truth")  # of a collection
+KINDS = "; ".join(f"{name}: {what}" for name, what in shots.VARIANTS.items())
+AT_LEAST_ONE = click.IntRange(min=1)
 STYLE_VIEWS = 3  # test views rendered in each style's light
 
 
@@ -88,8 +96,14 @@ def _record(shot: Shot, **more) -> dict:
     return {**more, "look": asdict(shot.look), "camera": camera}
 
 
-def make(output: Path, variant: str | None, times: int, grid: int, processes: int) -> None:
-    """Write the whole collection, or a variant of it, into a new folder."""
+def _leave_stops_to_the_parent() -> None:
+    """Ctrl-C reaches all processes of a terminal; the one that waits for these ends them, without pycolmap's words on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def make(output: Path, variant: str | None, times: int, grid: int, processes: int) -> str:
+    """Write the whole collection, or a variant of it, into an empty folder; returns what it holds, in words."""
     collection, test = shots.plan(times)
     styles = [] if variant else shots.styles()
     if variant:
@@ -101,7 +115,7 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
     extra += [partial(_clean, s, s.look, output, f"truth/clean/{s.name}.png", grid) for s in tested]
     extra += [partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central]
     results = []
-    with get_context("spawn").Pool(processes) as pool, Terminal() as terminal:
+    with get_context("spawn").Pool(processes, _leave_stops_to_the_parent) as pool, Terminal() as terminal:
         for result in pool.imap(_run, takes + extra):
             results.append(result)
             terminal.progress("Pictures", len(results), len(takes) + len(extra))
@@ -117,36 +131,25 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
         "styles": {shot.name: _record(shot) for shot in styles},
     }
     (output / "truth" / "looks.json").write_text(json.dumps(_rounded(record), separators=(",", ":")).replace('},"0', '},\n"0') + "\n")
-    print(f"{output}: {len(collection)} photos, {len(test)} of them test; {figures}")
+    return f"{len(collection)} photos, {len(test)} of them test; {figures}"
 
 
-def count(text: str) -> int:
-    """A whole number of at least 1, as the command line takes it."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text} is no whole number of at least 1")
-    return int(text)
-
-
-def main() -> None:
-    """The command line."""
-    parser = argparse.ArgumentParser(description="Make the plaza sample: photos, truth and COLMAP model.")
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "plaza", help="folder to write (default: samples/plaza)")
-    kinds = "; ".join(f"{name}: {what}" for name, what in shots.VARIANTS.items())
-    parser.add_argument("--variant", choices=shots.VARIANTS, help=f"{kinds}; needs --output")
-    parser.add_argument("--times", type=count, default=1, help="as many photos of each light as that (default: 1); needs --output")
-    parser.add_argument("--grid", type=count, default=2, help="sub-samples a pixel along each side (default: 2; 1 is a quick look)")
-    parser.add_argument("--processes", type=count, default=2, help="processes to work in (default: 2)")
-    parser.add_argument("--force", action="store_true", help="replace the folder if it holds such a collection")
-    given = parser.parse_args()
-    if (given.variant or given.times != 1) and given.output.resolve() == parser.get_default("output").resolve():
-        parser.error("this would replace the committed sample by another; name another folder with --output")
-    if given.output.exists():
-        if not (given.output / TABLE).is_file():
-            parser.error(f"{given.output} exists and is no collection made here; name another folder with --output")
-        if not given.force:
-            parser.error(f"{given.output} exists; --force replaces it")
-        shutil.rmtree(given.output)
-    make(given.output, given.variant, given.times, given.grid, given.processes)
+@click.command(cls=OneLineErrors)
+@click.option("--output", type=click.Path(path_type=Path), default=SAMPLE, show_default="samples/plaza", help="Folder to write.")
+@click.option("--variant", type=click.Choice(list(shots.VARIANTS)), help=f"{KINDS}; needs --output.")
+@click.option("--times", type=AT_LEAST_ONE, default=1, show_default=True, help="As many photos of each light as that; needs --output.")
+@click.option("--grid", type=AT_LEAST_ONE, default=2, show_default=True, help="Sub-samples a pixel along each side; 1 is a quick look.")
+@click.option("--processes", type=AT_LEAST_ONE, default=2, show_default=True, help="Processes to work in.")
+@click.option("--force", is_flag=True, help="Replace the folder if it holds such a collection.")
+def main(output: Path, variant: str | None, times: int, grid: int, processes: int, force: bool) -> None:
+    """Make the plaza sample: photos, truth and COLMAP model."""
+    if (variant or times != 1) and output.resolve() == SAMPLE:
+        raise BadSetting("This would replace the committed sample by another.", "Name another folder with --output.")
+    if output.is_dir() and files_in(output) and not (output / TABLE).is_file():
+        raise BadInput(f"{output} is no collection made here.", "Name another folder with --output.")
+    with filling(output, PARTS, force) as work:
+        made = make(work, variant, times, grid, processes)
+    click.echo(f"{output}: {made}")
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
 """The committed sample is complete, of one piece with its truth, and as hard as it says it is."""
 
 import csv
-import subprocess
-import sys
+import importlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pycolmap
 import pytest
+from click.testing import CliRunner
 
 PLAZA = Path(__file__).parent.parent / "samples" / "plaza"
 LARGEST_BYTES = 4_000_000  # a clone should stay quick
@@ -113,11 +113,36 @@ def test_points_project_to_where_they_were_seen(model):
     assert np.quantile(errors, 0.99) < 4
 
 
-def test_a_folder_of_other_files_is_not_replaced(tmp_path):
+@pytest.fixture
+def maker(monkeypatch):
+    """The script that made the sample."""
+    monkeypatch.syspath_prepend(PLAZA.parent)
+    return importlib.import_module("samples.make_plaza")
+
+
+def test_a_folder_of_other_files_is_not_replaced(tmp_path, maker):
     (tmp_path / "mine.txt").write_text("precious")
-    making = [sys.executable, str(PLAZA.parent / "make_plaza.py"), "--variant", "calm", "--output", str(tmp_path), "--force"]
-    told = subprocess.run(making, capture_output=True, text=True, check=False)
-    assert told.returncode == 2 and "is no collection made here" in told.stderr
-    told = subprocess.run([*making, "--times", "0"], capture_output=True, text=True, check=False)
-    assert told.returncode == 2 and "argument --times: 0 is no whole number of at least 1" in told.stderr
+    making = ["--variant", "calm", "--output", str(tmp_path), "--force"]
+    told = CliRunner().invoke(maker.main, making)
+    assert told.exit_code == 1 and "is no collection made here" in told.stderr
+    told = CliRunner().invoke(maker.main, [*making, "--times", "0"])
+    assert told.exit_code == 2 and "0 is not in the range x>=1" in told.stderr
+    told = CliRunner().invoke(maker.main, ["--variant", "calm", "--force"])
+    assert told.exit_code == 1 and "would replace the committed sample" in told.stderr
     assert (tmp_path / "mine.txt").read_text() == "precious"
+
+
+def test_a_collection_is_replaced_only_by_a_whole_one(tmp_path, maker, monkeypatch):
+    def stopped(output: Path, *_) -> None:
+        (output / "dense").mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(maker, "make", stopped)
+    old, new = tmp_path / "old", tmp_path / "new"
+    old.mkdir()
+    (old / maker.TABLE).write_text("made before")
+    told = CliRunner().invoke(maker.main, ["--variant", "calm", "--output", str(old)])
+    assert told.exit_code == 1 and "Add --force" in told.stderr
+    for output in old, new:
+        assert CliRunner().invoke(maker.main, ["--variant", "calm", "--output", str(output), "--force"]).exit_code == 130
+    assert [path.relative_to(tmp_path) for path in tmp_path.rglob("*")] == [Path("old"), Path("old", maker.TABLE)]

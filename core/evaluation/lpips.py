@@ -7,6 +7,7 @@ as pickled numpy arrays. The package itself is never imported, so JAX is not nee
 import io
 import pickle
 from importlib.util import find_spec
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +87,11 @@ def load() -> Lpips | None:
         return None
     data = path.read_bytes()
     try:
-        return Lpips(_ArraysOnly(io.BytesIO(data)).load()).eval()
+        distance = Lpips(_ArraysOnly(io.BytesIO(data)).load()).eval()
+        black = torch.zeros(SMALLEST_PX, SMALLEST_PX, 3)
+        if not isfinite(distance(black, black + 1)):
+            raise ValueError("they hold NaN or Inf")
+        return distance
     except Exception as problem:  # noqa: BLE001 - damaged data may raise anything, says the manual of pickle
         raise BadInput(
             f"{path} does not hold the weights of LPIPS ({problem!r}).",

@@ -77,11 +77,26 @@ class RunsCode:
 FLAT_KERNEL = {"AlexNet_0": {"Conv_0": {"kernel": np.zeros((3, 3), np.float32)}}}
 
 
-@pytest.mark.parametrize(
-    "content",
-    [pickle.dumps(RunsCode()), pickle.dumps({"AlexNet_0": {}}), pickle.dumps(FLAT_KERNEL), b"", b"no pickle", b"\x8e" + 8 * b"\x7f"],
-    ids=["runs code", "no layers", "flat kernel", "empty", "no pickle", "a string of exabytes"],
-)
+def spoilt(name: str, array: np.ndarray) -> bytes:
+    """The made weights with another array in the second layer."""
+    weights = made_weights()
+    weights[lpips.KEY]["Conv_1"][name] = array
+    return pickle.dumps(weights)
+
+
+DAMAGED = {
+    "runs code": pickle.dumps(RunsCode()),
+    "no layers": pickle.dumps({"AlexNet_0": {}}),
+    "flat kernel": pickle.dumps(FLAT_KERNEL),
+    "a kernel of too few channels": spoilt("kernel", np.zeros((5, 5, 10, 192))),
+    "NaN": spoilt("bias", np.full(192, np.nan)),
+    "empty": b"",
+    "no pickle": b"no pickle",
+    "a string of exabytes": b"\x8e" + 8 * b"\x7f",
+}
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
 def test_files_that_are_no_weights_are_refused_and_run_nothing(package, content, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (package / "weights" / "alexnet.ckpt").write_bytes(content)

@@ -4,14 +4,12 @@ Imports no torch, so that `wegs --help` answers at once.
 """
 
 import difflib
-import sys
-from dataclasses import Field, asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from core.errors import BadSetting
+from core.setting import AUTO, UNDECIDED, checked, setting
 
-AUTO = "auto"  # decided before training: DECIDABLE ones by core.training.decisions, others where they are used
-UNDECIDED = -1  # the same, for a setting that is a number
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels per photo at -r auto: what a step can afford there
 LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
 # 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left) and Liberty (65 left),
@@ -32,24 +30,6 @@ def budget(photos: int, pixels: int) -> dict[str, int]:
     steps = max(min(STEPS_PER_PHOTO * photos, STEPS_FOR_FEW), STEPS_PER_PHOTO_OF_MANY * photos)
     wanted = {"steps": steps, "max_gaussians": max(pixels // PIXELS_PER_GAUSSIAN, GAUSSIANS_PER_PHOTO * photos)}
     return {name: max(least, wanted[name]) for name, least in LEAST.items()}
-
-
-def setting(
-    default: Any,
-    help: str,
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    choices: tuple = (),
-    auto: bool = False,
-    section: str = "",
-) -> Any:
-    """A field of Settings: its default, its help, and the values it accepts.
-
-    auto: a number may be UNDECIDED as well. section: the heading, in lists of settings, of this one and those that follow.
-    """
-    rules = {"help": help, "low": low, "high": high, "choices": choices, "auto": auto, "section": section}
-    return field(default=default, metadata=rules)
 
 
 @dataclass(frozen=True)
@@ -262,44 +242,6 @@ def no_setting(name: str) -> BadSetting:
     begin_so = [known for known in FIELDS if name and known.startswith(name.lower())]
     near = difflib.get_close_matches(name.lower(), FIELDS, n=1) or begin_so
     return BadSetting(f"There is no setting {name!r}.", f"Did you mean {', '.join(near)}?" if near else "`wegs train --help` lists them.")
-
-
-KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}
-
-
-def accepted(item: Field) -> str:
-    """What to give for the Settings field `item`, in a sentence."""
-    rules = item.metadata
-    if choices := ("true", "false") if item.type is bool else rules["choices"]:
-        return f"Choose one of: {', '.join(choices)}."
-    span = f"of at least {rules['low']}" if rules["high"] is None else f"from {rules['low']} to {rules['high']}"
-    return f"Give one {span}{f', or {AUTO}' if rules['auto'] else ''}."
-
-
-def wrong_kind(item: Field, text: str) -> BadSetting:
-    """The error for a value of another type than the Settings field `item` has, written as `text`."""
-    return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", accepted(item))
-
-
-def checked(item: Field, value: Any) -> Any:
-    """`value`, as a float where the Settings field `item` is one: whole numbers are taken for it. BadSetting for another type or beyond its range."""
-    rules = item.metadata
-    good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))
-    if item.type is float:
-        good = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    if not good:
-        raise wrong_kind(item, repr(value))
-    if rules["auto"] and value == UNDECIDED:
-        return UNDECIDED
-    if rules["choices"] and value not in rules["choices"]:
-        fault = "not a choice"
-    elif rules["low"] is not None and value < rules["low"]:
-        fault = "too small"
-    elif rules["high"] is not None and value > rules["high"]:
-        fault = "too large"
-    else:
-        return item.type(value)
-    raise BadSetting(f"{item.name}={value!r} is {fault}.", accepted(item))
 
 
 DECIDABLE = (  # what may be left to the data

@@ -10,8 +10,9 @@ from typing import Any
 
 import click
 
-from core.config import AUTO, FIELDS, PRESETS, UNDECIDED, Settings, checked, no_setting, preset, wrong_kind
+from core.config import FIELDS, PRESETS, Settings, no_setting, preset
 from core.errors import BadInput, BadSetting
+from core.setting import AUTO, UNDECIDED, checked, wrong_kind
 
 # Settings that have an option of their own; --set and --config reach all of them.
 FLAGS = (

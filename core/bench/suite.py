@@ -11,7 +11,7 @@ from core.bench.figure import Figure
 from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
 from core.bench.training import Course, checks, training_figure
-from core.config import LEAST, PRESETS, UNDECIDED, Settings, preset
+from core.config import LEAST, PRESETS, Settings, preset
 from core.data.collection import Collection, spread_over
 from core.data.made import CURVES, scene_beside
 from core.data.prepare import prepared
@@ -20,6 +20,7 @@ from core.evaluation import PROTOCOLS
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.pipeline.opened import open_run
 from core.report import Report
+from core.setting import UNDECIDED
 from core.system.atomic import room_in, scratch
 from core.training.on_disk import run_folders
 from core.training.trainer import Trainer

@@ -8,9 +8,9 @@ of many looks     shares
 
 from importlib import import_module
 
-from core.config import AUTO
 from core.errors import BadSetting
 from core.rasterizer.contract import BLACK, Colour, Rasterizer, Visible
+from core.setting import AUTO
 
 # Imported only when asked for: Numba and Triton are slow to load.
 BACKENDS = {

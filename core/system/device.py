@@ -8,8 +8,8 @@ from subprocess import SubprocessError
 import torch
 from torch import Tensor
 
-from core.config import AUTO
 from core.errors import BadSetting
+from core.setting import AUTO
 
 CPU = torch.device("cpu")
 

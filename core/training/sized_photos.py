@@ -13,13 +13,14 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.appearance.encoder import mask_size, shrink
-from core.config import AUTO_PIXELS, UNDECIDED, Settings
+from core.config import AUTO_PIXELS, Settings
 from core.data.collection import Photo
 from core.data.photos.file import fault_of
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput, BadSetting
 from core.report import QUIET, Report
 from core.scene.camera import Camera
+from core.setting import UNDECIDED
 from core.system import memory
 from core.system.device import CPU
 from core.system.threads import in_parallel, threads

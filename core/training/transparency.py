@@ -1,7 +1,8 @@
 """What the transparent pixels of a scene's photos say: that the scene is empty there, or that nobody saw it."""
 
-from core.config import AUTO, Settings
+from core.config import Settings
 from core.data.collection import Collection
+from core.setting import AUTO
 
 EMPTY_IN = ("blender",)  # kinds of collections whose transparent pixels are empty; in all others nobody saw what is there
 

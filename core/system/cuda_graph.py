@@ -71,12 +71,20 @@ class Recorder:
         try:
             result = work()
         except BaseException:
-            with suppress(RuntimeError):  # which would hide the first
-                graph.capture_end()
+            self._abandon(graph)
             raise
         graph.capture_end()
         self.last = graph
         return Recording(graph, result)
+
+    def _abandon(self, graph: torch.cuda.CUDAGraph) -> None:
+        """End a recording whose work failed. While a stream beside is still in it, CUDA refuses, and torch would never give its memory back."""
+        with suppress(RuntimeError):  # which would hide why the work failed
+            for other in self.others:
+                other.wait_stream(self.stream)  # now it is in the recording, if it was not before; else nothing could wait for it
+                self.stream.wait_stream(other)
+        with suppress(RuntimeError):
+            graph.capture_end()
 
 
 class Recording(Generic[Result]):

@@ -40,7 +40,7 @@ class StepperOnGpu(Stepper):
     ran: set[bool] = field(default_factory=set)
     recordings: dict[bool, tuple[Recording[tuple[Reading, Tensor]], StepInputs]] = field(default_factory=dict)
     recorder: Recorder | None = None
-    records: bool = True  # False once the GPU's memory did not suffice for a recording
+    records: bool = True  # False once the GPU's memory did not suffice for a recording, or beside one
 
     def forget(self) -> None:
         self.room = None
@@ -71,10 +71,7 @@ class StepperOnGpu(Stepper):
             self._make_room(len(visible.rows), visible.known.pairs, inputs.view.device)
         has_transient_loss = self.objective.has_transient_loss(moment)
         while True:
-            if has_transient_loss in self.ran and self._can_be_replayed(inputs):
-                reading, facts = self._replay(has_transient_loss, gaussians, inputs, moment)
-            else:
-                reading, facts = self._learn(gaussians, inputs, moment)
+            reading, facts = self._replay_or_run(has_transient_loss, gaussians, inputs, moment)
             self.ran.add(has_transient_loss)
             meanwhile()
             *facts, shown, pairs = facts.cpu().tolist()
@@ -107,15 +104,23 @@ class StepperOnGpu(Stepper):
         tables = self.model.embedding_table is not None or self.settings.mask == "mlp"
         return self.recorder is not None and self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
 
+    def _replay_or_run(self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+        """Take the step. A recording keeps the memory that it works in: where too little is left beside, this step and all later ones are run."""
+        replays = has_transient_loss in self.ran and self._can_be_replayed(inputs)
+        try:
+            return self._replay(has_transient_loss, gaussians, inputs, moment) if replays else self._learn(gaussians, inputs, moment)
+        except torch.OutOfMemoryError:
+            if not (replays or self.recordings):
+                raise
+        # Not above: until its handler ends, the exception keeps all that the failed attempt made.
+        self.records = False
+        self._drop_recordings()
+        return self._learn(gaussians, inputs, moment)
+
     def _replay(self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
         if has_transient_loss not in self.recordings:
-            try:
-                own = deepcopy(inputs)
-                self.recordings[has_transient_loss] = self.recorder.record(lambda: self._learn(gaussians, own, moment)), own
-            except torch.OutOfMemoryError:  # a recording keeps the memory that it works in
-                self.records = False
-                self._drop_recordings()
-                return self._learn(gaussians, inputs, moment)
+            own = deepcopy(inputs)
+            self.recordings[has_transient_loss] = self.recorder.record(lambda: self._learn(gaussians, own, moment)), own
         recording, own = self.recordings[has_transient_loss]
         copies: dict[torch.dtype, list[tuple[Tensor, Tensor]]] = {}
         for pair in zip(own.tensors, inputs.tensors, strict=True):

@@ -38,12 +38,20 @@ def test_work_beside_other_work_is_recorded_with_it():
 
 
 def test_work_that_fails_while_it_is_recorded_says_why_and_later_work_goes_on():
+    """With its memory, and wherever it failed: there was work beside it."""
+    recorder, most = Recorder(), 1 << 28
+
     def fails():
         torch.ones(3, device="cuda").add_(1)
+        recorder.beside(lambda: torch.ones(most, dtype=torch.uint8, device="cuda"))
         raise ZeroDivisionError
 
-    recorder = Recorder()
+    torch.cuda.empty_cache()
+    before = torch.cuda.memory_reserved()
     with recorder.at_work():
         with pytest.raises(ZeroDivisionError):
             recorder.record(fails)
         assert torch.ones(3, device="cuda").sum().item() == 3
+        torch.cuda.empty_cache()
+        assert torch.cuda.memory_reserved() < before + most / 2
+        assert recorder.record(partial(torch.ones, 3, device="cuda")).replay().sum().item() == 3

@@ -1,8 +1,10 @@
 """What a training step asks of a GPU: how often the host waits for it, and how many kernels it starts."""
 
+import weakref
 from contextlib import nullcontext
 from importlib import import_module
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 import torch
@@ -94,10 +96,10 @@ def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
 class Again:
     """Stands for a Recorder: where a GPU would replay, it does the work again, on the tensors and Python numbers that it was recorded with.
 
-    full: whether memory is too short to record. recorded: how many recordings were made.
+    full: whether memory is too short to record. recorded: how many recordings were made. attempt: of the recording that failed, what it made.
     """
 
-    full, recorded = False, 0
+    full, recorded, attempt = False, 0, None
 
     beside = staticmethod(beside)
 
@@ -109,6 +111,8 @@ class Again:
 
     def record(self, work):
         if self.full:
+            made = torch.zeros(())
+            Again.attempt = weakref.ref(made)
             raise torch.OutOfMemoryError("CUDA out of memory.")
         Again.recorded += 1
         return SimpleNamespace(replay=work)
@@ -122,6 +126,7 @@ def records(monkeypatch):
     monkeypatch.setattr(step_cuda, "can_record", lambda device: True)
     monkeypatch.setattr(step_cuda, "Recorder", Again)
     monkeypatch.setattr(Again, "recorded", 0)
+    monkeypatch.setattr(Again, "attempt", None)
 
 
 @pytest.mark.parametrize(
@@ -155,9 +160,37 @@ def test_steps_whose_rows_the_host_chooses_are_not_replayed(losses_on_cpu, train
 
 @pytest.mark.usefixtures("records")
 def test_where_memory_does_not_suffice_to_record_a_step_all_are_run(losses_on_cpu, trainer, monkeypatch):
+    """And the failed attempt keeps none of the memory."""
     monkeypatch.setattr(Again, "full", True)
+    honest = trainer.stepper._learn
+    freed = []
+
+    def learn(*given):
+        freed.append(Again.attempt is None or Again.attempt() is None)
+        return honest(*given)
+
+    monkeypatch.setattr(trainer.stepper, "_learn", learn)
     assert [trainer.step().loss for _ in range(STEPS)] == pytest.approx(losses_on_cpu, abs=1e-5)
-    assert not trainer.stepper.records
+    assert not trainer.stepper.records and Again.attempt is not None and all(freed)
+
+
+@pytest.mark.usefixtures("records")
+def test_where_memory_does_not_suffice_beside_a_recording_all_steps_are_run(losses_on_cpu, trainer, monkeypatch):
+    """Such as for the first step of another kind."""
+    stepper, honest = trainer.stepper, trainer.stepper._learn
+
+    def learn(gaussians, inputs, moment):
+        if stepper.recordings and stepper.objective.has_transient_loss(moment):
+            raise torch.OutOfMemoryError("CUDA out of memory.")
+        return honest(gaussians, inputs, moment)
+
+    monkeypatch.setattr(stepper, "_learn", learn)
+    assert [trainer.step().loss for _ in range(STEPS)] == pytest.approx(losses_on_cpu, abs=2e-5)
+    assert Again.recorded == 1 and not stepper.records and not stepper.recordings
+    monkeypatch.setattr(stepper, "_learn", Mock(side_effect=torch.OutOfMemoryError("CUDA out of memory.")))
+    with pytest.raises(torch.OutOfMemoryError):
+        trainer.step()
+    assert stepper._learn.call_count == 1  # where nothing is recorded, nothing could be gained
 
 
 @pytest.mark.parametrize(

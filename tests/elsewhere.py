@@ -117,12 +117,15 @@ def note(work: Work, function, args, kwargs, comes: bool, goes: bool) -> None:
 
 @contextmanager
 def kernels():
-    """Inside, Triton's interpreter runs kernels on the numbers that are kept."""
+    """Inside, Triton's interpreter runs kernels on the numbers that are kept; a GPU could not reach those of another tensor."""
     from triton.runtime.interpreter import GridExecutor
 
     original = GridExecutor.__call__
 
     def launch(self, *args, **kwargs):
+        left = [leaf for leaf in tree_flatten(args)[0] if isinstance(leaf, Tensor) and not isinstance(leaf, Elsewhere)]
+        if left:
+            raise MixedDevices(f"{self.fn.__name__} got {[tuple(leaf.shape) for leaf in left]} on the CPU.")
         for work in _watching:
             work.triton[self.fn.__name__] += 1
             work.launches[self.fn.__name__] += 1

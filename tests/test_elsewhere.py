@@ -12,17 +12,21 @@ import torch
 
 import core.rasterizer
 from core import pipeline
+from core.bench.baking import baking_figure
+from core.bench.refinement import refinement_figure
 from core.evaluation import lpips
 from core.evaluation.lpips import Lpips
 from core.looks.trained import load_run
+from core.report import QUIET
 from core.system import device
+from core.training import decisions
 from core.training.gaussians import densify, gaussians
 from core.training.gaussians.adam import plain_adam_rows
 from tests.elsewhere import DEVICE, Elsewhere, MixedDevices, elsewhere
 from tests.evaluation.test_lpips import made_weights
 from tests.heard import Heard, StopsAtStep
 from tests.rasterizer.backends import Moving
-from tests.small import small_scene, small_settings
+from tests.small import HEIGHT, WIDTH, small_scene, small_settings
 
 # Not so: tests.elsewhere copies the numbers.
 pytestmark = pytest.mark.filterwarnings("ignore:for .* copying from a non-meta parameter")
@@ -55,7 +59,8 @@ def scene(tmp_path, monkeypatch):
 
 
 def test_the_whole_story(scene, tmp_path, monkeypatch):
-    """With growth, pruning, masks, L_regTS and the checks of held-out quality."""
+    """With growth, pruning, masks, L_regTS, the removal of passers-by and the checks of held-out quality."""
+    monkeypatch.setattr(decisions, "FEWEST_FOR_MASKS", 0)
     settings = small_settings(steps=12, mask_start=0.0, mask_apply=0.0)
     with pytest.raises(KeyboardInterrupt):
         pipeline.train(scene, settings, tmp_path / "run", StopsAtStep(5))
@@ -76,6 +81,12 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
     monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 2)
     scores = pipeline.evaluate(folder, protocol="full").views[0].scores["photo"]
     assert scores["refined"].lpips > 0 and scores["refined"].psnr >= scores["zero_shot"].psnr - 0.1  # L1 is refined
+    pipeline.evaluate(folder, protocol="half")
+    cv2.imwrite(str(tmp_path / "mask.png"), np.tile(np.uint8([0, 255]), (HEIGHT, WIDTH // 2)))
+    pipeline.bake_to_file(folder, "photo_2.png", tmp_path / "masked.ply", mask=tmp_path / "mask.png")
+    monkeypatch.setattr("core.bench.baking.SHARES", (0.3,))
+    assert baking_figure(run, views=1, report=QUIET, budget=0.0).points
+    assert refinement_figure({"run": run}, ("half",), photos=1, report=QUIET).points
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from core.training.losses.photometric import Target
 from core.training.on_disk import checkpoint
 from core.training.schedule import SHRINK_FACTORS
 from core.training.trainer import Trainer
-from tests.elsewhere import DEVICE, elsewhere, kernels, watched
+from tests.elsewhere import DEVICE, MixedDevices, elsewhere, kernels, watched
 from tests.small import small_collection, small_settings
 
 pytest.importorskip("triton", reason="Triton is not installed")
@@ -227,6 +227,15 @@ def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
         assert torch.equal(tensor, state[name].cpu()), name
     monkeypatch.setattr(trainer.objective, "picture", honest)
     assert trainer.step().messages == ()
+
+
+def test_a_kernel_that_is_given_a_tensor_left_behind_is_found():
+    from core.appearance.positional_encoding_cuda import encoded_places
+
+    with elsewhere(), kernels():
+        assert encoded_places(torch.rand(2, 3).to(DEVICE), 1).device == DEVICE
+        with pytest.raises(MixedDevices, match="encode_places got .* on the CPU"):
+            encoded_places(torch.rand(2, 3), 1)
 
 
 def test_a_photo_is_laid_over_a_colour_without_waiting():

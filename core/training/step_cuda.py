@@ -68,7 +68,7 @@ class StepperOnGpu(Stepper):
             self._drop_recordings()
         if self.room is None:
             visible = self.rasterizer.visible(gaussians.splats, moment.camera)
-            self._make_room(len(visible.rows), visible.known.pairs, inputs.view.device)
+            self._make_room(gaussians, len(visible.rows), visible.known.pairs)
         has_transient_loss = self.objective.has_transient_loss(moment)
         while True:
             reading, facts = self._replay_or_run(has_transient_loss, gaussians, inputs, moment)
@@ -77,15 +77,16 @@ class StepperOnGpu(Stepper):
             *facts, shown, pairs = facts.cpu().tolist()
             if shown <= self.room.gaussians and pairs <= self.room.pairs:
                 return reading, StepFacts(*facts)
-            self._make_room(shown, pairs, inputs.view.device)
+            self._make_room(gaussians, shown, pairs)
 
     def _situation(self, inputs: StepInputs, moment: Moment) -> tuple:
         """What decides which kernels a step launches, beside the Gaussians and their room."""
         return inputs.encoder_input.shape, inputs.target.planes.shape, inputs.gain is None, schedule.begun(self.settings, moment.progress)
 
-    def _make_room(self, shown: float, pairs: float, device: torch.device) -> None:
-        most_pairs = memory_budget(device) // BYTES_PER_PAIR
-        self.room = Room(math.ceil(MORE_GAUSSIANS * shown), int(max(pairs, min(math.ceil(MORE_PAIRS * pairs), most_pairs))))
+    def _make_room(self, gaussians: Gaussians, shown: float, pairs: float) -> None:
+        most_pairs = memory_budget(gaussians.counts.device) // BYTES_PER_PAIR
+        rows = min(math.ceil(MORE_GAUSSIANS * shown), len(gaussians))
+        self.room = Room(rows, int(max(pairs, min(math.ceil(MORE_PAIRS * pairs), most_pairs))))
         self._drop_recordings()
 
     def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> InView:

@@ -91,6 +91,7 @@ def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
         losses.append(trainer.step().loss)
     # Losses of order 0.1 over a hundred pixels of one picture, each good to 1e-6; a few steps of Adam keep that.
     assert losses == pytest.approx(losses_on_cpu, abs=1e-5)
+    assert trainer.stepper.room.gaussians <= len(trainer.gaussians)  # of more, kernels could not count as many as there may be
 
 
 class Again:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from core.appearance.model import Reading
+from core.errors import as_out_of_memory
 from core.rasterizer.cuda.backend import BYTES_PER_PAIR, Room, memory_budget
 from core.system.cuda_graph import Recorder, Recording, can_record
 from core.training import schedule
@@ -110,8 +111,8 @@ class StepperOnGpu(Stepper):
         replays = has_transient_loss in self.ran and self._can_be_replayed(inputs)
         try:
             return self._replay(has_transient_loss, gaussians, inputs, moment) if replays else self._learn(gaussians, inputs, moment)
-        except torch.OutOfMemoryError:
-            if not (replays or self.recordings):
+        except RuntimeError as problem:  # torch's own for it, or CUDA's
+            if as_out_of_memory(problem) is None or not (replays or self.recordings):
                 raise
         # Not above: until its handler ends, the exception keeps all that the failed attempt made.
         self.records = False

@@ -114,7 +114,7 @@ class Again:
         if self.full:
             made = torch.zeros(())
             Again.attempt = weakref.ref(made)
-            raise torch.OutOfMemoryError("CUDA out of memory.")
+            raise RuntimeError("CUDA error: out of memory")  # of making a graph of what was recorded
         Again.recorded += 1
         return SimpleNamespace(replay=work)
 

@@ -166,3 +166,4 @@ def large(photo):
 def test_out_of_memory_elsewhere_is_one_line():
     line, code = explain(torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB."))
     assert (code, line.split(".")[0]) == (1, "The memory of the GPU ran out")
+    assert "set CUDA_VISIBLE_DEVICES=-1" in line  # which every command heeds

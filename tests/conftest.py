@@ -26,3 +26,5 @@ if not torch.cuda.is_available():
 def same_conditions():
     torch.set_num_threads(2)
     torch.manual_seed(0)
+    yield
+    torch.set_num_threads(2)  # before fixtures of the next module, too

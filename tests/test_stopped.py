@@ -18,6 +18,7 @@ from core.training.interrupt import HANG_UP
 from core.training.on_disk import checkpoint, history, mask_files, run_folders
 from core.training.rescue import saved_if_room_runs_out
 from core.training.trainer import Trainer
+from tests.failing import failing
 from tests.heard import Heard, StopsAtStep
 from tests.small import HEIGHT, WIDTH, small_collection, small_scene, small_settings
 
@@ -46,12 +47,8 @@ def test_where_memory_runs_out_a_checkpoint_is_kept(tmp_path, monkeypatch, where
     trainer = Trainer(small_collection(tmp_path), small_settings(steps=8, checkpoints=1), tmp_path)
     steps = trainer.train()
     next(steps)
-
-    def too_large(*_, **__):
-        raise problem
-
     with monkeypatch.context() as patch, pytest.raises(TrainingStopped, match=said), saved_if_room_runs_out(trainer):
-        patch.setattr(trainer.rasterizer, "render", too_large, raising=False)
+        patch.setattr(trainer.rasterizer, "render", failing(problem), raising=False)
         list(steps)
     saved = checkpoint.load(checkpoint.newest(tmp_path))
     assert saved.facts["step"] == 1
@@ -82,10 +79,7 @@ def test_a_step_that_cannot_be_recorded_is_kept(scene, tmp_path):
 
 
 def test_a_disk_that_is_full_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
-    def full(*_):
-        raise disk_full("preview.png")
-
-    monkeypatch.setattr(training, "write_preview", full)
+    monkeypatch.setattr(training, "write_preview", failing(disk_full("preview.png")))
     said = "preview.png was not written. All steps are kept. Free some space, then type: wegs train --resume -o"
     with pytest.raises(DiskFull, match=said):
         pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
@@ -111,11 +105,8 @@ def test_a_closed_terminal_keeps_the_step_and_is_a_stop(scene, tmp_path):
 
 
 def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
-        patch.setattr(mask_files, "write_masks", interrupted)
+        patch.setattr(mask_files, "write_masks", failing(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt, match="All steps are kept; finish with: wegs train --resume -o"):
             pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
     assert not (tmp_path / "run" / CLOUD).exists()

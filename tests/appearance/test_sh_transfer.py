@@ -12,13 +12,6 @@ from core.system.threads import threads_for_blocks
 from tests.small import whole_settings
 
 
-@pytest.fixture(autouse=True)
-def threads_put_back():
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-
-
 def transfer_of(**changes) -> SHTransfer:
     """A transfer whose last layer is awake, so that gradients of every layer count."""
     torch.manual_seed(3)

@@ -15,7 +15,6 @@ def colours_of(splats, directions):
 
 
 def test_every_colour_is_multiplied_by_its_gain():
-    torch.manual_seed(0)
     splats = splats_of(30)
     tone = torch.tensor([[0.5, 1.2, 0.0], [0.02, 1.0, 1.4]])
     directions = torch.nn.functional.normalize(torch.randn(len(splats), 3), dim=1)

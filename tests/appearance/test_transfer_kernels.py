@@ -1,9 +1,7 @@
 """The matrix product of the SH transfer's kernels, and what the compiler makes of them. Values and gradients: test_sh_transfer."""
 
-import platform
 import re
 
-import llvmlite.binding
 import numpy as np
 import pytest
 import torch
@@ -11,7 +9,7 @@ import torch
 from core.appearance.matrix_product import ANY, ZERO, has_avx512, multiply
 from core.appearance.sh_transfer import SHTransfer, TransferInput
 from core.appearance.transfer_kernels import differentiate_hidden, differentiate_output, evaluate
-from tests.afresh import afresh
+from tests.afresh import afresh, assembly_of
 from tests.small import whole_settings
 
 multiplied = afresh(multiply)
@@ -47,12 +45,8 @@ def test_a_relu_keeps_what_is_not_a_number():
 
 @pytest.mark.parametrize("kernel", [evaluate, differentiate_output, differentiate_hidden], ids=["forward", "output", "hidden"])
 def test_kernels_use_wide_registers(kernel):
-    """A product whose vectors were lost is right and eight times as slow; nothing but the assembly tells."""
-    features = llvmlite.binding.get_host_cpu_features()
-    if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
-        pytest.skip("says something of AVX2 only")
     transfer = SHTransfer(whole_settings(sh_degree=1))
     transfer(TransferInput(torch.zeros(2, 4, 3), torch.zeros(2, 3)), torch.zeros(16)).sum().backward()
-    (assembly,) = afresh(kernel, kernel.signatures[0]).inspect_asm().values()
+    assembly = assembly_of(kernel, kernel.signatures[0])
     register = "zmm" if has_avx512() else "ymm"
     assert len(re.findall(rf"vfmadd\d+ps\s.*%{register}", assembly)) >= 8

@@ -17,6 +17,7 @@ from core.bench import files
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.errors import BadInput, BadSetting
 from core.report import Report
+from tests.failing import failing
 from tests.test_layers import ROOT
 
 WORK = Quantity("seconds", "s", "log")
@@ -109,9 +110,7 @@ def test_csv_and_json_hold_the_points_the_fronts_and_the_machine(tmp_path):
 
 
 def test_a_part_of_a_figure_is_not_left_in_the_way(tmp_path, monkeypatch):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
+    interrupt = failing(KeyboardInterrupt)
     made = figure(*POINTS)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(files, "draw_png", interrupt)

@@ -19,6 +19,7 @@ from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
 from core.report import Report
 from core.system import lock
+from tests.failing import failing
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
@@ -157,12 +158,8 @@ def test_without_checks_on_the_way_the_rest_is_measured(small_run, tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, monkeypatch):
     """The system may say that root can write where nobody can, as in /proc."""
-
-    def nowhere(self, *_, **__):
-        raise FileNotFoundError(2, "No such file or directory")
-
     monkeypatch.setattr(suite, "_fixed_rendering", lambda *_: pytest.fail("it was measured first"))
-    monkeypatch.setattr(Path, "mkdir", nowhere)
+    monkeypatch.setattr(Path, "mkdir", failing(FileNotFoundError(2, "No such file or directory")))
     with pytest.raises(BadInput, match="out could not be made: No such file or directory. Choose another -o"):
         suite.bench(None, None, ("rendering",), False, tmp_path / "out", Report())
 
@@ -209,9 +206,6 @@ def test_the_built_in_collection_is_the_same_every_time_and_shows_different_ligh
 
 
 def test_a_machine_that_does_not_name_its_processor_is_still_described(monkeypatch):
-    def nothing(*_, **__):
-        raise OSError
-
-    monkeypatch.setattr(machine.Path, "read_text", nothing)
+    monkeypatch.setattr(machine.Path, "read_text", failing(OSError))
     assert machine.cpu_model()
     assert machine._version("no-such-package") == "unknown"

@@ -11,6 +11,7 @@ from core.bench import FIGURES, suite
 from core.config import Settings, preset
 from core.errors import BadInput
 from core.report import Report
+from tests.failing import failing
 from wegs_cli.main import wegs
 
 
@@ -131,9 +132,6 @@ def test_several_runs_are_measured_one_at_a_time(asked):
 
 
 def test_an_error_of_the_pipeline_is_one_line(monkeypatch):
-    def fail(*_, **__):
-        raise BadInput("There is no folder plaza.", "Give another.")
-
-    monkeypatch.setattr(pipeline, "train", fail)
+    monkeypatch.setattr(pipeline, "train", failing(BadInput("There is no folder plaza.", "Give another.")))
     result = invoke("train", "plaza")
     assert (result.exit_code, result.stderr) == (1, "wegs: There is no folder plaza. Give another.\n")

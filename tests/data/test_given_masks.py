@@ -1,6 +1,5 @@
 """Masks that the user gives: found by name, said, and laid over the photo as the photo is laid out."""
 
-import errno
 import os
 from dataclasses import replace
 
@@ -19,6 +18,7 @@ from core.training.on_disk import run_config, run_folders
 from tests.data.checks import notes_with, texts_of
 from tests.data.photos.test_pixels import noise, photo_at, save
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_block
+from tests.failing import DENIED, failing
 from tests.small import small_collection, small_settings
 
 
@@ -118,10 +118,7 @@ def test_masks_that_are_given_replace_those_of_the_scene(collection, tmp_path):
 
 
 def test_a_folder_that_may_not_be_read_is_not_called_empty(tmp_path, monkeypatch):
-    def refused(path):
-        raise PermissionError(errno.EACCES, "Permission denied", path)
-
-    monkeypatch.setattr(os, "listdir", refused)
+    monkeypatch.setattr(os, "listdir", failing(DENIED))
     with pytest.raises(PermissionError):
         check_masks(tmp_path, ())
 

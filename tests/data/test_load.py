@@ -17,6 +17,7 @@ from core.pipeline import cameras
 from tests.data.checks import notes_with, texts_of
 from tests.data.converted import write_nerf_osr, write_nerfstudio
 from tests.data.small_scene import SmallScene
+from tests.failing import failing
 from tests.heard import Heard
 from tests.real_data import real
 
@@ -203,10 +204,7 @@ def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_lat
 
 
 def test_photos_on_several_drives_of_windows_are_named_by_their_whole_paths(tmp_path, monkeypatch):
-    def commonpath(_):
-        raise ValueError("Paths don't have the same drive")
-
-    monkeypatch.setattr(os.path, "commonpath", commonpath)
+    monkeypatch.setattr(os.path, "commonpath", failing(ValueError("Paths don't have the same drive")))
     found = load_collection(write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene"))
     assert [photo.name for photo in found.photos] == [photo.path.as_posix() for photo in found.photos]
     assert len({relative_path(photo.name) for photo in found.photos}) == 4

@@ -18,6 +18,7 @@ from core.export import check_format, write
 from core.export.ply import PROPERTIES, read_ply, write_ply, write_points
 from core.ply_file import bytes_beyond
 from core.scene.splats import Splats
+from tests.failing import failing
 
 
 def some_splats(count: int, coefficients: int = 16, dtype=torch.float32) -> Splats:
@@ -206,11 +207,8 @@ def test_a_number_that_its_column_cannot_hold_is_refused(tmp_path):
 
 
 def test_more_rows_than_fit_into_memory_are_the_files_fault(tmp_path, monkeypatch):
-    def full(_):
-        raise MemoryError
-
     write_ply(tmp_path / "a.ply", some_splats(5))
-    monkeypatch.setattr("plyfile.PlyData.read", full)
+    monkeypatch.setattr("plyfile.PlyData.read", failing(MemoryError))
     with pytest.raises(BadInput, match="announces more rows than fit into memory"):
         read_ply(tmp_path / "a.ply")
 

@@ -1,6 +1,5 @@
 """How kernels are compiled: what it must not leave behind."""
 
-import errno
 import gc
 
 import pytest
@@ -11,6 +10,7 @@ from numba.core.errors import TypingError
 
 from core.errors import DiskFull
 from core.kernels.compiled import compiling_told, exact_kernel, exact_part
+from tests.failing import DISK_FULL, failing
 from tests.heard import Heard
 
 
@@ -54,13 +54,10 @@ def test_the_collector_is_back_after_a_kernel_that_cannot_be_compiled():
 
 
 def test_a_disk_without_room_for_a_kernel_is_named(monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     def fourthed(x):
         return x / 4
 
-    monkeypatch.setattr(FunctionCache, "save_overload", full)
+    monkeypatch.setattr(FunctionCache, "save_overload", failing(DISK_FULL))
     with pytest.raises(DiskFull, match="could not be kept in .*kernels.* or set NUMBA_CACHE_DIR"):
         exact_kernel(fourthed)(1.0)
 

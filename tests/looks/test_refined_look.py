@@ -21,6 +21,7 @@ from core.looks.trained import TrainedRun, bake, blend
 from core.report import Report
 from core.scene.cells import cell_sums
 from tests.data.room_corner import HEIGHT, WIDTH, write_corner
+from tests.failing import failing
 from tests.heard import Heard
 from tests.small import finished, whole_settings
 
@@ -222,10 +223,7 @@ def test_a_scene_that_does_not_tell_which_photo_shows_what_is_said_to(trained, t
 
 
 def test_in_a_run_that_may_not_be_written_in_they_are_searched_for_again(trained, tmp_path, monkeypatch):
-    def refused(*given):
-        raise BadInput("The folder may not be written in.")
-
-    monkeypatch.setattr(Landmarks, "save", refused)
+    monkeypatch.setattr(Landmarks, "save", failing(BadInput("The folder may not be written in.")))
     known = refined_look.landmarks_of_run(replace(trained, folder=tmp_path), Report())
     assert len(known.counts) == 5 and not list(tmp_path.iterdir())
 

@@ -1,6 +1,5 @@
 """Looks kept by name: exact, of one run at one step, and never called as something else."""
 
-import errno
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from core.appearance.colouring import EVEN, Colouring
 from core.errors import BadInput, BadSetting
 from core.looks import saved_look
 from core.looks.trained import Look
+from tests.failing import DENIED, failing
 from tests.small import small_collection
 
 WEIGHTS = {"layers.0.weight": torch.zeros(3, 2), "last.bias": torch.zeros(4)}  # that a look of the run may change
@@ -79,11 +79,7 @@ def test_a_look_of_no_use_is_refused(tmp_path, text, words):
 
 def test_a_look_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
     (tmp_path / "a.json").touch()
-
-    def refused(path):
-        raise PermissionError(errno.EACCES, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "read_bytes", refused)
+    monkeypatch.setattr(Path, "read_bytes", failing(DENIED))
     with pytest.raises(PermissionError):
         loaded(tmp_path / "a.json", 2)
 

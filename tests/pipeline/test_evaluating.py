@@ -22,6 +22,7 @@ from core.pipeline import baking, evaluating, training
 from core.training.on_disk import checkpoint
 from core.training.on_disk.claim import held
 from tests.evaluation.test_lpips import made_weights
+from tests.failing import failing
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
@@ -155,10 +156,7 @@ def test_figures_of_a_run_that_was_replaced_meanwhile_are_not_kept(trained, tmp_
 
 
 def test_figures_are_told_before_the_disk_is_full(trained, tmp_path, monkeypatch):
-    def full(path, _):
-        raise disk_full(path)
-
-    monkeypatch.setattr(evaluating, "write_png", full)
+    monkeypatch.setattr(evaluating, "write_png", failing(disk_full("sheet.png")))
     heard = Heard()
     with pytest.raises(WegsError, match="disk is full"):
         pipeline.evaluate(trained[0], report=heard, refine=False)

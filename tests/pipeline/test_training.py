@@ -1,6 +1,5 @@
 """Train, stop and go on; and what is refused on the way."""
 
-import errno
 import gc
 import shutil
 import signal
@@ -10,12 +9,12 @@ import pytest
 import torch
 
 from core import pipeline
-from core.data.made import EVALUATED, LOOKS, PICTURES
 from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.looks.trained import load_run
 from core.pipeline import training
 from core.training.on_disk import checkpoint, run_folders
+from tests.failing import DENIED, failing
 from tests.heard import Heard, StopsAtStep
 from tests.pipeline.conftest import STEPS
 from tests.small import small_settings
@@ -70,20 +69,16 @@ def test_no_checkpoint_stays_in_memory_while_a_resumed_run_is_trained(small_scen
     assert alive == []
 
 
-def test_a_run_that_was_killed_while_it_was_begun_goes_on(trained, small_scene, tmp_path, monkeypatch):
-    def killed(*_):
-        raise KeyboardInterrupt
-
+def test_a_run_that_was_killed_while_it_was_begun_goes_on(small_scene, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr("core.training.on_disk.viewer_files.write", killed)
+        patch.setattr("core.training.on_disk.viewer_files.write", failing(KeyboardInterrupt))
         patch.setattr(run_folders, "remove", lambda path: None)  # who is killed tidies nothing up
         pipeline.train(small_scene, small_settings(steps=STEPS), folder)
     assert [path.name for path in folder.iterdir()] == ["config.json"]
     pipeline.resume(folder)
-    later = {LOOKS, PICTURES, *(name for names in EVALUATED.values() for name in names)}  # of other tests, which share the run
-    names = [{path.name for path in run.iterdir()} - later for run in (trained[0], folder)]
-    assert names[0] == names[1]
+    files = {"cameras.json", "cfg_args", "checkpoint_000012.safetensors", "config.json", "history.csv", "input.ply", "preview.png"}
+    assert {path.name for path in folder.iterdir()} == files | {"masks", "point_cloud"}
 
 
 def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypatch):
@@ -115,11 +110,7 @@ def test_a_run_is_not_resumed_without_a_photo_that_was_damaged_since(small_scene
 def test_a_run_that_may_not_be_written_in_does_not_go_on(trained, tmp_path, monkeypatch):
     folder = shutil.copytree(trained[0], tmp_path / "run")
     shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
-
-    def refuse(*_, **__):
-        raise PermissionError(errno.EACCES, "Permission denied", str(folder))
-
-    monkeypatch.setattr("tempfile.mkdtemp", refuse)
+    monkeypatch.setattr("tempfile.mkdtemp", failing(DENIED))
     monkeypatch.setattr(training, "Trainer", None)  # which decodes the photos
     with pytest.raises(BadInput, match="may not be written in: Permission denied. Make it writable, or copy the run and name the copy by -o"):
         pipeline.resume(folder)
@@ -156,12 +147,9 @@ def test_a_gpu_that_stays_unused_is_told_where_one_is_asked_for(small_scene, tmp
     class Read(Exception):
         """The scene is about to be read."""
 
-    def read(*_):
-        raise Read
-
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(training.device, "fault_of_gpu", lambda: "no C compiler")
-    monkeypatch.setattr(training, "prepared", read)
+    monkeypatch.setattr(training, "prepared", failing(Read))
     heard = Heard()
     with pytest.raises(Read):
         pipeline.train(small_scene, small_settings(**changes), tmp_path / "run", heard)

@@ -58,7 +58,6 @@ def test_cells_are_numbered_row_by_row_and_cut_off_at_the_edge():
 
 
 def test_the_product_has_the_gradient_of_a_matrix_product():
-    torch.manual_seed(0)
     cells, gaussians = (torch.rand(6, 5) < 0.5).nonzero(as_tuple=True)
     shares = Shares(cells, gaussians, torch.rand(len(cells), dtype=torch.float64), (6, 5))
     colours = torch.rand(5, 3, dtype=torch.float64, requires_grad=True)

@@ -12,6 +12,7 @@ from core.errors import BadInput, DiskFull, WegsError, disk_full
 from core.system import atomic, lock
 from core.system.atomic import filling, replacing, write_json
 from core.system.outputs import files_in
+from tests.failing import failing
 
 
 def test_a_file_keeps_its_old_content_when_writing_fails(tmp_path):
@@ -111,13 +112,9 @@ def test_a_folder_is_never_left_empty_while_it_is_filled_anew(tmp_path, monkeypa
             (work / "sub").mkdir()
             (work / "sub" / text).touch()
     assert (folder / "0.txt").read_text() == "two" and [path.name for path in (folder / "sub").iterdir()] == ["two"]
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt), filling(folder, ("*",), True) as work:
         (work / "0.txt").write_text("three")
-        monkeypatch.setattr("core.system.atomic.os.replace", interrupt)
+        monkeypatch.setattr("core.system.atomic.os.replace", failing(KeyboardInterrupt))
     assert (folder / "0.txt").read_text() == "two" and (folder / "sub").is_dir()
 
 
@@ -177,10 +174,7 @@ def test_a_folder_of_many_files_is_listed_once_for_each_that_is_written(tmp_path
 
 
 def test_where_no_temporary_folder_can_be_is_told(monkeypatch):
-    def nowhere():
-        raise FileNotFoundError(2, "No usable temporary directory found")
-
-    monkeypatch.setattr(atomic.tempfile, "gettempdir", nowhere)
+    monkeypatch.setattr(atomic.tempfile, "gettempdir", failing(FileNotFoundError(2, "No usable temporary directory found")))
     with pytest.raises(WegsError, match="no folder for temporary files that can be written in. Free some space, or set TMPDIR"), atomic.scratch("a"):
         pass
 
@@ -225,9 +219,6 @@ def test_an_error_names_the_folder_and_not_where_it_is_being_filled(tmp_path):
 
 
 def test_a_temporary_file_that_cannot_be_removed_hides_no_error(tmp_path, monkeypatch):
-    def refuse(*_, **__):
-        raise OSError(errno.EROFS, "Read-only file system")
-
-    monkeypatch.setattr(os, "rmdir", refuse)
+    monkeypatch.setattr(os, "rmdir", failing(OSError(errno.EROFS, "Read-only file system")))
     with pytest.raises(BadInput, match="could not be written"), replacing(tmp_path / "a.ply"):
         raise OSError(errno.EROFS, "Read-only file system")

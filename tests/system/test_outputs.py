@@ -10,6 +10,7 @@ import pytest
 
 from core.errors import BadInput, DiskFull
 from core.system.outputs import check_apart, check_file, check_folder
+from tests.failing import failing
 
 
 def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeypatch):
@@ -32,10 +33,7 @@ def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeyp
     [(errno.EACCES, BadInput, "{} may not be written in: Permission denied"), (errno.ENOSPC, DiskFull, "The disk is full: {}")],
 )
 def test_a_folder_that_the_system_refuses_to_write_in_is_known_before_the_work(tmp_path, monkeypatch, refusal, error, words):
-    def refuse(dir, **_):
-        raise OSError(refusal, os.strerror(refusal), str(dir))
-
-    monkeypatch.setattr(tempfile, "mkdtemp", refuse)  # who runs the tests may be root, who may write nearly anywhere
+    monkeypatch.setattr(tempfile, "mkdtemp", failing(OSError(refusal, os.strerror(refusal))))
     for check, path in ((check_file, tmp_path / "a.ply"), (check_folder, tmp_path / "none" / "none")):
         with pytest.raises(error, match=words.format(tmp_path)):
             check(path)

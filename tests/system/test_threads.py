@@ -14,10 +14,8 @@ from core.system.threads import beside, in_parallel, one_torch_thread, threads_f
 
 @pytest.fixture(params=[1, 2, 4])
 def threads(request):
-    before = torch.get_num_threads()
     torch.set_num_threads(request.param)
-    yield request.param
-    torch.set_num_threads(before)
+    return request.param
 
 
 @pytest.mark.parametrize("rows", [0, 1, 7, 8, 9, 100])

@@ -19,6 +19,7 @@ from core.training.on_disk import checkpoint, run_config
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
 from tests.data.converted import write_processed
+from tests.failing import failing
 from tests.heard import Heard
 from tests.real_data import real
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
@@ -197,9 +198,7 @@ def test_a_calm_collection_trains_as_plain_3dgs_bit_for_bit(calm, tmp_path):
 def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_path, monkeypatch):
     from core.training.losses import mask_weights, objective, regularisers
 
-    def never(*_):
-        raise AssertionError("a loss of a part that is off was computed")
-
+    never = failing(AssertionError("a loss of a part that is off was computed"))
     monkeypatch.setattr(mask_weights, "pixel_weights", never)
     for name in ("transient_rows", "residual_norm"):
         monkeypatch.setattr(regularisers, name, never)

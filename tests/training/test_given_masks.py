@@ -17,6 +17,7 @@ from core.training.on_disk import run_config
 from core.training.on_disk.mask_files import write_masks
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.trainer import Trainer
+from tests.failing import failing
 from tests.heard import Heard, StopsAtStep
 from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
 from tests.training.moments import moment_at
@@ -138,10 +139,7 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
 
 
 def test_masks_that_are_not_there_are_told_before_cameras_are_looked_for(tmp_path, monkeypatch):
-    def prepared(*_):
-        raise AssertionError("minutes of work")
-
-    monkeypatch.setattr(training, "prepared", prepared)
+    monkeypatch.setattr(training, "prepared", failing(AssertionError("minutes of work")))
     for name in ("photos/a.jpg", "masks/a_mask.png"):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).touch()

@@ -95,7 +95,7 @@ def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
 
 @pytest.mark.parametrize("threads, limit", [(1, None), (2, None), (3, None), (2, 1 << 34)])
 def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_are_named(tmp_path, monkeypatch, threads, limit):
-    one, before, heard = small_collection(tmp_path, photos=1).photos[0], torch.get_num_threads(), Heard()
+    one, heard = small_collection(tmp_path, photos=1).photos[0], Heard()
     photos = []
     for number in range(40):
         path = tmp_path / f"{number:02d}.png"
@@ -105,10 +105,7 @@ def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_ar
     photos[31].path.unlink()
     monkeypatch.setattr(memory, "limit", lambda: limit)
     torch.set_num_threads(threads)
-    try:
-        found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX), report=heard)
-    finally:
-        torch.set_num_threads(before)
+    found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX), report=heard)
     assert [(sized.photo.name, sized.pixels[0, 0, 0]) for sized in found] == [(f"{n:02d}.png", 5 * n) for n in range(40) if n not in (7, 31)]
     assert found.notes[0].startswith("2 photos of the train split that cannot be used: 07.png (") and ", 31.png (" in found.notes[0]
     assert heard.steps[-1] == (40, 40) and len(heard.steps) == (5 if limit else -(-40 // (8 * threads)))

@@ -17,6 +17,7 @@ from core.data.sfm.locate import QUERY, Located, _camera_of, locate
 from core.errors import BadInput, WegsError
 from core.report import Report
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
+from tests.failing import failing
 from tests.heard import Heard
 
 
@@ -154,10 +155,7 @@ def test_without_points_that_photos_see_nothing_is_found(between, tmp_path):
     "free, kind, words", [(0, WegsError, "The disk is full: temporary files .* or set TMPDIR"), (1 << 30, RuntimeError, "factory")]
 )
 def test_a_full_disk_of_temporary_files_is_named_and_a_defect_is_none(corner, known, between, monkeypatch, free, kind, words):
-    def refuse(*_):
-        raise RuntimeError("No registered database factory succeeded.")  # pycolmap's words for a full disk
-
-    monkeypatch.setattr(pycolmap.Database, "open", refuse)
+    monkeypatch.setattr(pycolmap.Database, "open", failing(RuntimeError("No registered database factory succeeded.")))  # its words for a full disk
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
     for work in (lambda: locate(between[0], known, Report()), lambda: landmarks_of(corner, Report())):
         with pytest.raises(kind, match=words):

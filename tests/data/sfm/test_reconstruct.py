@@ -21,6 +21,7 @@ from core.scene.lens import Lens
 from core.system.atomic import replacing_folder
 from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
 from tests.data.small_scene import add_exif, exif_block
+from tests.failing import DISK_FULL, failing
 from tests.heard import Heard
 
 
@@ -171,12 +172,8 @@ def test_a_list_that_cannot_be_read_is_told_before_the_minutes(tmp_path):
     photos.mkdir()
     noise_photo(photos / "0.jpg", 0)
     (photos / "test.txt").write_text("0.jpg\n")
-
-    def refuse(*_):
-        raise PermissionError(errno.EACCES, "Permission denied", str(photos / "test.txt"))
-
     with pytest.MonkeyPatch.context() as patch, pytest.raises(PermissionError):
-        patch.setattr("core.data.split.digest", refuse)  # who runs the tests may be root, who may read anything
+        patch.setattr("core.data.split.digest", failing(PermissionError(errno.EACCES, "Permission denied", str(photos / "test.txt"))))
         reconstruct(photos, tmp_path / "scene", Report(), lists=[photos])
     assert list(tmp_path.iterdir()) == [photos]
 
@@ -214,12 +211,9 @@ def test_photos_in_formats_of_phones_and_links_to_nothing_are_named(tmp_path):
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
-    def full(*arguments):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     for seed in range(2):
         noise_photo(tmp_path / f"{seed}.jpg", seed)
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Path, "write_bytes", failing(DISK_FULL))
     with pytest.raises(WegsError, match="The disk is full"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.jpg", "1.jpg"]

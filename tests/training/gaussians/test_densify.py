@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from core.training.gaussians import densify
+from tests.failing import failing
 from tests.small import small_settings
 
 
@@ -130,11 +131,7 @@ def test_growth_that_finds_no_memory_changes_nothing(gaussians, monkeypatch):
     gaussians.seen.fill_(1)
     gaussians.parameters["log_scales"][:5] = -1.5  # these would split
     before = {name: tensor.clone() for name, tensor in gaussians.tensors().items() if name not in ("gradient_sum", "seen")}
-
-    def full(*_, **__):
-        raise torch.OutOfMemoryError("CUDA out of memory")
-
-    monkeypatch.setattr(torch, "cat", full)
+    monkeypatch.setattr(torch, "cat", failing(torch.OutOfMemoryError("CUDA out of memory")))
     with pytest.raises(torch.OutOfMemoryError):
         densify.grow(gaussians, 5, torch.Generator().manual_seed(0))
     for name, tensor in before.items():

@@ -1,9 +1,7 @@
 """The fused picture loss equals its definition, and the definition is right."""
 
-import platform
 import re
 
-import llvmlite.binding
 import numba
 import pytest
 import torch
@@ -18,7 +16,7 @@ from core.training.losses.photometric import (
     photometric_paper,
     plain_photometric,
 )
-from tests.afresh import afresh
+from tests.afresh import assembly_of
 
 # float32 keeps 1e-7 of values near 1; SSIM subtracts squares of them and divides by at least C2 = 9e-4.
 ERROR_TOLERANCE = 2e-5
@@ -212,11 +210,5 @@ LOOPS = {
 
 @pytest.mark.parametrize("loop", LOOPS)
 def test_loops_are_vectorised(loop):
-    """A loop that LLVM quietly leaves scalar is right and seven times as slow; nothing but the assembly tells."""
-    features = llvmlite.binding.get_host_cpu_features()
-    if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):
-        pytest.skip("says something of AVX2 only")
-    function = getattr(photometric_cpu, loop)
-    (assembly,) = afresh(function, LOOPS[loop]).inspect_asm().values()
-    packed = re.findall(r"vfn?m(?:add|sub)\d+ps\s.*[yz]mm", assembly)
+    packed = re.findall(r"vfn?m(?:add|sub)\d+ps\s.*[yz]mm", assembly_of(getattr(photometric_cpu, loop), LOOPS[loop]))
     assert len(packed) >= 4  # what the shortest of these loops needs

@@ -1,6 +1,5 @@
 """Checkpoints: the newest is found, read back whole or refused, and none is lost to a full disk or a kill."""
 
-import errno
 import os
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from safetensors.torch import save_file
 from core.errors import BadInput
 from core.system import lock, outputs
 from core.training.on_disk import checkpoint, run_folders
+from tests.failing import DENIED, failing
 from tests.small import small_collection, small_settings
 
 
@@ -31,12 +31,9 @@ def test_the_newest_checkpoint_is_the_one_of_the_highest_step_and_no_file_of_ano
     ],
 )
 def test_a_checkpoint_that_cannot_be_written_says_why_and_how_to_go_on(problem, reason, tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise problem
-
     saved = checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7})
     checkpoint.save(tmp_path, saved)
-    monkeypatch.setattr(checkpoint, "save_file", full)
+    monkeypatch.setattr(checkpoint, "save_file", failing(problem))
     with pytest.raises(
         BadInput, match=f"000008.safetensors could not be written: {reason}. Free some space, or let .*, then type: wegs train --resume -o"
     ):
@@ -84,11 +81,8 @@ def test_a_checkpoint_comes_back_and_a_broken_or_older_one_is_refused(tmp_path):
 
 
 def test_a_checkpoint_that_may_not_be_read_is_not_called_missing(tmp_path, monkeypatch):
-    def refuse(path, *_):
-        raise PermissionError(errno.EACCES, "Permission denied", str(path))
-
     path = checkpoint.save(tmp_path, checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7}))
-    monkeypatch.setattr(Path, "open", refuse)  # who runs the tests may be root, who may read anything
+    monkeypatch.setattr(Path, "open", failing(DENIED))
     with pytest.raises(PermissionError):
         checkpoint.load(path)
 

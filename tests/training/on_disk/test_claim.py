@@ -10,6 +10,7 @@ from core.errors import BadInput
 from core.system import lock
 from core.training.on_disk import claim
 from core.training.on_disk.claim import held, new_run
+from tests.failing import failing
 
 locks = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
 
@@ -72,11 +73,8 @@ def test_a_folder_that_is_trained_in_is_left_alone():
 
 
 def test_a_disk_without_locks_is_used_all_the_same(monkeypatch):
-    def refuse(*_):
-        raise OSError("No locks available")
-
     if lock.fcntl is not None:
-        monkeypatch.setattr(lock.fcntl, "flock", refuse)
+        monkeypatch.setattr(lock.fcntl, "flock", failing(OSError("No locks available")))
     with new_run(Path("run"), "plaza") as folder:
         assert folder.is_dir()
 

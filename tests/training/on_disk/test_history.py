@@ -7,6 +7,7 @@ import pytest
 
 from core.errors import BadInput
 from core.training.on_disk import history
+from tests.failing import failing
 
 
 def test_rows_are_on_disk_at_once_and_go_on_after_a_pause(tmp_path):
@@ -34,10 +35,7 @@ def test_a_folder_in_its_place_is_named(tmp_path):
 
 
 def test_a_row_that_the_disk_refuses_names_the_file(tmp_path, monkeypatch):
-    def refuse(*_):
-        raise OSError(errno.EIO, "Input/output error")
-
-    monkeypatch.setattr(csv.DictWriter, "writerow", refuse)
+    monkeypatch.setattr(csv.DictWriter, "writerow", failing(OSError(errno.EIO, "Input/output error")))
     with pytest.raises(OSError) as caught:
         history.add_row(tmp_path, ("step",), {"step": 5})
     assert caught.value.filename == str(tmp_path / "history.csv")

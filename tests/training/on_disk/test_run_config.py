@@ -1,7 +1,6 @@
 """config.json: what made a run is read back exactly, wherever run and scene are moved."""
 
 import codecs
-import errno
 import json
 import os
 import shutil
@@ -15,6 +14,7 @@ from core.data.collection import GivenMask
 from core.errors import BadInput
 from core.scene.lens import Lens
 from core.training.on_disk import run_config, run_folders
+from tests.failing import DENIED, failing
 from tests.small import small_settings
 
 
@@ -113,10 +113,7 @@ def test_a_folder_without_the_photos_is_not_the_scene_of_a_run_that_was_made_in_
 
 
 def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, collection, monkeypatch):
-    def relpath(*_):
-        raise ValueError("path is on mount 'D:', start on mount 'C:'")
-
-    monkeypatch.setattr(os.path, "relpath", relpath)
+    monkeypatch.setattr(os.path, "relpath", failing(ValueError("path is on mount 'D:', start on mount 'C:'")))
     run_folders.create(tmp_path / "run", replace(collection, root=tmp_path / "scene"), small_settings())
     assert json.loads((tmp_path / "run" / "config.json").read_text())["scene"]["from_run"] is None
     assert run_config.read_config(tmp_path / "run")[2].root == tmp_path / "scene"  # is gone, and the run itself is none
@@ -181,10 +178,7 @@ def test_a_camera_that_is_none_is_refused_with_its_photo(tmp_path, collection, c
 
 
 def test_a_config_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
-    def refuse(path):
-        raise PermissionError(errno.EACCES, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "read_bytes", refuse)  # who runs the tests may be root, who may read anything
+    monkeypatch.setattr(Path, "read_bytes", failing(DENIED))
     with pytest.raises(PermissionError):
         run_config.read_config(tmp_path)
 

@@ -1,6 +1,5 @@
 """The run folder: naming, finding, replacing."""
 
-import errno
 import os
 import tempfile
 from pathlib import Path
@@ -9,6 +8,7 @@ import pytest
 
 from core.errors import BadInput, BadSetting
 from core.training.on_disk import checkpoint, run_folders
+from tests.failing import DENIED, failing
 from tests.small import small_settings
 
 COPY = "checkpoint_000100 (copy).safetensors"  # that a user made
@@ -78,10 +78,7 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
 
 @pytest.mark.parametrize("output", [None, Path("new")])
 def test_where_no_run_can_be_made_another_place_is_asked_for(output, here, monkeypatch):
-    def refuse(**_):
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-
-    monkeypatch.setattr(tempfile, "mkdtemp", refuse)  # who runs the tests may be root, who may write nearly anywhere
+    monkeypatch.setattr(tempfile, "mkdtemp", failing(DENIED))
     with pytest.raises(BadInput, match=f"The folder {here} may not be written in: Permission denied. Choose another -o."):
         run_folders.choose_folder(output, "plaza")
 
@@ -131,20 +128,13 @@ def test_a_config_that_was_garbled_before_the_first_checkpoint_is_named(here, te
 
 def test_a_config_that_may_not_be_read_is_named(here, monkeypatch):
     begin(Path("old"))
-
-    def refused(path):
-        raise PermissionError(errno.EACCES, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "read_bytes", refused)
+    monkeypatch.setattr(Path, "read_bytes", failing(DENIED))
     with pytest.raises(BadInput, match=r"^old/config.json cannot be read \(Permission denied\)"):
         run_folders.find_run(Path("old"))
 
 
 def test_a_run_that_cannot_be_begun_leaves_nothing(tmp_path, collection, monkeypatch):
-    def full(*_):
-        raise BadInput("The disk is full.")
-
-    monkeypatch.setattr(run_folders, "write_config", full)
+    monkeypatch.setattr(run_folders, "write_config", failing(BadInput("The disk is full.")))
     thesis = tmp_path / "there" / "thesis.txt"
     thesis.parent.mkdir()
     thesis.write_text("years")

@@ -1,0 +1,17 @@
+"""What fails in a test in place of what hardly ever fails: a full disk, or a file that may not be read. (Root may read any.)"""
+
+import errno
+import os
+from collections.abc import Callable
+
+DENIED = PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+DISK_FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def failing(problem: BaseException | type[BaseException]) -> Callable:
+    """A function that raises `problem`, whatever it is given."""
+
+    def fails(*_, **__):
+        raise problem
+
+    return fails

@@ -75,7 +75,7 @@ def test_a_table_of_embeddings_starts_from_its_mean(runs):
     assert torch.equal(look.embedding, live.model.mean_embedding) and look.embedding.abs().max() > 0
 
 
-def test_figures_are_taken_once_and_stopped_runs_go_on(small_scene, tmp_path, monkeypatch):
+def test_a_finished_variant_is_not_measured_again_and_a_stopped_one_is_resumed(small_scene, tmp_path, monkeypatch):
     settings, folder = small_settings(**TINY, device="auto"), tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
         finished.measured(small_scene, settings, folder, ("full",), StopsAtStep(2))
@@ -97,7 +97,7 @@ def test_figures_are_taken_once_and_stopped_runs_go_on(small_scene, tmp_path, mo
     assert other["results"]["full"]["seed"] == 1 and "half" not in other["results"]
 
 
-def test_tables_say_what_they_are(runs):
+def test_tables_state_protocol_steps_and_differences_from_the_full_model(runs):
     found = runs[0]
     text = ablation.table("small", "half", found)
     head, _, columns, rule, *rows = text.splitlines()
@@ -128,7 +128,7 @@ def test_the_program_writes_tables_and_figures(small_scene, tmp_path, monkeypatc
     }
 
 
-def test_the_rivals_stand_in_one_table(small_scene, tmp_path, monkeypatch):
+def test_compare_puts_all_rivals_into_one_table(small_scene, tmp_path, monkeypatch):
     monkeypatch.setitem(PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"})
     line = [str(small_scene), "-o", str(tmp_path), "--protocol", "full"]
     CliRunner().invoke(compare.main, [*line, "--protocol", "half"], catch_exceptions=False)  # the first seed is measured by one more
@@ -153,7 +153,7 @@ def test_another_split_holds_out_other_photos(tmp_path):
         finished.with_split(PLAZA, table, tmp_path / "out")
 
 
-def test_another_split_is_the_only_one(tmp_path):
+def test_another_split_replaces_that_of_the_scene(tmp_path):
     source = shutil.copytree(PLAZA, tmp_path / "plaza", symlinks=True)
     own = (source / "plaza.tsv").rename(source / "nerfw_split.csv")
     text = own.read_text()

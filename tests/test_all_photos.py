@@ -16,7 +16,7 @@ from tests.heard import StopsAtStep
 from tests.small import give_to_pipeline, small_collection, small_settings
 
 
-def test_masks_of_what_is_else_held_out_hide_as_well(tmp_path, monkeypatch):
+def test_with_all_photos_masks_apply_to_photos_that_are_otherwise_held_out(tmp_path, monkeypatch):
     collection = small_collection(tmp_path)
     give_to_pipeline(collection, monkeypatch)
     (tmp_path / "masks").mkdir()
@@ -33,7 +33,7 @@ def test_masks_of_what_is_else_held_out_hide_as_well(tmp_path, monkeypatch):
     assert masks == [[True] * 4, [True] * 6]
 
 
-def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):
+def test_with_all_photos_none_is_held_out_and_the_user_is_told(tmp_path, monkeypatch):
     give_to_pipeline(small_collection(tmp_path), monkeypatch)
     heard, folder = StopsAtStep(2), tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
@@ -47,7 +47,7 @@ def test_no_photo_is_held_out_and_that_is_said(tmp_path, monkeypatch):
         pipeline.evaluate(folder)
 
 
-def test_a_scene_whose_list_holds_out_every_photo_is_trained_on_and_gone_on_with(tmp_path):
+def test_with_all_photos_a_scene_whose_list_holds_out_every_photo_can_be_trained_and_resumed(tmp_path):
     scene = SmallScene().write(tmp_path / "scene")
     (scene / "test.txt").write_text("".join(f"photo_{index}.png\n" for index in range(4)))
     with pytest.raises(BadInput, match="test.txt leaves no photo to train on"):

@@ -32,7 +32,7 @@ END = ["SH transfer backward", "encoder backward", "Adam", "Adam", "Adam"]
 
 
 @pytest.mark.parametrize("appearance, transients, expected", [("full", "on", FULL), ("off", "off", PLAIN)])
-def test_laps_hold_what_they_are_named_after(monkeypatch, appearance, transients, expected):
+def test_each_lap_times_the_part_it_is_named_after(monkeypatch, appearance, transients, expected):
     """The hooks rely on the order in which autograd walks back: with another one, times would go to the wrong parts."""
     torch.set_num_threads(1)
     settings = Settings(resolution=1, max_gaussians=600, appearance=appearance, transients=transients, sh_degree=1, device="cpu")
@@ -53,7 +53,7 @@ def test_laps_hold_what_they_are_named_after(monkeypatch, appearance, transients
 
 
 @pytest.mark.parametrize("script", [benchmark, benchmark_cuda])
-def test_a_file_that_cannot_be_written_is_refused_before_the_minutes(tmp_path, monkeypatch, script):
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(tmp_path, monkeypatch, script):
     monkeypatch.setattr(benchmark, "ProcessPoolExecutor", None)
     result = CliRunner().invoke(script.main, ["--json", str(tmp_path / "none" / "figures.json")])
     assert result.exit_code == 1 and f"There is no folder {tmp_path / 'none'}" in result.output
@@ -111,7 +111,7 @@ def test_tiles_are_parts_of_the_picture():
     assert ((pieced - whole).abs() < 1e-3).float().mean() > 0.95
 
 
-def test_threads_are_put_back_and_told_apart():
+def test_one_and_two_threads_are_measured_in_turn_and_the_setting_is_restored():
     seen = []
     before = torch.get_num_threads()
     figures = threads.in_turns(lambda: seen.append(torch.get_num_threads()), 3)
@@ -129,7 +129,7 @@ def test_first_use_is_split_into_parts(monkeypatch):
     assert measured["series"]["rows"][-1] == ["whole", 14.6, 3.2]
 
 
-def test_a_fresh_process_comes_to_its_first_step():
+def test_a_fresh_process_reaches_its_first_step():
     laps = first_use.start()
     assert list(laps) == ["Python and torch", "wegs", "photos", "first step", "second step"]
     assert all(seconds > 0 for seconds in laps.values())

@@ -76,7 +76,7 @@ def test_everything_is_measured(small, name):
 
 
 @interpreted
-def test_what_gsplat_would_add_is_said_where_it_is_not(small, monkeypatch):
+def test_a_missing_gsplat_is_reported(small, monkeypatch):
     monkeypatch.setitem(sys.modules, "gsplat", None)
     assert peer.gsplat() is None
     assert on_gpu.MISSING in str(list(on_gpu.measure_picture(HERE)))
@@ -92,7 +92,7 @@ def test_without_a_gpu_one_line_says_so():
     assert result.exit_code == 1 and result.output.count("\n") == 1 and "no NVIDIA GPU" in result.output
 
 
-def test_launches_waits_and_kernels_are_told_apart():
+def test_launches_waits_and_kernels_are_counted_separately():
     def event(key, count, on_gpu=0.0, on_cpu=1.0, named=False):
         return SimpleNamespace(key=key, count=count, device_time_total=on_gpu, cpu_time_total=on_cpu, is_user_annotation=named)
 

@@ -58,7 +58,7 @@ def scene(tmp_path, monkeypatch):
     return small_scene(tmp_path / "scene", monkeypatch)
 
 
-def test_the_whole_story(scene, tmp_path, monkeypatch):
+def test_a_whole_run_leaves_no_tensor_on_the_cpu(scene, tmp_path, monkeypatch):
     """With growth, pruning, masks, L_regTS, the removal of passers-by and the checks of held-out quality."""
     monkeypatch.setattr(decisions, "FEWEST_FOR_MASKS", 0)
     settings = small_settings(steps=12, mask_start=0.0, mask_apply=0.0)
@@ -100,7 +100,7 @@ def test_the_whole_story(scene, tmp_path, monkeypatch):
     ],
     ids=lambda changes: "-".join(map(str, changes.values())),
 )
-def test_every_part_of_the_method(scene, tmp_path, changes):
+def test_no_setting_leaves_a_tensor_on_the_cpu(scene, tmp_path, changes):
     settings = small_settings(steps=2, mask_start=0.0, mask_apply=0.0, **changes)
     pipeline.train(scene, settings, tmp_path / "run")
 

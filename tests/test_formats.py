@@ -53,7 +53,7 @@ def test_points_are_triangulated_beside_the_run(trained, corner):
         assert np.allclose(entry["rotation"], pose[:3, :3] * [1, -1, -1], rtol=0, atol=1e-12)
 
 
-def test_a_stopped_run_goes_on_with_the_same_points(trained, corner, tmp_path):
+def test_a_resumed_run_uses_the_same_points(trained, corner, tmp_path):
     whole = load_run(trained[0])
     shutil.copytree(trained[0].parent / f"{corner.name}-scene", tmp_path / f"{corner.name}-scene")
     folder = tmp_path / "run"
@@ -66,7 +66,7 @@ def test_a_stopped_run_goes_on_with_the_same_points(trained, corner, tmp_path):
         assert torch.equal(getattr(resumed.splats, name), tensor), name
 
 
-def test_it_is_measured_baked_and_faded(trained, tmp_path):
+def test_the_run_can_be_evaluated_baked_interpolated_and_examined(trained, tmp_path):
     folder, _ = trained
     assert pipeline.evaluate(folder, refine=False).means()["photo"]["zero_shot"]["psnr"] > 5  # dB, after ten steps
     assert pipeline.bake_to_file(folder, "3.png", tmp_path / "look.ply").stat().st_size > 1000
@@ -75,7 +75,7 @@ def test_it_is_measured_baked_and_faded(trained, tmp_path):
 
 
 @pytest.mark.parametrize("write", [write_nerfstudio, write_blender, lambda given, root: write_nerf_osr(given, root, splits(given))])
-def test_every_format_is_looked_at_before_training(write, tmp_path):
+def test_the_doctor_examines_scenes_of_every_format(write, tmp_path):
     names = [f"photo_{index}.png" for index in range(9)]
     root = write(SmallScene(names=names, model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
     findings = {finding.name: finding for finding in examine(root, Heard())}
@@ -88,7 +88,7 @@ def splits(given):
     return {name: "test" if number % 4 == 0 else "train" for number, name in enumerate(names)}
 
 
-def test_points_of_a_file_train_as_well_though_nobody_knows_who_sees_them(tmp_path):
+def test_points_from_a_file_can_be_trained_on_without_knowing_which_photo_sees_them(tmp_path):
     root = write_nerfstudio(SmallScene(names=[f"{index}.png" for index in range(9)]).write(tmp_path / "colmap"), tmp_path / "scene")
     settings = small_settings(steps=STEPS).changed(appearance="auto", transients="auto", sh_degree=-1)
     heard = Heard()

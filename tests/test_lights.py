@@ -85,7 +85,7 @@ def test_what_cannot_be_drawn_is_refused_before_the_work(folder, options, words,
     assert result.exit_code == 1 and words in result.output
 
 
-def test_a_sheet_is_replaced_only_by_force_and_missed_before_the_work(folder, tmp_path, monkeypatch):
+def test_a_sheet_is_replaced_only_with_force_and_a_missing_folder_is_noticed_before_the_work(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(lights, "find_look", None)
     (tmp_path / "sheet.jpg").write_bytes(b"old")
     for place, words in (("sheet.jpg", "sheet.jpg exists. Add --force"), ("gone/sheet.jpg", "There is no folder")):
@@ -93,7 +93,7 @@ def test_a_sheet_is_replaced_only_by_force_and_missed_before_the_work(folder, tm
         assert result.exit_code == 1 and words in result.output
 
 
-def test_the_truth_lies_in_the_scene_also_where_points_were_made_beside_it(folder, tmp_path):
+def test_the_truth_is_found_in_the_scene_even_if_its_points_are_kept_elsewhere(folder, tmp_path):
     live = load_run(folder)
     known = live.collection.root / "truth" / "styles" / "dawn" / "photo_2.png"
     known.parent.mkdir(parents=True)
@@ -102,7 +102,7 @@ def test_the_truth_lies_in_the_scene_also_where_points_were_made_beside_it(folde
     assert live.collection.read_from == tmp_path and lights.truths(live, "elsewhere/dawn.jpg") == {"photo_2.png": known}
 
 
-def test_nearness_to_a_truth(folder):
+def test_a_look_is_compared_with_its_known_truth(folder):
     live = load_run(folder)
     root = live.collection.root
     style = root / "styles" / "own.png"

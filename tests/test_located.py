@@ -11,7 +11,7 @@ from tests.data.room_corner import HEIGHT, WIDTH, write_corner
 from tests.small import finished, whole_settings
 
 
-def test_photos_are_found_and_scored_or_named(tmp_path):
+def test_located_photos_are_scored_and_the_others_named(tmp_path):
     scene = write_corner(tmp_path, count=9)  # 0 and 8 are held out
     cv2.imwrite(str(scene / "8.png"), np.full((HEIGHT, WIDTH, 3), 128, np.uint8))
     collection = prepared(scene, tmp_path / "points", QUIET)

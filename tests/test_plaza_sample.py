@@ -51,7 +51,7 @@ def test_it_stays_small():
     assert sum(file.stat().st_size for file in PLAZA.rglob("*") if file.is_file()) < LARGEST_BYTES
 
 
-def test_list_photos_and_model_name_the_same_photos(model):
+def test_split_files_and_model_name_the_same_photos(model):
     listed = {row["filename"]: int(float(row["id"])) for row in rows()}
     assert set(listed) == {file.name for file in (PLAZA / "dense" / "images").iterdir()}
     assert listed == {image.name: number for number, image in model.images.items()}

@@ -37,7 +37,7 @@ def test_a_photos_own_camera_is_scored_as_by_eval_and_others_beside_it(tmp_path,
     assert own == here != away != alike != others and all(8 < figure < own[1] for figure in (*away, *alike, *others))
 
 
-def test_a_camera_is_moved_as_its_truth_is():
+def test_a_moved_camera_and_its_ground_truth_show_the_same_view():
     truth = json.loads((PLAZA / "truth" / "looks.json").read_text())
     collection = load_collection(PLAZA)
     photo = collection.photos[0]
@@ -52,7 +52,7 @@ def test_a_camera_is_moved_as_its_truth_is():
     assert moves[2][2] > 7 and moves[3] @ place.view.world_to_camera[2] == pytest.approx(8, rel=1e-5)  # above, ahead
 
 
-def test_the_truth_is_where_the_run_is(monkeypatch):
+def test_the_truth_is_moved_to_the_device_of_the_run(monkeypatch):
     place = relit.Standpoint(ring_camera(0.0), None)
     height, width = place.camera.height, place.camera.width
     view = SimpleNamespace(render=lambda look: torch.full((height, width, 3), look).to(DEVICE))
@@ -62,7 +62,7 @@ def test_the_truth_is_where_the_run_is(monkeypatch):
         assert relit.scores(trained, [1.0, 0.1], place, None, None, 1) == pytest.approx([0.0, 20.0], abs=0.2)
 
 
-def test_cameras_that_see_most_alike_are_told_from_the_others():
+def test_the_cameras_with_the_most_similar_views_are_found():
     turned = {"world_to_camera": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
     ahead = {"world_to_camera": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}
     taken = {f"{name}.png": {"camera": {"centre": [float(place), 0, 0], **ahead}} for place, name in enumerate("abcdefgh")}

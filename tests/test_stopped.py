@@ -42,7 +42,7 @@ NO_ROOM = {
 
 
 @pytest.mark.parametrize("where", NO_ROOM)
-def test_where_memory_runs_out_a_checkpoint_is_kept(tmp_path, monkeypatch, where):
+def test_a_checkpoint_is_saved_when_memory_runs_out(tmp_path, monkeypatch, where):
     problem, said = NO_ROOM[where]
     trainer = Trainer(small_collection(tmp_path), small_settings(steps=8, checkpoints=1), tmp_path)
     steps = trainer.train()
@@ -61,7 +61,7 @@ def test_where_memory_runs_out_a_checkpoint_is_kept(tmp_path, monkeypatch, where
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
-def test_a_step_that_cannot_be_recorded_is_kept(scene, tmp_path):
+def test_a_step_that_cannot_be_added_to_the_history_is_saved(scene, tmp_path):
     create = run_folders.create
 
     def create_on_full_disk(folder, *arguments):
@@ -85,7 +85,7 @@ def test_a_disk_that_is_full_after_the_last_step_says_how_to_finish(scene, tmp_p
         pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
 
 
-def test_a_step_that_cannot_be_told_is_kept(scene, tmp_path):
+def test_a_step_whose_progress_cannot_be_printed_is_saved(scene, tmp_path):
     with pytest.raises(TrainingStopped, match="Saved at step 5, .* Free some space, then type: wegs train --resume -o"):
         pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, FULL))
     heard = Heard()
@@ -94,7 +94,7 @@ def test_a_step_that_cannot_be_told_is_kept(scene, tmp_path):
 
 
 @pytest.mark.skipif(HANG_UP is None, reason="Windows has no SIGHUP")
-def test_a_closed_terminal_keeps_the_step_and_is_a_stop(scene, tmp_path):
+def test_closing_the_terminal_saves_the_step_and_stops(scene, tmp_path):
     former = signal.signal(HANG_UP, signal.default_int_handler)  # not ignored, as under nohup
     try:
         with pytest.raises(KeyboardInterrupt, match="Step 5 is kept"):
@@ -137,7 +137,7 @@ def test_an_interrupted_evaluation_leaves_the_pictures_that_were_there(scene, tm
     ]
 
 
-def test_what_was_measured_before_a_run_went_on_is_named(scene, tmp_path):
+def test_results_of_an_earlier_step_are_named_when_a_run_is_resumed(scene, tmp_path):
     with pytest.raises(TrainingStopped, match="The disk is full"):
         pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, FULL))
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
@@ -150,7 +150,7 @@ def test_what_was_measured_before_a_run_went_on_is_named(scene, tmp_path):
     assert not any("Of an earlier run or step" in line for line in heard.lines)
 
 
-def test_a_run_without_a_checkpoint_begins_anew_as_it_was_set(scene, tmp_path):
+def test_a_run_killed_before_its_first_checkpoint_starts_again_with_its_own_settings(scene, tmp_path):
     (tmp_path / "masks").mkdir()
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, : WIDTH // 2] = 0

@@ -27,7 +27,7 @@ def told(collection) -> list[str]:
     return heard.lines
 
 
-def test_one_photo_is_not_called_several(trained, tmp_path):
+def test_a_single_photo_or_point_is_counted_in_the_singular(trained, tmp_path):
     heard = Heard()
     pipeline.evaluate(trained, "full", heard, refine=False)
     assert heard.lines[0].endswith("step 1: 1 held-out photo, protocol full")
@@ -35,7 +35,7 @@ def test_one_photo_is_not_called_several(trained, tmp_path):
     assert told(replace(collection, points=collection.points[:1]))[0].endswith("(4 train, 2 test), 1 point")
 
 
-def test_where_all_photos_are_trained_on_none_is_said_to_be_held_out(tmp_path):
+def test_with_all_photos_the_summary_names_no_held_out_photo(tmp_path):
     scene = SmallScene().write(tmp_path / "scene")
     (scene / "images" / "photo_0.png").write_bytes((scene / "images" / "photo_1.png").read_bytes())
     collection = load_collection(scene)
@@ -45,7 +45,7 @@ def test_where_all_photos_are_trained_on_none_is_said_to_be_held_out(tmp_path):
     assert [line for line in lines if "held" in line] == ["! All photos are trained on, none is held out: there will be no held-out quality."]
 
 
-def test_points_that_there_is_no_room_for_are_told(tmp_path):
+def test_the_user_is_told_how_many_points_do_not_fit(tmp_path):
     collection = small_collection(tmp_path)
     points = len(collection.points)
     for most, lines in (
@@ -58,7 +58,7 @@ def test_points_that_there_is_no_room_for_are_told(tmp_path):
         assert len(trainer.gaussians.splats) - trainer.gaussians.sky == min(points, most // 2)
 
 
-def test_a_look_comes_with_a_way_to_look_at_it(trained, tmp_path):
+def test_after_baking_the_user_is_told_how_to_view_the_look(trained, tmp_path):
     for sky in (True, False):
         heard, path = Heard(), tmp_path / f"{sky}.ply"
         pipeline.bake_to_file(trained, "neutral", path, heard, with_sky=sky)
@@ -67,14 +67,14 @@ def test_a_look_comes_with_a_way_to_look_at_it(trained, tmp_path):
         assert heard.lines[-1 - sky :] == [drag, outside][: 1 + sky]
 
 
-def test_the_looks_of_a_fade_have_a_line_each(trained, tmp_path):
+def test_an_interpolation_reports_each_of_its_looks_on_a_line(trained, tmp_path):
     heard = Heard()
     pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, view="photo_1")
     assert heard.lines[0].endswith("small: 2 frames, seen from photo_1.png")
     assert heard.lines[1:3] == ["  from the neutral look (mean of the training photos)", "  to training photo photo_0.png, refined"]
 
 
-def test_that_all_looks_are_one_is_said_only_where_it_is_true(trained, tmp_path):
+def test_only_a_run_without_looks_says_that_all_its_looks_are_the_same(trained, tmp_path):
     plain = finished(small_collection(tmp_path), small_settings(steps=1, appearance="off"), tmp_path / "run").folder
     for folder, said in ((trained, False), (plain, True)):
         heard = Heard()

@@ -17,7 +17,7 @@ def quarter(size: tuple[int, int]) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
-def test_any_size_of_photo(size):
+def test_photos_of_any_size_have_an_embedding_and_a_mask(size):
     embedding, mask = PhotoEncoder(whole_settings(embedding_size=7))(torch.rand(3, *size), True)
     assert embedding.shape == (7,)
     assert mask.shape == (1, *quarter(size))
@@ -96,7 +96,7 @@ def test_channel_attention_is_the_papers_formula():
     assert torch.allclose(attention(features)[0], torch.sigmoid(logits)[:, None, None] * features[0], atol=1e-6)
 
 
-def test_layers_start_with_as_much_behind_their_relu_as_they_are_given():
+def test_new_layers_keep_the_mean_square_of_their_input():
     kept = torch.relu(rectified(torch.nn.Conv2d(32, 32, 3))(torch.randn(1, 32, 60, 60))).square().mean()
     assert 0.9 < kept < 1.1  # a sixth with PyTorch's own weights
 

@@ -8,7 +8,7 @@ from core.scene.harmonics import basis, degree_of
 from tests.small import whole_settings
 
 
-def test_identity_at_the_start():
+def test_the_map_is_the_identity_before_training():
     transfer = ExposureTransfer(whole_settings())
     residual = transfer(TransferInput(torch.randn(9, 4, 3), torch.randn(9, 3)), torch.randn(16))
     assert not residual.any()
@@ -19,7 +19,7 @@ def colours_of(sh: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
     return torch.einsum("nc,nck->nk", basis(directions, degree_of(sh.shape[1])), sh) + 0.5
 
 
-def test_is_the_affine_map_on_colours():
+def test_coefficients_are_mapped_as_colours_are():
     transfer = ExposureTransfer(whole_settings(embedding_size=4)).double()
     torch.nn.init.normal_(transfer.map.weight)
     torch.nn.init.normal_(transfer.map.bias)

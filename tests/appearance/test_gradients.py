@@ -26,7 +26,7 @@ def checked(stage, *inputs: torch.Tensor) -> bool:
 
 
 @pytest.mark.parametrize("masked", [True, False])
-def test_encoder(masked):
+def test_the_encoder_passes_gradcheck(masked):
     """Without the colours of bands, whose weights are detached on purpose: their derivative is not autograd's."""
     torch.manual_seed(1)
     encoder = PhotoEncoder(whole_settings(colour_bands=0)).double()
@@ -43,7 +43,7 @@ class _Masked(torch.nn.Module):
         return self.encoder(photo, self.masked)
 
 
-def test_attention_and_mask():
+def test_attention_and_masks_pass_gradcheck():
     torch.manual_seed(1)
     assert checked(ChannelAttention(8).double(), randn(1, 8, 3, 5))
     assert checked(MaskUNet(8).double(), randn(1, 8, 5, 7))
@@ -52,7 +52,7 @@ def test_attention_and_mask():
     assert torch.autograd.gradcheck(lambda *_: table(1, 3, 4), parameters, **CHECK)
 
 
-def test_exposure_and_encoding():
+def test_exposure_and_positional_encoding_pass_gradcheck():
     torch.manual_seed(1)
     transfer = ExposureTransfer(whole_settings()).double()
     torch.nn.init.normal_(transfer.map.weight)

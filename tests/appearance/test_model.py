@@ -93,7 +93,7 @@ def test_looks_of_every_combination(appearance, embedding, transients, mask):
         assert inside.mask.shape == (1, 8, 8)  # 37 x 81 shrinks to 32 x 32
 
 
-def test_look_shrinks_alike_for_everyone():
+def test_a_large_photo_has_the_look_of_its_shrunken_copy():
     model = model_of()
     photo = torch.rand(3, 90, 70)
     assert torch.equal(model.read(photo, 1).embedding, model.read(shrink(photo, 32), 1).embedding)
@@ -229,7 +229,7 @@ def test_neutral_look_is_a_corrected_running_mean(photos, window):
     assert not model.mean_embedding.requires_grad
 
 
-def test_photos_not_met_yet_stand_where_the_first_one_does():
+def test_photos_not_yet_seen_count_as_the_first_one_seen():
     model = model_of()
     first, second = torch.randn(2, 6)
     model.remember(first, 3)
@@ -238,7 +238,7 @@ def test_photos_not_met_yet_stand_where_the_first_one_does():
     assert torch.equal(model.met_embeddings, torch.stack([second, *[first] * 4]))
 
 
-def test_remember_leaves_older_looks_alone():
+def test_remembering_an_embedding_does_not_change_earlier_looks():
     model = model_of(embedding="glo", transients="off")
     model.remember(torch.ones(6), 0)
     look = model.read(torch.rand(3, 8, 8))
@@ -276,7 +276,7 @@ def test_a_photo_from_outside_is_held_within_the_known_range(monkeypatch):
     assert torch.allclose(given(outside), outside, atol=1e-4)
 
 
-def test_a_finished_model_knows_its_photos_by_what_it_reads_in_them_at_last():
+def test_the_known_range_of_a_finished_model_is_that_of_its_final_embeddings():
     model = model_of()
     model.remember(torch.randn(6), 2)
     met, state = model.met_embeddings.clone(), model.state_dict().keys()

@@ -27,7 +27,7 @@ def refined(picture, begin, valid=None, tone=None, **view):
     return last, FlatView((1, 1)).render(last)[0, 0]
 
 
-def test_it_never_makes_what_it_sees_worse():
+def test_refinement_never_increases_the_loss():
     """A hair off, where Adam's first step leads past the colour by nearly its rate."""
     begin, view = torch.full((3,), 0.4 + 1e-4), FlatView((4, 6))
     steps = list(refinement(view, Colouring(begin), shown(PICTURE)))
@@ -44,7 +44,7 @@ def test_invalid_pixels_do_not_count():
     assert (colour - 0.4).abs().max() < 0.01
 
 
-def test_who_stands_before_the_place_counts_less_and_another_light_does_not():
+def test_passers_by_count_less_and_another_light_counts_in_full():
     side, begin = 16 * CELL_PX, Colouring(torch.full((3,), 0.4))
     other_light = torch.tensor([0.3, 0.2, 0.1]).expand(side, side, 3)
     assert (without_strangers(FlatView((side, side)), begin, shown(other_light)).weight == 1).all()
@@ -56,7 +56,7 @@ def test_who_stands_before_the_place_counts_less_and_another_light_does_not():
     assert (weight == 1).all()
 
 
-def test_it_begins_with_the_tone_that_was_read_and_moves_it():
+def test_refinement_starts_from_the_tone_that_was_read_and_improves_it():
     begin, tone = torch.full((3,), 0.8), torch.tensor([[0.25, 0.5, 0.5], [0.1, 0.1, 0.1]])
     first = next(refinement(FlatView((4, 6)), Colouring(begin, tone), shown(PICTURE)))
     torch.testing.assert_close(first.tone, tone)
@@ -65,7 +65,7 @@ def test_it_begins_with_the_tone_that_was_read_and_moves_it():
     torch.testing.assert_close(found.tone[1], tone[1])  # nothing shows the sky
 
 
-def test_what_is_finer_than_a_cell_does_not_move_a_look():
+def test_detail_finer_than_a_cell_does_not_change_a_look():
     """A chequered picture has the colour of its means."""
     side = 4 * CELL_PX
     chequered = torch.full((side, side, 3), 0.4)
@@ -98,7 +98,7 @@ def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
     assert shown(picture).picture[0, 0, 0] == pytest.approx((0.9 + 3 * 0.25) / 4)
 
 
-def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
+def test_weights_that_embeddings_give_can_go_beyond_what_any_embedding_gives():
     """In units of how widely they differ between looks: one that hardly does stays."""
     apart = {"last.bias": torch.tensor([0.5, 0.5, 1e-6])}
     begin = torch.full((3,), 0.8)
@@ -108,7 +108,7 @@ def test_weights_that_embeddings_give_may_leave_what_embeddings_give():
 
 
 @pytest.mark.parametrize("as_much, learned", [(0, True), (60, False)])
-def test_shared_weights_learn_later_unless_what_is_unseen_would_move_more_than_what_is_seen(as_much, learned):
+def test_shared_weights_are_refined_last_unless_that_would_change_the_unseen_more_than_the_seen(as_much, learned):
     """as_much: times that the colours of Gaussians out of view move as far as the picture. Only later can this picture be met at all."""
     view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)})
     view.harmonics = lambda rows, look: (
@@ -121,13 +121,13 @@ def test_shared_weights_learn_later_unless_what_is_unseen_would_move_more_than_w
     assert (change < -0.05).all() if learned else (change == 0).all()
 
 
-def test_a_start_that_changes_weights_is_where_it_begins():
+def test_refinement_starts_from_weights_that_were_changed_before():
     begin = Colouring(torch.full((3,), 0.9), None, {"last.bias": torch.full((3,), -0.5)})
     first = next(refinement(FlatView((4, 6), given_spread={"last.bias": torch.ones(3)}), begin, shown(PICTURE)))
     assert torch.equal(first.changes["last.bias"], begin.changes["last.bias"])
 
 
-def test_what_a_photo_does_not_show_weighs_as_much_beside_a_small_part_of_it_as_beside_all():
+def test_a_photo_with_few_valid_pixels_is_followed_no_less():
     """The hold is on one scale with the mean over what is valid: a photo of which little is valid is followed no less."""
     moves = []
     for columns in (1, 6):
@@ -150,18 +150,18 @@ def test_the_sky_counts_no_more_than_the_place(columns, weight):
     assert (weights[columns:] == 1).all()
 
 
-def test_what_a_photo_does_not_show_is_no_place_and_what_is_half_sky_counts_in_between():
+def test_invalid_cells_are_no_place_and_cells_that_are_half_sky_count_in_between():
     sky, pixels = torch.zeros(40), torch.full((40,), 64.0)
     sky[:10], sky[10], pixels[14:] = 64, 32, 0
     assert _share_of_cells(sky, pixels)[[0, 10, 11]].tolist() == pytest.approx([1 / 3, 2 / 3, 1])
 
 
-def test_an_embedding_stays_where_it_may_go():
+def test_an_embedding_stays_within_its_bound():
     found, colour = refined(PICTURE, torch.full((3,), 0.8), bound=lambda embedding: embedding.clamp(min=0.7))
     assert found.embedding.min() >= 0.7 and (colour - 0.4).abs().max() < 0.01  # the tone does the rest
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (200, 3)])
-def test_pictures_of_any_shape(size):
+def test_pictures_of_any_shape_can_be_refined(size):
     _, colour = refined(torch.full((*size, 3), 0.4), torch.full((3,), 0.5))
     assert (colour - 0.4).abs().max() < 1e-3

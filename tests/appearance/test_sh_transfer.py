@@ -123,7 +123,7 @@ def test_bit_identical_on_any_number_of_threads():
             assert torch.equal(other[name], expected), name
 
 
-def test_a_row_does_not_depend_on_its_company():
+def test_a_gaussian_does_not_depend_on_the_others():
     transfer = transfer_of()
     inputs = inputs_of(transfer, 2 * ROWS + 300)
     everything = called(transfer, **inputs)
@@ -191,7 +191,7 @@ def test_uses_the_fast_path_for_float32_only(monkeypatch):
     assert used == ["plain"]
 
 
-def test_hidden_layers_are_kept_only_for_a_way_back(monkeypatch):
+def test_hidden_layers_are_kept_only_for_a_backward_pass(monkeypatch):
     transfer, kept = transfer_of(), []
     honest = transfer_mlp._evaluated
     monkeypatch.setattr(transfer_mlp, "_evaluated", lambda *given: kept.append(honest(*given)) or kept[-1])
@@ -201,7 +201,7 @@ def test_hidden_layers_are_kept_only_for_a_way_back(monkeypatch):
     assert [evaluated.kept.shape[1] > 0 for evaluated in kept] == [True, False]
 
 
-def test_the_embedding_has_its_gradient_before_the_way_back_through_the_hidden_layers():
+def test_the_embedding_has_its_gradient_before_the_hidden_layers_do():
     """A training step starts to teach the encoder then, beside the rest."""
     transfer, order = transfer_of(embedding_enters="output"), []
     inputs = inputs_of(transfer, 3)

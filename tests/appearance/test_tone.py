@@ -48,7 +48,7 @@ def test_no_tone_within_bounds_fits_better():
         assert all((cost(found) <= cost(other) + 1e-6).all() for other in others)
 
 
-def test_without_a_sky_its_gain_stays():
+def test_without_a_sky_its_gain_stays_one():
     brought = torch.stack([SKY_ABOVE[0], torch.zeros(BANDS, 3)])
     found = tone_between(brought, 0.3 * SKY_ABOVE[0])
     assert torch.equal(found[1], torch.ones(3))

@@ -30,7 +30,7 @@ def test_bound_is_a_scaled_tanh(bound):
     assert np.abs(found).max() <= np.float32(bound)
 
 
-def test_bound_keeps_what_is_not_a_number():
+def test_the_bound_keeps_nan_and_limits_infinity():
     values = np.array([np.nan, np.inf, -np.inf, 0.0], np.float32)
     found = np.empty_like(values)
     afresh(bound_softly)(values, np.float32(4), NOTHING, found)

@@ -22,7 +22,7 @@ def product(left, right, start, least, transpose=False):
 
 
 @pytest.mark.parametrize("rows, columns, inner", [(8, 16, 1), (16, 48, 27), (24, 32, 0), (128, 16, 33), (8, 80, 5)])
-def test_product(rows, columns, inner):
+def test_the_matrix_product_is_exact_on_small_integers(rows, columns, inner):
     """Small integers: sums are exact in any order."""
     random = np.random.default_rng(rows)
     sizes = (rows, inner), (inner, columns), (rows, columns), (1, columns)
@@ -36,7 +36,7 @@ def test_product(rows, columns, inner):
     np.testing.assert_array_equal(sums, left @ right + start)
 
 
-def test_a_relu_keeps_what_is_not_a_number():
+def test_a_relu_keeps_nan():
     left = np.ones((8, 2), np.float32)
     left[1, 0] = np.nan
     result = product(left, -np.ones((2, 16), np.float32), np.zeros((1, 16), np.float32), ZERO)

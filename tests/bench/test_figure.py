@@ -194,7 +194,7 @@ def test_the_table_has_a_column_for_each_quantity_and_says_what_it_was_made_on()
     assert any("Some, CPU" in line and "seed 7" in line for line in heard.lines)
 
 
-def test_a_home_that_cannot_be_written_in_is_no_matter(tmp_path):
+def test_a_home_that_cannot_be_written_in_does_no_harm(tmp_path):
     (tmp_path / "file").touch()
     program = "from core.bench.files import draw_png; from tests.bench.test_figure import figure, point; draw_png(figure(point('a', 1, 1)))"
     environment = os.environ | {"MPLCONFIGDIR": str(tmp_path / "file" / "matplotlib")}

@@ -47,7 +47,7 @@ def test_a_damaged_photo_is_named_and_the_others_are_measured(trained):
     assert photos[tests[0]].path.with_suffix(".png").read_bytes() == whole
 
 
-def test_where_no_photo_can_be_measured_it_is_said_why(trained):
+def test_the_reason_is_given_if_no_photo_can_be_measured(trained):
     photos = tuple(replace(photo, path=photo.path.with_name("gone.png")) for photo in trained.collection.photos)
     moved = replace(trained, collection=replace(trained.collection, photos=photos))
     heard = Heard()
@@ -68,7 +68,7 @@ def test_a_protocol_that_cannot_be_measured_leaves_the_other(trained, monkeypatc
     assert "! run is not measured by half: a.png is 1 px wide and has no halves." in heard.lines
 
 
-def test_no_held_out_photo_is_said(trained):
+def test_a_run_without_held_out_photos_is_refused(trained):
     train = trained.collection.split("train")
     with pytest.raises(BadInput, match="nothing to draw"):
         refinement_figure({"run": replace(trained, collection=replace(trained.collection, photos=train))}, ("full",), 3, Report())

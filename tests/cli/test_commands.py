@@ -117,7 +117,7 @@ def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     assert asked == []
 
 
-def test_a_run_named_as_a_scene_is_told_how_to_go_on(asked, tmp_path, monkeypatch):
+def test_a_run_given_as_a_scene_is_refused_with_the_right_command(asked, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("runs/a b").mkdir(parents=True)
     Path("runs/a b/config.json").write_text('{"wegs": "0.1.0"}')

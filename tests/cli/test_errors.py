@@ -204,7 +204,7 @@ def test_a_program_without_a_terminal_works_all_the_same():
         (["doctor", "transforms.json"], "transforms.json is a file, not a folder. Give the folder it is in: ."),
     ],
 )
-def test_what_is_nearly_right_is_told_how_to_be_typed(typed, advice, tmp_path, monkeypatch):
+def test_a_command_line_that_is_nearly_right_is_corrected(typed, advice, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("a.mp4", "transforms.json"):
         Path(name).touch()

@@ -65,7 +65,7 @@ def test_the_version_is_the_engines():
     assert (result.exit_code, result.output) == (0, f"wegs {core.__version__}\n")
 
 
-def test_the_command_is_there_also_where_its_name_is_not():
+def test_the_program_can_be_run_as_a_module():
     done = subprocess.run([sys.executable, "-m", "wegs_cli", "--version"], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == f"wegs {core.__version__}\n"
 

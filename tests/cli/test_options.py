@@ -47,7 +47,7 @@ def test_what_may_not_be_read_is_left_to_its_reader(tmp_path, monkeypatch):
     assert InputPath().convert(str(tmp_path), None, None) == tmp_path
 
 
-def test_without_anything_the_defaults_stand():
+def test_without_any_argument_the_defaults_apply():
     assert settings_from(None, None, (), NOTHING) == Settings()
 
 

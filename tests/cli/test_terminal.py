@@ -45,7 +45,7 @@ def test_a_log_file_says_what_time_is_left_also_where_parts_differ(clock, capsys
     assert lines[-1] == "Training 99/100, 0:00:04 left"
 
 
-def test_whoever_waits_for_kernels_to_be_compiled_is_told(capsys):
+def test_compiling_the_kernels_is_announced(capsys):
     with Terminal():
         njit(lambda x: x + 1)(1.0)
     assert capsys.readouterr().out.startswith("Compiling the kernels")
@@ -170,7 +170,7 @@ print("worked", file=sys.stderr)
 """
 
 
-def test_where_nobody_listens_any_more_the_work_goes_on():
+def test_work_goes_on_after_its_output_is_closed():
     """As `wegs bake ... | head -1`."""
     ways = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", SPEAKS], cwd=Path(__file__).parents[2], **ways) as speaker:
@@ -180,7 +180,7 @@ def test_where_nobody_listens_any_more_the_work_goes_on():
         assert (speaker.stderr.read(), speaker.wait()) == ("worked\n", 0)
 
 
-def test_a_full_disk_is_no_silence(monkeypatch):
+def test_output_to_a_full_disk_is_an_error(monkeypatch):
     class Full(io.StringIO):
         def write(self, _):
             raise OSError(errno.ENOSPC, "No space left on device")

@@ -43,7 +43,7 @@ def rotation_about_y(angle):
     return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
 
 
-def test_who_is_astray_is_judged_by_the_median_camera(tmp_path):
+def test_the_median_camera_decides_which_cameras_are_astray(tmp_path):
     """The mean of these distances is over 200: beside it nobody would be."""
     photos = small_collection(tmp_path).photos[:5]
     photos = [

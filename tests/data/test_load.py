@@ -27,18 +27,18 @@ def save_photo(path):
     assert cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint8))
 
 
-def test_no_such_folder(tmp_path):
+def test_a_missing_folder_is_refused(tmp_path):
     with pytest.raises(BadInput, match="There is no folder .*nowhere"):
         load_collection(tmp_path / "nowhere")
 
 
-def test_a_file(tmp_path):
+def test_a_file_in_place_of_a_folder_is_refused(tmp_path):
     save_photo(tmp_path / "a.jpg")
     with pytest.raises(BadInput, match="a.jpg is a file"):
         load_collection(tmp_path / "a.jpg")
 
 
-def test_no_photos(tmp_path):
+def test_a_folder_without_photos_is_refused(tmp_path):
     (tmp_path / "images").mkdir()
     with pytest.raises(BadInput, match="no photos and no COLMAP model"):
         load_collection(tmp_path)
@@ -155,7 +155,7 @@ def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monke
 
 
 @pytest.mark.parametrize("place", ["sfm", "colmap/sparse", "distorted/sparse/0", "sparse/0_aligned"])
-def test_a_model_where_none_is_looked_for_is_told(tmp_path, monkeypatch, place):
+def test_a_model_in_an_unusual_folder_is_reported(tmp_path, monkeypatch, place):
     model = SmallScene().write(tmp_path / "scene", images="images", sparse=place) / place
     monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
     heard = Heard()
@@ -163,7 +163,7 @@ def test_a_model_where_none_is_looked_for_is_told(tmp_path, monkeypatch, place):
     assert heard.lines == [f"! {model} holds a COLMAP model, which is not used: move it to {tmp_path / 'scene' / 'sparse' / '0'}."]
 
 
-def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, monkeypatch):
+def test_photos_in_a_subfolder_that_is_not_searched_are_reported(tmp_path, monkeypatch):
     for name in ("a.jpg", "b.jpg", "day/1.jpg", "day/2.jpg", "day/3.jpg", "day/dark/1.jpg"):
         save_photo(tmp_path / "photos" / name)
     monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
@@ -289,7 +289,7 @@ def test_nerfstudios_model_is_used_where_its_transforms_json_is_gone(tmp_path):
         load_collection(root)
 
 
-def test_held_out_copies_of_training_photos_are_told(tmp_path):
+def test_held_out_copies_of_training_photos_are_reported(tmp_path):
     scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
     collection = load_collection(scene)
     test, train = collection.split("test")[0], collection.split("train")[0]

@@ -9,7 +9,7 @@ TURN = np.array([[0.0, -1, 0, 2], [1, 0, 0, 3], [0, 0, 1, 4], [0, 0, 0, 1]])
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-3, 50.0])
-def test_rotation_and_centre(scale):
+def test_a_pose_gives_rotation_and_centre(scale):
     rotation, centre = from_camera_to_world(TURN * [scale, scale, scale, 1], "a pose")
     assert np.allclose(rotation, TURN[:3, :3].T, rtol=0, atol=1e-15) and (centre == [2, 3, 4]).all()
 
@@ -25,7 +25,7 @@ def test_rotation_and_centre(scale):
         (TURN * [1, 1, 1, 1e200], "not finite"),
     ],
 )
-def test_what_is_no_pose(matrix, words):
+def test_what_is_no_pose_is_refused(matrix, words):
     with pytest.raises(Fault, match=f"^with a pose .*{words}"):
         from_camera_to_world(matrix, "a pose")
 

@@ -40,7 +40,7 @@ def test_one_photo_is_trained_on(tmp_path):
     assert split(tmp_path, ["a.jpg"])[0] == {"a.jpg": "train"}
 
 
-def test_test_txt(tmp_path):
+def test_photos_in_test_txt_are_held_out(tmp_path):
     (tmp_path / "test.txt").write_text("# held out\r\nc.jpg\r\n\r\nd.jpg\r\nunknown.jpg\r\n")
     splits, notes = split(tmp_path)
     assert [name for name in NAMES if splits[name] == "test"] == ["c.jpg", "d.jpg"]
@@ -57,7 +57,7 @@ def test_names_may_differ_in_case_where_none_is_equal(tmp_path):
     assert set(splits.values()) == {"train"} and "A.JPG (left/a.jpg, right/a.jpg)" in notes[0]
 
 
-def test_a_table_above_the_folder_and_a_list_without_its_other_half_are_told(tmp_path):
+def test_a_table_above_the_folder_and_a_list_without_its_other_half_are_reported(tmp_path):
     (tmp_path / "x.tsv").write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
     (tmp_path / "dense").mkdir()
     (tmp_path / "dense" / "train_list.txt").write_text("a.jpg\n")
@@ -123,7 +123,7 @@ def test_tsv_matches_photos_in_folders_by_their_last_name(tmp_path):
     assert splits == {"left/a.jpg": "train", "left/b.jpg": "test"} and notes == []
 
 
-def test_several_tsv_files(tmp_path):
+def test_the_first_of_several_split_tables_is_used(tmp_path):
     for name in ("a.tsv", "b.tsv"):
         (tmp_path / name).write_text(table(("a.jpg", "1", "train", "x"), ("b.jpg", "2", "test", "x")))
     assert split(tmp_path, NAMES[:2])[1] == ["Several split tables: a.tsv is used, b.tsv not."]
@@ -228,7 +228,7 @@ def test_tables_and_lists_as_windows_programs_save_them(tmp_path, encoding):
     assert split(tmp_path, names) == (expected, [])
 
 
-def test_rows_that_are_too_short(tmp_path):
+def test_rows_that_are_too_short_have_no_id(tmp_path):
     (tmp_path / "x.tsv").write_text("filename\tid\tsplit\na.jpg\nb.jpg\t1\ttrain\n")
     read = read_split_table(tmp_path / "x.tsv")
     assert read.splits == {"b.jpg": "train"} and read.without_id == ("a.jpg",)
@@ -276,7 +276,7 @@ def test_long_lists_are_cut_but_counted(tmp_path):
     assert note.startswith("15 photos") and note.endswith("l.jpg and 3 more")
 
 
-def test_phototourism_scene(tmp_path):
+def test_a_phototourism_scene_is_split_by_its_table(tmp_path):
     root = SmallScene().write(tmp_path / "scene", "dense/images", "dense/sparse")
     names = [f"photo_{index}.png" for index in range(4)]
     (root / "plaza.tsv").write_text(table(*((name, "1.0", "test" if name == names[1] else "train", "x") for name in names)))

@@ -33,13 +33,13 @@ def test_gaussians_in_other_formats_are_to_be_converted(tmp_path, name):
         examine(tmp_path / name, Heard())
 
 
-def test_of_a_folder_of_gaussians_a_file_is_asked_for(tmp_path):
+def test_given_a_folder_of_plys_the_doctor_asks_for_one_of_them(tmp_path):
     write(tmp_path / "splat.ply", sound_rows())
     with pytest.raises(BadInput, match=f"holds no photos and no COLMAP model. .* give its path, such as {tmp_path}/splat.ply.$"):
         examine(tmp_path, Heard())
 
 
-def test_of_a_photo_the_folder_is_asked_for(tmp_path):
+def test_given_a_photo_the_doctor_asks_for_its_folder(tmp_path):
     (tmp_path / "a.JPG").write_bytes(b"\xff\xd8")
     with pytest.raises(BadInput, match=f"a.JPG is a file, not a folder. Give the folder it is in: {tmp_path}$"):
         examine(tmp_path / "a.JPG", Heard())

@@ -125,7 +125,7 @@ def test_how_many_of_a_kind_ask_for_something(tmp_path, name, share, change):
         assert f"{count} (" in finding.figure and bool(finding.advice) == (count > share * ROWS)
 
 
-def test_opacities_that_are_no_logits_are_told(tmp_path):
+def test_opacities_that_are_no_logits_are_reported(tmp_path):
     rows = sound_rows()
     rows["opacity"] = np.random.default_rng(1).random(ROWS)
     findings, _ = examined(write(tmp_path / "a.ply", rows))
@@ -133,7 +133,7 @@ def test_opacities_that_are_no_logits_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("column, name", [("scale", "scales"), ("f_dc", "colours")])
-def test_scales_and_colours_that_are_stored_as_they_are_are_told(tmp_path, column, name):
+def test_scales_and_colours_stored_as_plain_values_are_reported(tmp_path, column, name):
     rows, random = sound_rows(), np.random.default_rng(1)
     for axis in "xyz":
         rows[axis] *= 100  # so that a length of 1 to 3 is nothing odd
@@ -173,7 +173,7 @@ def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, 
     assert own or not any(word in finding.advice for finding in findings.values() for word in ("wegs", "_", "--"))
 
 
-def test_coordinates_too_large_for_float32_are_told_in_units_and_pixels(tmp_path):
+def test_coordinates_too_large_for_float32_are_reported_in_units_and_pixels(tmp_path):
     rows = sound_rows()
     rows["x"] += 5e6
     findings, _ = examined(write(tmp_path / "a.ply", rows))
@@ -188,7 +188,7 @@ def cameras_json(*positions) -> str:
     return json.dumps([{"position": list(p), "rotation": np.eye(3).tolist(), **lens} for p in positions])
 
 
-def test_of_another_programs_run_the_last_iteration_is_looked_at(tmp_path):
+def test_the_last_iteration_of_another_programs_run_is_examined(tmp_path):
     (tmp_path / "config.json").write_text('{"learning_rate": 1}')
     for age, (name, count) in enumerate((("30000", 40), ("7000", 50), ("best", 60))):
         path = tmp_path / "point_cloud" / f"iteration_{name}" / "point_cloud.ply"
@@ -230,7 +230,7 @@ def test_a_sky_of_most_rows_hides_no_fault(tmp_path):
     assert findings["giants"].figure.startswith("60 (15 %) in the scene") and asked_for(findings) == {"giants", "extent"}
 
 
-def test_rows_that_were_taken_out_or_that_no_header_counts(tmp_path):
+def test_missing_and_uncounted_rows_are_reported(tmp_path):
     path = write(tmp_path / "a.ply", sound_rows()[:40], "wegs 1.0, run 0a, sky 50, look dusk")
     findings, _ = examined(path)
     assert asked_for(findings) == {"sky"} and findings["sky"].figure == "50 of 40 Gaussians" and "needles" in findings
@@ -243,7 +243,7 @@ def test_rows_that_were_taken_out_or_that_no_header_counts(tmp_path):
     assert "rest of the file" not in findings
 
 
-def test_one_gaussian_is_no_gaussians(tmp_path):
+def test_one_gaussian_is_counted_in_the_singular(tmp_path):
     path = write(tmp_path / "a.ply", sound_rows()[:1], "wegs 1.0, run 0a, sky 2, look dusk")
     path.write_bytes(path.read_bytes() + b" ")
     findings, _ = examined(path)
@@ -251,7 +251,7 @@ def test_one_gaussian_is_no_gaussians(tmp_path):
     assert findings["sky"].figure == "2 of 1 Gaussian" and findings["rest of the file"].figure == "1 byte"
 
 
-def test_scales_that_are_no_logarithms(tmp_path):
+def test_scales_that_are_no_logarithms_are_reported(tmp_path):
     rows = sound_rows()
     for axis in range(3):
         rows[f"scale_{axis}"] = 0.01
@@ -265,14 +265,14 @@ def refuse(*_):
     raise BadInput("400 Gaussians cover 1e9 tiles.", "Lower the resolution (-r).")
 
 
-def test_gaussians_too_large_to_draw_end_no_examination(tmp_path, monkeypatch):
+def test_gaussians_too_large_to_draw_do_not_end_the_examination(tmp_path, monkeypatch):
     monkeypatch.setattr("core.doctor.views.largest_contributions", refuse)
     (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
     findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
     assert asked_for(findings) == {"never seen"} and "-r" not in findings["never seen"].advice
 
 
-def test_a_camera_beside_its_middle(tmp_path):
+def test_the_principal_point_of_a_camera_is_used(tmp_path):
     rows = sound_rows()
     rows["opacity"] = -3.0
     cameras = json.loads(cameras_json((0.0, 0.0, -4.0)))
@@ -280,7 +280,7 @@ def test_a_camera_beside_its_middle(tmp_path):
     assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "400 (100 %)"
 
 
-def test_a_camera_that_looks_along_x(tmp_path):
+def test_the_rotation_of_a_camera_is_used(tmp_path):
     rows = sound_rows()
     rows["opacity"] = -3.0
     camera = json.loads(cameras_json((-4.0, 0.0, 0.0)))[0] | {"rotation": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}  # camera to world

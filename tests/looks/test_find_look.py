@@ -85,7 +85,7 @@ def test_a_photo_may_have_the_longest_name_there_is(trained, tmp_path, monkeypat
     assert find_look(called_so, name, refine=False).source.endswith(f"photo {name}") and find_view(called_so, name).name == name
 
 
-def test_a_view_is_called_as_a_look_is(trained):
+def test_a_view_is_named_as_a_look_is(trained):
     photo = trained.collection.photos[4]
     assert find_view(trained, str(photo.path)) is photo
     assert find_view(trained, None).name == trained.collection.photo(None).name == "photo_2.png"
@@ -132,5 +132,5 @@ def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
         ((1.02, 1.0, 0.98), (1.0, 1.0, 1.0), ""),
     ],
 )
-def test_a_light_is_said_in_a_few_words(place, sky, words):
+def test_a_light_is_described_in_a_few_words(place, sky, words):
     assert light_in_words(torch.tensor([place, sky])) == words

@@ -97,7 +97,7 @@ def test_a_held_out_photo_whose_mask_is_gone_is_read_without_it(trained, tmp_pat
     assert heard.lines[-1].startswith("! The mask ") and heard.lines[-1].endswith(f"{photo.name} is read without its mask.")
 
 
-def test_the_colours_of_who_is_masked_do_not_enter_a_look_at_all(trained, tmp_path):
+def test_colours_under_a_mask_do_not_enter_a_look(trained, tmp_path):
     photo = trained.collection.photos[3]
     looks = [find_look(trained, str(crowd), mask) for crowd, mask in (with_crowd(photo, tmp_path, c) for c in (ORANGE, BLUE))]
     assert torch.equal(looks[0].colouring.embedding, looks[1].colouring.embedding)
@@ -169,7 +169,7 @@ def test_no_training_photo_lies_beyond_the_known_range_as_a_file_from_outside_ei
     assert torch.equal(trained.photo_embeddings, torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]))
 
 
-def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_path):
+def test_no_tone_is_read_where_transparent_pixels_are_empty(trained, tmp_path):
     """What the neutral look shows there is no light to compare a photo's with."""
     night = darkened(trained.collection.photo("photo_03.png"), tmp_path, 0.15)
     of_renders = replace(trained, settings=trained.settings.changed(transparency="empty", sky="none"))
@@ -178,7 +178,7 @@ def test_where_transparent_pixels_are_empty_no_photo_tells_a_tone(trained, tmp_p
     assert look.source == "photo 0.15.png from outside the collection"
 
 
-def test_what_is_sky_in_a_view_is_what_place_and_dome_leave_to_the_dome(trained):
+def test_the_sky_of_a_view_is_what_it_shows_of_the_dome(trained):
     camera = trained.camera(trained.collection.photos[0])
     everything = torch.ones(camera.height, camera.width)
     pixels = cell_sums(everything[..., None])[:, 0]
@@ -189,7 +189,7 @@ def test_what_is_sky_in_a_view_is_what_place_and_dome_leave_to_the_dome(trained)
     assert replace(trained, sky=0).seen_by(camera).in_cells(everything).sky is None
 
 
-def test_the_gain_of_the_sky_is_told_from_that_of_the_place(trained, tmp_path):
+def test_sky_and_place_have_gains_of_their_own(trained, tmp_path):
     neutral = bake(trained, find_look(trained, "neutral"))
     night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)
     photo = trained.collection.photo(None)

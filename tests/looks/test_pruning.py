@@ -41,7 +41,7 @@ def largest_change(before: Splats, after: Splats) -> float:
     return max(float((first - second).abs().max()) for first, second in pictures)
 
 
-def test_what_no_view_draws_goes_and_changes_no_bit():
+def test_gaussians_that_no_view_draws_are_removed_without_changing_a_bit():
     seen = ball(200)
     behind = gaussians([[0.0, 0.0, -40.0], [0.0, 0.0, -50.0]], 0.1, 0.9, 1.0)  # behind every camera
     faint = gaussians(torch.zeros(50, 3), 0.1, 0.5 / 255, 1.0)  # below the weakest contribution that is drawn
@@ -66,7 +66,7 @@ def hidden(count: int) -> Splats:
 
 
 @pytest.mark.parametrize("count", [1, 30, 300])
-def test_faint_ones_go_as_long_as_their_sum_stays_below_half_a_step(count):
+def test_faint_gaussians_are_removed_while_their_sum_stays_below_half_a_step(count):
     look = hidden(count)
     pruner = Pruner(look, CAMERAS, RASTERIZER)
     pruned = pruner(look)
@@ -93,7 +93,7 @@ def test_many_that_each_could_go_do_not_all_go():
     assert largest_change(look, look[pruner.kept]) <= HALF_STEP
 
 
-def test_a_band_goes_when_no_view_shows_it_and_stays_when_one_does():
+def test_an_sh_band_is_removed_only_if_no_view_shows_it():
     look = ball(200, degree=2)
     look.sh[:, 4:] = 0.001  # times at most 1.1 a coefficient: far below half a step over five of them
     look.sh[:, 1] = 0.2

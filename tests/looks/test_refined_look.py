@@ -69,7 +69,7 @@ def test_a_crowd_before_the_place_is_not_painted_onto_it(trained, monkeypatch):
     assert found < 0.01 and found < 0.5 * moved()
 
 
-def test_the_photo_of_a_look_is_met_more_closely(trained):
+def test_refinement_brings_a_look_closer_to_its_photo(trained):
     heard = Heard()
     encoded, refined = (find_look(trained, "0.png", refine=refine, report=heard) for refine in (False, True))
     assert off(trained, refined) < 0.97 * off(trained, encoded)  # 0.93 was seen, after seconds of training
@@ -171,7 +171,7 @@ def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path
     )
 
 
-def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without_the_scene(trained, tmp_path):
+def test_landmarks_are_found_once_and_then_suffice_without_the_scene(trained, tmp_path):
     outside = tmp_path / "outside.png"
     outside.write_bytes(trained.collection.photo("0.png").path.read_bytes())
     (tmp_path / "run").mkdir()
@@ -191,7 +191,7 @@ def test_what_photos_are_located_by_is_searched_for_once_and_then_serves_without
     assert any("first time only" in line for line in heard[0].lines) and not heard[1].lines
 
 
-def test_they_are_searched_for_again_once_all_photos_are_back(trained, tmp_path):
+def test_landmarks_are_not_kept_until_all_photos_can_be_read(trained, tmp_path):
     """What is found while a disk is half copied would else lose photos for good."""
     shutil.copytree(trained.collection.photos[0].path.parent, tmp_path / "scene")
     (tmp_path / "run").mkdir()
@@ -209,26 +209,26 @@ def test_they_are_searched_for_again_once_all_photos_are_back(trained, tmp_path)
     assert len(refined_look.landmarks_of_run(run, Report()).counts) == 5 and list(run.folder.iterdir())
 
 
-def test_photos_that_were_damaged_in_training_already_are_not_waited_for(trained, tmp_path, monkeypatch):
+def test_landmarks_do_not_wait_for_photos_that_training_left_out(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(trained.model, "photo_names", [name for name in trained.model.photo_names if name != "4.png"])
     run = replace(trained, folder=tmp_path)
     assert len(refined_look.landmarks_of_run(run, Report()).counts) == 4 and list(tmp_path.iterdir())
 
 
-def test_a_scene_that_does_not_tell_which_photo_shows_what_is_said_to(trained, tmp_path, monkeypatch):
+def test_a_scene_that_does_not_say_which_photo_sees_which_point_is_reported(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(refined_look, "known_photos", lambda collection: [])
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), 120, np.uint8))
     assert find_look(replace(trained, folder=tmp_path), str(wall)).source.endswith("does not tell which photo shows which point")
 
 
-def test_in_a_run_that_may_not_be_written_in_they_are_searched_for_again(trained, tmp_path, monkeypatch):
+def test_landmarks_can_be_used_in_a_run_that_may_not_be_written_in(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(Landmarks, "save", failing(BadInput("The folder may not be written in.")))
     known = refined_look.landmarks_of_run(replace(trained, folder=tmp_path), Report())
     assert len(known.counts) == 5 and not list(tmp_path.iterdir())
 
 
-def test_in_a_run_that_was_replaced_meanwhile_they_are_not_kept(trained, tmp_path):
+def test_landmarks_are_not_kept_in_a_run_that_was_replaced_meanwhile(trained, tmp_path):
     (tmp_path / "config.json").write_text('{"run": "another"}')
     heard = Heard()
     refined_look.landmarks_of_run(replace(trained, folder=tmp_path), heard)

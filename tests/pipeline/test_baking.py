@@ -36,7 +36,7 @@ def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
         assert (baked - expected).abs().max() <= 0.5 / 255  # half an 8-bit step: no viewer can show the difference
 
 
-def test_the_viewpoints_are_named_where_they_are_and_written_again_where_a_run_goes_on(trained, tmp_path):
+def test_viewpoints_are_mentioned_if_they_exist_and_written_again_on_resume(trained, tmp_path):
     folder = shutil.copytree(trained[0], tmp_path / "run")
     cameras = (folder / "cameras.json").read_bytes()
     for gone in (False, True):
@@ -50,7 +50,7 @@ def test_the_viewpoints_are_named_where_they_are_and_written_again_where_a_run_g
     assert (folder / "cameras.json").read_bytes() == cameras
 
 
-def test_what_was_made_meanwhile_is_replaced_by_no_look(trained, tmp_path, monkeypatch):
+def test_a_file_that_was_made_meanwhile_is_not_replaced(trained, tmp_path, monkeypatch):
     def made(*arguments):
         (tmp_path / "a.ply").write_text("theirs")
         return find_look(*arguments)
@@ -100,7 +100,7 @@ def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outs
         (" ", "no name"),
     ],
 )
-def test_a_look_that_is_none_is_refused_and_nothing_is_written(trained, tmp_path, monkeypatch, word, words):
+def test_an_unusable_look_is_refused_and_nothing_is_written(trained, tmp_path, monkeypatch, word, words):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("tiny.png", np.zeros((1, 1, 3), np.uint8))
     Path("text.png").write_text("not a photo")
@@ -125,7 +125,7 @@ def test_an_output_that_exists_or_has_no_format_is_refused(trained, tmp_path):
     assert len(read_ply(path)) > 0
 
 
-def test_the_seconds_that_are_told_include_finding_the_look(trained, tmp_path, monkeypatch):
+def test_the_reported_seconds_include_finding_the_look(trained, tmp_path, monkeypatch):
     def slowly(*arguments):
         clock[0] += 7
         return find_look(*arguments)
@@ -137,7 +137,7 @@ def test_the_seconds_that_are_told_include_finding_the_look(trained, tmp_path, m
     assert [line.endswith(" MB, 7.0 s") for line in heard.lines if line.startswith(f"{path}: ")] == [True]
 
 
-def test_a_scene_far_from_the_origin_is_written_around_itself_and_that_is_said(trained, tmp_path, monkeypatch):
+def test_a_scene_far_from_the_origin_is_written_around_itself_and_that_is_reported(trained, tmp_path, monkeypatch):
     live, heard, near = load_run(trained[0]), Heard(), Heard()
     pipeline.bake_to_file(trained[0], "neutral", tmp_path / "near.ply", near)
     far = replace(live, collection=replace(live.collection, frame=SceneFrame(np.array([5e6, 0, -7.5]), 1.0)))

@@ -66,7 +66,7 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     assert again.sized_photo(again.collection.photos[0]).photo.path == photo.path
 
 
-def test_a_photo_in_whose_place_another_lies_is_told_and_no_run_goes_on_with_it(trained, small_scene, tmp_path):
+def test_a_photo_replaced_by_another_is_reported_and_prevents_a_resume(trained, small_scene, tmp_path):
     scene, folder = shutil.copytree(small_scene, tmp_path / "scene"), shutil.copytree(trained[0], tmp_path / "run")
     facts = json.loads((folder / "config.json").read_text())
     facts["scene"] |= {"path": str(scene), "from_run": None}
@@ -84,7 +84,7 @@ def test_a_photo_in_whose_place_another_lies_is_told_and_no_run_goes_on_with_it(
         pipeline.resume(folder)
 
 
-def test_no_run_goes_on_with_masks_that_were_drawn_anew(small_scene, tmp_path):
+def test_a_run_is_not_resumed_with_masks_that_were_redrawn(small_scene, tmp_path):
     (tmp_path / "masks").mkdir()
     for number in range(5):
         cv2.imwrite(str(tmp_path / "masks" / f"photo_{number}.png"), np.full((HEIGHT, WIDTH), 255, np.uint8))

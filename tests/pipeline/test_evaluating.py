@@ -46,7 +46,7 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
     assert {path.name for path in (trained[0] / "pictures/full/gt-color").iterdir()} == {"photo_2.png", "photo_5.png"}
 
 
-def test_pictures_of_an_earlier_call_are_said_to_be(trained, tmp_path):
+def test_pictures_of_an_earlier_call_are_reported_as_such(trained, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder, ignore=shutil.ignore_patterns("pictures"))
     told = []
@@ -57,7 +57,7 @@ def test_pictures_of_an_earlier_call_are_said_to_be(trained, tmp_path):
     assert told == [[], [], [f"! {folder / 'pictures' / 'half'} is of an earlier call: --pictures replaces it"], []]
 
 
-def test_what_is_known_of_a_synthetic_scene_is_measured_too(trained, small_scene, monkeypatch):
+def test_the_known_truth_of_a_synthetic_scene_is_measured_too(trained, small_scene, monkeypatch):
     """The photos themselves as the clean truth, nobody in them; and of photos too small for LPIPS that is said."""
     monkeypatch.setattr(lpips, "load", lambda: Lpips(made_weights()))
     for kind in ("clean", "masks"):
@@ -113,7 +113,7 @@ def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_run_that_was_stopped_is_told_wherever_it_is_used(trained, tmp_path):
+def test_every_command_says_if_a_run_was_stopped(trained, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder)
     saved = checkpoint.load(checkpoint.newest(folder))
@@ -155,7 +155,7 @@ def test_figures_of_a_run_that_was_replaced_meanwhile_are_not_kept(trained, tmp_
     assert not any((folder / name).exists() for name in ("results.json", "per_view.json", "pictures"))
 
 
-def test_figures_are_told_before_the_disk_is_full(trained, tmp_path, monkeypatch):
+def test_figures_are_printed_even_if_the_disk_is_full(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluating, "write_png", failing(disk_full("sheet.png")))
     heard = Heard()
     with pytest.raises(WegsError, match="disk is full"):

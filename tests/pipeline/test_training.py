@@ -34,7 +34,7 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
     assert len(list((folder / "masks").iterdir())) == 4
 
 
-def test_ctrl_c_keeps_the_step_and_the_run_goes_on_as_if_nothing_had_happened(trained, small_scene, tmp_path):
+def test_ctrl_c_saves_the_step_and_the_run_is_resumed_as_if_nothing_had_happened(trained, small_scene, tmp_path):
     whole, folder = load_run(trained[0]), tmp_path / "run"
     handler = signal.getsignal(signal.SIGINT)  # a shell that starts this in the background leaves it ignored
     with pytest.raises(KeyboardInterrupt, match="Step 5 is kept.*--resume"):
@@ -69,7 +69,7 @@ def test_no_checkpoint_stays_in_memory_while_a_resumed_run_is_trained(small_scen
     assert alive == []
 
 
-def test_a_run_that_was_killed_while_it_was_begun_goes_on(small_scene, tmp_path, monkeypatch):
+def test_a_run_killed_while_it_was_created_can_be_resumed(small_scene, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr("core.training.on_disk.viewer_files.write", failing(KeyboardInterrupt))
@@ -107,7 +107,7 @@ def test_a_run_is_not_resumed_without_a_photo_that_was_damaged_since(small_scene
         photo.path.write_bytes(whole)  # of the scene that all tests of this folder share
 
 
-def test_a_run_that_may_not_be_written_in_does_not_go_on(trained, tmp_path, monkeypatch):
+def test_a_run_that_may_not_be_written_in_is_not_resumed(trained, tmp_path, monkeypatch):
     folder = shutil.copytree(trained[0], tmp_path / "run")
     shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
     monkeypatch.setattr("tempfile.mkdtemp", failing(DENIED))
@@ -143,7 +143,7 @@ def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monk
 
 
 @pytest.mark.parametrize("changes, warned", [({"device": "auto"}, True), ({"device": "auto", "backend": "cpu"}, False), ({"device": "cpu"}, False)])
-def test_a_gpu_that_stays_unused_is_told_where_one_is_asked_for(small_scene, tmp_path, monkeypatch, changes, warned):
+def test_the_user_is_told_why_a_gpu_is_not_used(small_scene, tmp_path, monkeypatch, changes, warned):
     class Read(Exception):
         """The scene is about to be read."""
 

@@ -39,7 +39,7 @@ def test_any_number_of_threads_gives_the_same_bits(scene):
         assert all(torch.equal(a, b) for a, b in zip(outcomes[0], other, strict=True))
 
 
-def test_what_is_known_of_a_view_changes_nothing_in_any_look(scene):
+def test_reusing_what_visible_found_changes_no_bit_in_any_look(scene):
     splats, view = scene
     rasterizer = create("cpu")
     visible = rasterizer.visible(splats, view)
@@ -53,7 +53,7 @@ def test_what_is_known_of_a_view_changes_nothing_in_any_look(scene):
         assert torch.equal(rasterizer.contributions(look, view), rasterizer.contributions(look, view, visible.known))
 
 
-def test_what_is_known_of_other_gaussians_is_refused(scene):
+def test_reusing_what_was_found_for_other_gaussians_is_refused(scene):
     splats, view = scene
     known = create("cpu").visible(splats, view).known
     with pytest.raises(BadInput, match=r"3000 Gaussians were given with what is known of \d+\."):
@@ -67,14 +67,14 @@ def test_memory_layout_does_not_matter(scene):
     assert all(torch.equal(a, b) for a, b in zip(results(splats, view), results(strided, view), strict=True))
 
 
-def test_inputs_are_left_alone(scene):
+def test_inputs_are_not_changed(scene):
     splats, view = scene
     before = splats.map(torch.clone)
     results(splats, view)
     assert all(torch.equal(a, b) for a, b in zip(before.tensors().values(), splats.tensors().values(), strict=True))
 
 
-def test_one_gradient_may_be_asked_for_alone_and_twice(scene):
+def test_a_single_gradient_can_be_computed_alone_and_twice(scene):
     splats, view = scene
     all_gradients = results(splats, view)
     coefficients = splats.sh.clone().requires_grad_()
@@ -95,7 +95,7 @@ def test_probe_moves_the_centres(scene):
     assert (shifted[window, window] - inside[window, window]).abs().max() < 1e-4
 
 
-def test_the_background_gets_what_the_splats_leave(scene):
+def test_the_background_shows_where_splats_leave_light_through(scene):
     splats, view = scene
     black, white = (create("cpu").render(splats, view, (grey,) * 3) for grey in (0.0, 1.0))
     covered = create("cpu").render(splats.marked(slice(None)), view)

@@ -30,7 +30,7 @@ def differences(function, at):
 
 
 @pytest.mark.parametrize("beside", [0.0, 3.0], ids=["in the picture", "where the Jacobian is clamped"])
-def test_ellipse(beside):
+def test_the_gradient_of_the_ellipse_is_that_of_finite_differences(beside):
     """L = sum_p g_p log(alpha_p) over random pixels p: its gradients by offset, quaternion, log scales and centre."""
     random = np.random.default_rng(3)
     view = View.of(camera(fx=35.0, fy=50.0))
@@ -84,7 +84,7 @@ def test_harmonics(coefficients):
     np.testing.assert_allclose(gradient, expected, rtol=0, atol=ERROR * 10)  # coefficients up to 3, three terms each
 
 
-def test_blending():
+def test_the_gradient_of_blending_is_that_of_finite_differences():
     """Colours, opacity and centre through the pixels: the whole backend, in float32, hence coarse steps."""
     view = camera(20, 20)
     # Two splats that cover the picture with alphas away from both thresholds, so that the picture is smooth.

@@ -86,7 +86,7 @@ def test_pictures_of_more_than_8_megapixels_have_keys_of_32_bits():
     assert (starts[:-1].sum(), starts[-1]) == (0, 1)
 
 
-def test_pairs_that_are_known_change_nothing(splats):
+def test_knowing_the_number_of_pairs_beforehand_changes_nothing(splats):
     """`visible` counts the pairs of a tile and a Gaussian exactly; more room than a look needs is left empty."""
     rasterizer = backend.CudaRasterizer()
     visible = rasterizer.visible(splats, VIEW)
@@ -130,7 +130,7 @@ def test_more_room_than_a_view_needs_changes_nothing(splats):
     assert (image[beyond] == torch.tensor(background, device=DEVICE)).all()
 
 
-def test_where_there_is_too_little_room_it_is_told(splats):
+def test_too_little_room_is_reported(splats):
     rasterizer = backend.CudaRasterizer()
     visible = rasterizer.visible(splats, VIEW)
     room = backend.Room(len(visible.rows) // 2, visible.known.pairs // 3)
@@ -146,7 +146,7 @@ def test_memory_layout_does_not_matter(splats):
     assert all(torch.equal(a, b) for a, b in zip(results(splats), results(strided), strict=True))
 
 
-def test_one_gradient_may_be_asked_for_alone_and_twice(splats):
+def test_a_single_gradient_can_be_computed_alone_and_twice(splats):
     all_gradients = results(splats)
     coefficients = splats.sh.clone().requires_grad_()
     loss = (backend.CudaRasterizer().render(splats.with_sh(coefficients), VIEW, (0.2, 0.5, 0.1)) ** 3).sum()
@@ -183,7 +183,7 @@ def test_lists_beyond_the_memory_budget_are_refused(monkeypatch, splats):
 
 
 @pytest.mark.parametrize("degree, most", [(3, 2**31 // 48), (0, 2**31 // 12)])
-def test_more_than_kernels_can_count_are_refused_at_every_entry(degree, most):
+def test_more_gaussians_than_kernels_can_count_are_refused_by_every_method(degree, most):
     """Of degree 0 the footprints are the largest array. All Gaussians are one in memory."""
     rasterizer, one = backend.CudaRasterizer(), cloud(VIEW, 1, seed=50, degree=degree).map(lambda tensor: tensor.to(DEVICE))
     splats = one.map(lambda tensor: tensor.expand(most + 1, *tensor.shape[1:]))
@@ -193,7 +193,7 @@ def test_more_than_kernels_can_count_are_refused_at_every_entry(degree, most):
             use(splats, VIEW)
 
 
-def test_as_many_as_kernels_can_count_are_drawn(monkeypatch, splats):
+def test_as_many_gaussians_as_kernels_can_count_are_drawn(monkeypatch, splats):
     monkeypatch.setattr(backend, "MOST_NUMBERS", splats.sh.numel() + 1)
     assert backend.CudaRasterizer().render(splats, VIEW.cropped(7, 5, 6, 7)).any()  # a picture of fewer numbers
 
@@ -205,7 +205,7 @@ def test_a_picture_of_more_numbers_than_kernels_can_count_is_refused(splats):
         backend.CudaRasterizer().render(splats, view)
 
 
-def test_what_is_missing_is_one_line(monkeypatch):
+def test_a_missing_gpu_or_triton_is_reported_in_one_line(monkeypatch):
     monkeypatch.setattr(backend, "interpreted", lambda: False)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(BadSetting, match="needs an NVIDIA GPU"):

@@ -40,7 +40,7 @@ def drawn_by(backend: str, scene: str) -> Outcome:
 
 
 @in_every_scene
-def test_scenes_test_something(name):
+def test_rounding_decides_no_comparison_in_the_scenes(name):
     """Few pixels stand at a threshold, and depths are equal or clearly apart: rounding decides no comparison."""
     judge = verdict(SCENES[name])
     assert (~judge.steady).double().mean() <= FLIPPED_SHARE
@@ -51,7 +51,7 @@ def test_scenes_test_something(name):
 
 
 @in_every_scene
-def test_picture(backend, name):
+def test_the_picture_is_that_of_the_reference(backend, name):
     judge = verdict(SCENES[name])
     image = backend.render(judge.scene.splats, judge.scene.camera, judge.scene.background)
     error = (image.double() - judge.outcome.image).abs().amax(dim=2)
@@ -60,7 +60,7 @@ def test_picture(backend, name):
 
 
 @in_every_scene
-def test_gradients(backend, name):
+def test_gradients_are_those_of_the_reference(backend, name):
     judge, result = verdict(SCENES[name]), drawn_by(backend.name, name)
     for parameter, expected in judge.outcome.gradients.items():
         gradient = result.gradients[parameter].double()
@@ -74,7 +74,7 @@ def test_gradients(backend, name):
 
 
 @in_every_scene
-def test_visible_are_the_drawn_and_few_others(backend, name):
+def test_visible_gaussians_are_those_drawn_and_few_others(backend, name):
     judge = verdict(SCENES[name])
     scene, expected = judge.scene, judge.outcome
     rows = drawn_by(backend.name, name).visible
@@ -88,7 +88,7 @@ def test_visible_are_the_drawn_and_few_others(backend, name):
 
 
 @in_every_scene
-def test_contributions(backend, name):
+def test_contributions_are_those_of_the_reference(backend, name):
     judge = verdict(SCENES[name])
     contributions = drawn_by(backend.name, name).contributions.double()
     # A maximum over all pixels may be reached in one at a threshold.

@@ -173,7 +173,7 @@ def test_a_folder_of_many_files_is_listed_once_for_each_that_is_written(tmp_path
     assert listed.count(tmp_path) == 1
 
 
-def test_where_no_temporary_folder_can_be_is_told(monkeypatch):
+def test_a_missing_temporary_folder_is_reported(monkeypatch):
     monkeypatch.setattr(atomic.tempfile, "gettempdir", failing(FileNotFoundError(2, "No usable temporary directory found")))
     with pytest.raises(WegsError, match="no folder for temporary files that can be written in. Free some space, or set TMPDIR"), atomic.scratch("a"):
         pass

@@ -81,13 +81,13 @@ def first_use(monkeypatch):
     ],
     ids=lambda part: type(part).__name__,
 )
-def test_why_triton_cannot_be_used_is_told_with_what_it_needs(first_use, problem, told):
+def test_the_reason_why_triton_cannot_be_used_is_given_with_what_it_needs(first_use, problem, told):
     assert first_use() is None
     fault = first_use(triton_fails=problem)
     assert told in fault and "gcc python3-dev" in fault and "\n" not in fault
 
 
-def test_a_gpu_too_old_for_torch_is_told_and_a_full_one_is_not_taken_for_it(first_use):
+def test_a_gpu_too_old_for_torch_is_reported_and_a_full_one_is_not_called_so(first_use):
     fault = first_use(torch_fails=RuntimeError("CUDA error: no kernel image is available for execution on the device\nSearch for ..."))
     assert fault.startswith("torch cannot compute on this GPU (CUDA error: no kernel image is available for execution on the device), ")
     with pytest.raises(torch.OutOfMemoryError):
@@ -110,7 +110,7 @@ def test_a_gpu_convolves_in_whole_float32(machine, monkeypatch):
     assert not torch.backends.cudnn.allow_tf32
 
 
-def test_a_run_of_a_cpu_goes_on_there_when_a_gpu_comes(machine, tmp_path):
+def test_a_run_begun_on_a_cpu_stays_there_when_a_gpu_appears(machine, tmp_path):
     machine(gpu=False)
     collection = small_collection(tmp_path)
     settings = Trainer(collection, small_settings(device="auto"), tmp_path).settings

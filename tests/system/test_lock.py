@@ -8,7 +8,7 @@ from core.system import lock
 from core.system.lock import taken
 
 
-def test_one_holds_it_and_then_the_next(tmp_path):
+def test_a_folder_is_held_by_one_process_after_the_other(tmp_path):
     with taken(tmp_path) as first, taken(tmp_path) as second:
         assert (first, second) == (True, False)
     with taken(tmp_path) as again:
@@ -35,7 +35,7 @@ def test_a_folder_that_another_removes_meanwhile_is_not_taken(tmp_path, monkeypa
         assert ours is False
 
 
-def test_where_there_are_no_locks_nobody_knows(tmp_path, monkeypatch):
+def test_without_locks_nobody_knows_whether_a_folder_is_held(tmp_path, monkeypatch):
     monkeypatch.setattr(lock, "fcntl", None)
     with taken(tmp_path) as ours:
         assert ours is None

@@ -41,7 +41,7 @@ def soft_limit_put_back():
     resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
-def test_no_more_is_taken_than_allowed():
+def test_no_more_memory_is_taken_than_allowed():
     allowed = 1.5 if torch.version.cuda is None else 2.5  # GiB: the CUDA build claims much that it does not touch
     result = subprocess.run([sys.executable, "-c", TAKE, str(allowed)], cwd=ROOT, capture_output=True, text=True, check=True)
     line, peak = result.stdout.splitlines()
@@ -49,13 +49,13 @@ def test_no_more_is_taken_than_allowed():
     assert 800_000 < int(peak) <= allowed * (1 << 20)  # kB: more than torch itself, and no more than allowed
 
 
-def test_the_command_line_sets_it(soft_limit_put_back):
+def test_the_command_line_sets_the_limit(soft_limit_put_back):
     assert CliRunner().invoke(wegs, ["--memory", "50", "train", "--help"]).exit_code == 0
     assert memory.limit() == 50 * memory.GIB - memory.LIBRARIES
     assert CliRunner().invoke(wegs, ["--memory", "1.9", "train", "--help"]).exit_code == 2
 
 
-def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
+def test_cached_targets_take_a_share_of_the_limit(soft_limit_put_back):
     assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == sized_photos.TARGET_BYTES
     memory.hold_to(8)
     assert (
@@ -66,12 +66,12 @@ def test_cached_targets_take_their_share_of_it(soft_limit_put_back):
 
 
 @pytest.mark.parametrize("gib", [float("inf"), float("nan"), 16e9, 1e300, 0.2, 0, -1])
-def test_no_number_is_told(gib):
+def test_limits_that_are_no_numbers_are_refused(gib):
     with pytest.raises(BadSetting, match="is no number of GiB"):
         memory.hold_to(gib)
 
 
-def test_a_lower_limit_of_the_shell_is_told(monkeypatch):
+def test_a_lower_limit_of_the_shell_is_reported(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (memory.GIB, 2 * memory.GIB))
     with pytest.raises(BadSetting, match="this shell allows 2.0 GiB"):
         memory.hold_to(4)

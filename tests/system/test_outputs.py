@@ -40,12 +40,12 @@ def test_a_folder_that_the_system_refuses_to_write_in_is_known_before_the_work(t
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has such a folder")
-def test_nor_can_root_write_in_proc():
+def test_not_even_root_can_write_in_proc():
     with pytest.raises(BadInput, match="/proc may not be written in"):
         check_file(Path("/proc/a.ply"))
 
 
-def test_what_is_given_may_not_lie_in_a_folder_that_is_replaced_but_be_called_as_if_it_did(tmp_path):
+def test_no_input_may_lie_in_a_folder_that_is_replaced(tmp_path):
     (tmp_path / "a.jpg").touch()
     check_apart(tmp_path / "fade", [tmp_path / "a.jpg"])
     check_apart(tmp_path, [tmp_path / "neutral"])  # the name of a look, as one types it there

@@ -76,7 +76,7 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", DAMAGE)
 @pytest.mark.parametrize("command", ["bake --appearance neutral -o look.ply --run", "doctor"])
-def test_damage_is_one_line(trained, tmp_path, monkeypatch, damage, command):
+def test_a_damaged_run_is_reported_in_one_line(trained, tmp_path, monkeypatch, damage, command):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(trained, tmp_path / "run")
     spoil, words = DAMAGE[damage]

@@ -46,7 +46,7 @@ def trained(collection, folder, **changes):
 
 
 @pytest.mark.parametrize("changes", [{}, {"transients": "off"}, {"mask_loss": "paper", "mask_start": 0.0, "mask_apply": 0.0}])
-def test_who_is_hidden_has_no_influence(tmp_path, changes):
+def test_what_given_masks_hide_has_no_influence(tmp_path, changes):
     runs = []
     for name, colour in (("orange", (20, 120, 240)), ("blue", (240, 30, 30))):
         collection = crowded(tmp_path / name, colour)
@@ -57,7 +57,7 @@ def test_who_is_hidden_has_no_influence(tmp_path, changes):
 
 
 @pytest.mark.parametrize("transients", ["on", "off"])
-def test_the_masks_to_look_at_show_what_the_given_ones_hide(tmp_path, transients):
+def test_the_written_masks_show_what_the_given_ones_hide(tmp_path, transients):
     collection = crowded(tmp_path / "scene", (255, 0, 255))
     given = with_masks_in(collection, tmp_path / "scene" / "masks")
     trainer = Trainer(given, small_settings(transients=transients), tmp_path / "run")
@@ -86,7 +86,7 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
         assert notes == (["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."] * inverted)
 
 
-def test_masks_that_are_all_black_are_told_in_one_line(tmp_path):
+def test_masks_that_are_all_black_are_refused_in_one_line(tmp_path):
     collection = crowded(tmp_path, (0, 0, 255))
     for mask in (tmp_path / "masks").iterdir():
         cv2.imwrite(str(mask), np.zeros((HEIGHT, WIDTH), np.uint8))
@@ -98,7 +98,7 @@ def test_masks_that_are_all_black_are_told_in_one_line(tmp_path):
     assert caught.value.what == f"{tmp_path}: no photo is left to train on. {why}."
 
 
-def test_masks_are_part_of_the_run_and_it_goes_on_with_them(tmp_path, monkeypatch):
+def test_masks_belong_to_the_run_and_are_used_when_it_is_resumed(tmp_path, monkeypatch):
     scene = tmp_path / "scene"
     collection = crowded(scene, (20, 120, 240))
     give_to_pipeline(replace(collection, root=scene), monkeypatch)
@@ -138,7 +138,7 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     assert losses[0] == losses[1] != losses[2]
 
 
-def test_masks_that_are_not_there_are_told_before_cameras_are_looked_for(tmp_path, monkeypatch):
+def test_missing_masks_are_refused_before_cameras_are_searched_for(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "prepared", failing(AssertionError("minutes of work")))
     for name in ("photos/a.jpg", "masks/a_mask.png"):
         (tmp_path / name).parent.mkdir()

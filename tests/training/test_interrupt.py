@@ -8,7 +8,7 @@ from core.training.interrupt import HANG_UP, STOPS, StopRequest
 
 
 @pytest.mark.parametrize("number", [number for number in STOPS if number != HANG_UP])
-def test_the_first_signal_asks_and_the_second_does_what_it_always_did(number):
+def test_the_first_signal_asks_to_stop_and_the_second_has_its_usual_effect(number):
     heard = []
     former = {each: signal.signal(each, lambda *_: heard.append("former")) for each in STOPS}
     try:
@@ -28,7 +28,7 @@ def test_the_first_signal_asks_and_the_second_does_what_it_always_did(number):
 
 
 @pytest.mark.skipif(HANG_UP is None, reason="Windows has no SIGHUP")
-def test_a_closed_terminal_asks_however_often_and_is_not_heard_under_nohup():
+def test_hang_ups_only_ask_to_stop_and_are_ignored_under_nohup():
     heard = []
     former = {each: signal.signal(each, lambda *_: heard.append("former")) for each in STOPS}
     try:

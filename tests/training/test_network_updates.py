@@ -32,7 +32,7 @@ def test_every_network_learns_at_its_own_rate(changes, expected):
     assert not rates
 
 
-def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_their_way():
+def test_the_encoder_is_taught_as_soon_as_its_gradient_is_there():
     handed, taught_with = [], []
     embedding = torch.ones(3, requires_grad=True)
 
@@ -48,7 +48,7 @@ def test_the_encoder_is_taught_once_its_gradient_is_there_while_others_are_on_th
     assert len(handed) == 1  # that hook is gone
 
 
-def test_without_a_gradient_it_is_taught_at_the_end():
+def test_without_a_gradient_the_encoder_is_taught_at_the_end():
     embedding, taught_with = torch.ones(3, requires_grad=True), []
     with network_updates.encoder_backward_beside(lambda: taught_with.append(embedding.grad), embedding, beside):
         assert not taught_with

@@ -20,7 +20,7 @@ class Bars(Report):
             self.notes.setdefault(done, []).append(note)
 
 
-def test_what_a_long_step_is_at_is_told_in_the_bar(tmp_path, monkeypatch):
+def test_the_progress_bar_says_what_a_long_step_is_doing(tmp_path, monkeypatch):
     monkeypatch.setattr("core.training.decisions.FEWEST_FOR_MASKS", 3)
     collection = small_collection(tmp_path, photos=9)
     collection = replace(collection, photos=tuple(replace(photo, split="train") for photo in collection.photos))

@@ -19,7 +19,7 @@ from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 SIDE_PX = 32
 
 
-def test_a_width_never_enlarges(tmp_path):
+def test_a_given_width_never_enlarges_photos(tmp_path):
     photo = small_collection(tmp_path, photos=1).photos[0]
     cameras = [Sizes(width, 1.0, SIDE_PX).camera(photo) for width in (24, WIDTH, 640)]
     assert [(camera.width, camera.height) for camera in cameras] == [(24, 18), (WIDTH, HEIGHT), (WIDTH, HEIGHT)]
@@ -45,7 +45,7 @@ def test_a_target_that_is_made_again_is_the_same(tmp_path):
         assert len(kept._targets) == 2 and kept._bytes == sum(target.nbytes for target in kept._targets.values())
 
 
-def test_targets_of_a_size_that_is_over_are_let_go(tmp_path):
+def test_targets_of_an_earlier_size_are_freed(tmp_path):
     """A step that is taken back may ask for one once more."""
     photos = SizedPhotos(small_collection(tmp_path).split("train"), Sizes(1, 1.0, SIDE_PX))
     first = weakref.ref(photos.target(0, 2)[1])
@@ -69,7 +69,7 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     assert torch.equal(valid, expected)
 
 
-def test_where_a_mask_leaves_less_than_half_of_every_shrunk_pixel_those_count_of_which_it_leaves_most(tmp_path):
+def test_if_a_mask_hides_most_of_every_shrunk_pixel_the_least_hidden_ones_count(tmp_path):
     """Of 4 x 4 px two columns less one pixel are left, then one; or nothing."""
     photo = small_collection(tmp_path, photos=1).photos[0]
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)

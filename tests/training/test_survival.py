@@ -198,7 +198,7 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     assert float(weights.mean()) == pytest.approx(mask_weights.LEAST_STATIC, abs=0.02)  # bilinear resizing moves the mean a little
 
 
-def test_masks_that_hide_nothing_yet_are_not_complained_of(collection, tmp_path):
+def test_masks_that_are_not_applied_yet_cause_no_warning(collection, tmp_path):
     settings = small_settings(mask_regularisation=0.0, mask_start=0.0, mask_apply=1.0)
     trainer = Trainer(collection, settings, tmp_path)
     torch.nn.init.constant_(trainer.model.encoder.unet.up_2.bias, -2.2)

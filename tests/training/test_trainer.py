@@ -51,7 +51,7 @@ def test_photos_are_learned_from_coarse_to_fine(trainer_of):
     assert factors == [4] * 4 + [2] * 4 + [1] * 2
 
 
-def test_latents_wait_for_the_masks(collection, tmp_path):
+def test_latents_start_to_learn_at_latents_from(collection, tmp_path):
     trainer = Trainer(collection, small_settings(steps=10, latent_size=3, latents_from=0.5), tmp_path)
     for report in trainer.train():
         for latents in (trainer.gaussians.latents[: trainer.gaussians.solid], trainer.gaussians.latents[trainer.gaussians.solid :]):  # of the sky
@@ -123,7 +123,7 @@ def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, t
 
 
 @pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}])
-def test_nothing_of_a_step_is_left_behind(collection, tmp_path, changes):
+def test_a_step_leaves_nothing_in_memory(collection, tmp_path, changes):
     trainer = Trainer(collection, small_settings(**changes), tmp_path)
     met = []
 

@@ -111,7 +111,7 @@ def test_a_blender_scene_of_opaque_photos_has_a_sky(tmp_path):
         assert trainer.settings == small_settings(sky=sky, transparency="unseen") and not trainer.transparent_is_empty
 
 
-def test_renders_that_say_too_little_are_of_one_look(scene, tmp_path):
+def test_renders_with_too_little_evidence_get_a_single_look(scene, tmp_path):
     undecided = {name: value for name, value in SMALL.items() if name not in ("appearance", "transients")}
     for transparency, looks in (("auto", "off"), ("unseen", "full")):
         trainer = Trainer(load_collection(scene), Settings(**undecided, transparency=transparency), tmp_path)
@@ -119,7 +119,7 @@ def test_renders_that_say_too_little_are_of_one_look(scene, tmp_path):
         assert all(decision.figure is None for decision in trainer.decisions)
 
 
-def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(scene, tmp_path):
+def test_transparency_can_mean_empty_space_in_any_scene_but_not_under_a_dome(scene, tmp_path):
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL, transparency="empty"), tmp_path)
     assert trainer.transparent_is_empty and trainer.settings.sky == "none" and trainer.photos[0].empty is not None
@@ -127,7 +127,7 @@ def test_photos_of_any_kind_are_empty_where_one_says_so_and_a_dome_is_refused(sc
         Settings(transparency="empty", sky="dome")
 
 
-def test_a_dome_that_is_asked_for_stands_where_nobody_saw_anything(scene, tmp_path):
+def test_a_dome_that_is_asked_for_fills_transparent_space(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL, sky="dome", sky_gaussians=60), tmp_path)
     assert trainer.gaussians.sky == 60 and not trainer.transparent_is_empty
     assert all(sized.empty is None and not sized.valid.all() for sized in trainer.photos)
@@ -143,7 +143,7 @@ def finished(scene, tmp_path_factory):
     return pipeline.train(scene, Settings(**SMALL), folder, heard), heard
 
 
-def test_training_says_so_once_and_leaves_no_sky(finished):
+def test_training_reports_empty_space_once_and_makes_no_sky(finished):
     folder, heard = finished
     assert sum(line.startswith("Transparent pixels are learned as empty space, without a sky") for line in heard.lines) == 1
     assert load_run(folder).sky == 0 and run_config.read_config(folder)[1].sky == "none"

@@ -30,7 +30,7 @@ from tests.data.small_scene import HEIGHT, WIDTH, SmallScene, add_exif, exif_blo
         ("dense/images_2", "dense/sparse", 0.5),
     ],
 )
-def test_layouts(tmp_path, images, sparse, scale):
+def test_every_layout_is_read(tmp_path, images, sparse, scale):
     scene = SmallScene(scale=scale)
     collection = load_collection(scene.write(tmp_path / "church", images, sparse))
     check_geometry(collection, scene, scale)
@@ -60,7 +60,7 @@ def test_an_undistorted_model_takes_the_photos_beside_it_not_the_originals_above
 
 
 @pytest.mark.parametrize("form", ["binary", "text", "old binary", "old text"])
-def test_formats(tmp_path, form):
+def test_every_format_of_model_is_read(tmp_path, form):
     """Since COLMAP 3.12 models have rigs and frames; before, they had not."""
     scene = SmallScene()
     root = scene.write(tmp_path / "scene")
@@ -136,13 +136,13 @@ def test_photos_named_by_ways_through_other_folders_are_not_called_without_a_pos
     assert len(collection.photos) == 2 and not notes_with(collection, "without a pose")
 
 
-def test_photos_of_one_name_are_told(tmp_path):
+def test_photos_listed_twice_are_reported(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     SmallScene(names=["photo_0.png", "photo_1.png", "photo_1.png", "photo_3.png"]).reconstruction().write_binary(str(root / "sparse" / "0"))
     assert notes_with(load_collection(root), "1 photo of the model named more than once, used once: photo_1.png")
 
 
-def test_a_name_that_is_too_long_for_the_disk(tmp_path):
+def test_a_photo_whose_name_is_too_long_for_the_disk_is_missing(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     model = SmallScene().reconstruction()
     model.image(1).name = "x" * 300 + ".png"
@@ -163,7 +163,7 @@ def test_scene_frame_holds_georeferenced_worlds(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".bin", ".txt"])
-def test_names_that_are_not_in_utf_8_are_told_and_the_rest_goes_on(tmp_path, suffix):
+def test_photos_whose_names_are_not_utf_8_are_reported_and_the_others_used(tmp_path, suffix):
     scene = SmallScene(names=["a.png", "bé.png", "c.png"])
     root = scene.write(tmp_path / "scene")
     model = root / "sparse" / "0"
@@ -182,7 +182,7 @@ def test_names_that_are_not_in_utf_8_are_told_and_the_rest_goes_on(tmp_path, suf
         load_collection(root)
 
 
-def test_cameras_far_from_all_others_are_told_and_used(tmp_path):
+def test_cameras_far_from_all_others_are_reported_and_used(tmp_path):
     def move(model):
         pose = model.images[2].cam_from_world()
         model.images[2].frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + [0, 0, 900.0])
@@ -192,7 +192,7 @@ def test_cameras_far_from_all_others_are_told_and_used(tmp_path):
     assert len(collection.photos) == 4
 
 
-def test_missing_photos_are_named_and_the_rest_goes_on(tmp_path):
+def test_missing_photos_are_named_and_the_others_used(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     (root / "images" / "photo_2.png").unlink()
     collection = load_collection(root)
@@ -201,7 +201,7 @@ def test_missing_photos_are_named_and_the_rest_goes_on(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png"])
-def test_truncated_photos_are_named_and_the_rest_goes_on(tmp_path, suffix):
+def test_truncated_photos_are_named_and_the_others_used(tmp_path, suffix):
     root = SmallScene(names=[f"{index}.{suffix}" for index in range(3)]).write(tmp_path / "scene")
     path = root / "images" / f"1.{suffix}"
     path.write_bytes(path.read_bytes()[:-30])
@@ -327,7 +327,7 @@ def test_panoramas_are_left_out(tmp_path):
         load_collection(rewritten(tmp_path, widen))
 
 
-def test_all_photos_missing(tmp_path):
+def test_a_model_without_any_of_its_photos_is_refused(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     for path in (root / "images").iterdir():
         path.unlink()

@@ -43,7 +43,7 @@ def test_points_without_tracks_are_seen_as_the_photos_say(tmp_path):
 
 
 @pytest.mark.parametrize("left_out", [1, 7, 20])
-def test_what_photos_say_of_points_that_are_left_out_is_passed_over(tmp_path, left_out):
+def test_observations_of_points_that_are_left_out_are_ignored(tmp_path, left_out):
     model = SmallScene().reconstruction()
     model.points3D[left_out].xyz = np.full(3, np.nan)
     for point in model.points3D.values():
@@ -56,7 +56,7 @@ def test_what_photos_say_of_points_that_are_left_out_is_passed_over(tmp_path, le
 
 
 @pytest.mark.parametrize("tracks", [True, False])
-def test_where_nothing_says_who_sees_a_point_that_is_said_and_the_points_are_used(tmp_path, tracks):
+def test_points_without_any_tracks_are_used_and_that_is_reported(tmp_path, tracks):
     root = SmallScene().write(tmp_path / "scene")
     cut_features(root / "sparse" / "0" / "images.bin")
     if not tracks:
@@ -94,7 +94,7 @@ def test_photos_that_were_taken_out_of_a_binary_model_by_hand(tmp_path):
     assert notes_with(collection, "1 photo in") and notes_with(collection, "its photos do")
 
 
-def test_points_in_any_order_in_the_file_are_in_that_of_their_ids_with_their_tracks(tmp_path):
+def test_points_are_sorted_by_id_whatever_their_order_in_the_file(tmp_path):
     scene = SmallScene()
     root = scene.write(tmp_path / "scene")
     path, model = root / "sparse" / "0" / "points3D.bin", scene.reconstruction()
@@ -172,7 +172,7 @@ def test_a_camera_in_text_that_is_not_finite_costs_its_own_photos_alone(tmp_path
 
 
 @pytest.mark.parametrize(("part", "words", "other"), [("images", " 1 photo_1.png", " nan photo_1.png"), ("cameras", " 160 ", " inf ")])
-def test_a_number_in_text_that_is_to_be_whole_is_refused_all_the_same(tmp_path, part, words, other):
+def test_nan_or_infinity_in_place_of_a_whole_number_is_refused(tmp_path, part, words, other):
     path = in_text(SmallScene().write(tmp_path / "scene"))[0] / f"{part}.txt"
     text = path.read_text()
     assert words in text

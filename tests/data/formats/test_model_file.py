@@ -63,7 +63,7 @@ def test_damaged_text_models_are_refused(tmp_path, part):
         ("points3D", " 245 7 ", " 245.5 7 ", "line 14: G is '245.5', not a whole number"),
     ],
 )
-def test_the_line_of_a_text_model_that_cannot_be_read_is_told(tmp_path, part, words, others, fault):
+def test_the_line_of_a_text_model_that_cannot_be_read_is_named(tmp_path, part, words, others, fault):
     scene = SmallScene()
     root = scene.write(tmp_path / "scene")
     path = scene.in_text(root) / f"{part}.txt"
@@ -75,7 +75,7 @@ def test_the_line_of_a_text_model_that_cannot_be_read_is_told(tmp_path, part, wo
 
 
 @pytest.mark.parametrize("binary", [True, False])
-def test_of_several_models_the_one_with_most_photos_is_read(tmp_path, binary):
+def test_the_model_with_most_photos_is_read(tmp_path, binary):
     scene = SmallScene()
     root = scene.write(tmp_path / "scene")
     larger, smaller = scene.reconstruction(), scene.reconstruction()
@@ -90,7 +90,7 @@ def test_of_several_models_the_one_with_most_photos_is_read(tmp_path, binary):
     assert notes_with(collection, "holds other models as well (0); 1 is used: it has most photos")
 
 
-def test_of_a_workspace_the_scene_that_has_photos_is_used(tmp_path):
+def test_in_a_workspace_the_scene_that_has_photos_is_used(tmp_path):
     """COLMAP's automatic reconstruction leaves a model without photos, and undistorted photos with a model of them."""
     scene = SmallScene()
     root = scene.write(tmp_path / "scene", images="dense/0/images", sparse="dense/0/sparse")

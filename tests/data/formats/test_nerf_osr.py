@@ -56,7 +56,7 @@ def test_texts_as_windows_programs_save_them(scene):
 
 
 @pytest.mark.parametrize("place", ["final_clean", "."])
-def test_other_places(scene, place):
+def test_splits_may_lie_in_final_clean_or_in_the_scene_itself(scene, place):
     if place == ".":
         for split in set(SPLITS.values()):
             (scene / "final" / split).rename(scene / split)
@@ -73,7 +73,7 @@ def test_validation_photos_are_held_out_where_there_are_no_test_photos(scene):
     assert used(collection) == {"photo_1.png": "test", "photo_2.png": "train"} and notes_with(collection, "every 8th photo")
 
 
-def test_names_that_are_not_in_utf_8_are_told_and_the_rest_goes_on(scene):
+def test_photos_whose_names_are_not_utf_8_are_reported_and_the_others_used(scene):
     latin = os.fsdecode(b"b\xe9")
     for part, suffix in (("rgb", ".png"), ("pose", ".txt"), ("intrinsics", ".txt")):
         folder = scene / "final" / "train" / part
@@ -150,7 +150,7 @@ def test_photos_that_are_wrong_are_named_and_the_others_used(scene, part, text, 
     assert notes_with(collection, words), collection.notes
 
 
-def test_nothing_to_train_on(scene):
+def test_a_scene_without_training_photos_is_refused(scene):
     with pytest.raises(BadInput, match="has no folder train/pose any more"):
         read_nerf_osr(scene / "final" / "train")
     for path in (scene / "final" / "train" / "intrinsics").iterdir():

@@ -35,7 +35,7 @@ def write(path, form, colours=True, place="float", extra=()):
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
 @pytest.mark.parametrize("place", ["float", "double", "float32"])
-def test_every_form(tmp_path, form, place):
+def test_points_are_read_from_every_form_of_ply(tmp_path, form, place):
     positions, colours = read_points_file(write(tmp_path / "a.ply", form, place=place, extra=["element face 0", "property list uchar int vertex_indices"]))  # fmt: skip
     assert (positions == PLACES).all() and np.allclose(colours, COLOURS / 255, atol=1e-7)
     positions, colours = read_points_file(write(tmp_path / "b.ply", form, colours=False, place=place))
@@ -67,7 +67,7 @@ def test_colours_stay_within_what_can_be_shown(tmp_path, given, expected):
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
-def test_a_truncated_file(tmp_path, form):
+def test_a_truncated_file_is_refused(tmp_path, form):
     path = write(tmp_path / "a.ply", form)
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(BadInput, match="a.ply breaks off or is garbled at row 1"):
@@ -96,19 +96,19 @@ def test_no_points_are_no_fault_of_the_file(tmp_path, form):
         (b"1.5", b"one", "breaks off or is garbled at row 0"),
     ],
 )
-def test_what_is_no_points_file(tmp_path, old, new, words):
+def test_what_is_no_points_file_is_refused(tmp_path, old, new, words):
     path = write(tmp_path / "a.ply", "ascii")
     path.write_bytes(path.read_bytes().replace(old, new, 1))
     with pytest.raises(BadInput, match=f"a.ply {words}"):
         read_points_file(path)
 
 
-def test_an_empty_file(tmp_path):
+def test_an_empty_file_is_refused(tmp_path):
     (tmp_path / "a.ply").touch()
     with pytest.raises(BadInput, match="a.ply is not a .ply: it is empty. Give"):
         read_points_file(tmp_path / "a.ply")
 
 
-def test_no_file(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(BadInput, match="There is no file"):
         read_points_file(tmp_path / "a.ply")

@@ -138,7 +138,7 @@ def test_a_photo_that_was_taken_out_does_not_come_back_shrunken(scene):
     assert [photo.name for photo in load_collection(scene).photos] == [name for name in SmallScene().names if name != "photo_1.png"]
 
 
-def test_photos_elsewhere(scene, tmp_path):
+def test_photos_may_lie_outside_the_scene(scene, tmp_path):
     (scene / "images").rename(tmp_path / "elsewhere")
     paths = [str(tmp_path / "elsewhere" / "photo_0.png"), *(f"../elsewhere/photo_{number}.png" for number in (1, 2, 3))]
     changed(scene, lambda facts: [frame.update(file_path=path) for frame, path in zip(facts["frames"], paths, strict=True)])
@@ -146,7 +146,7 @@ def test_photos_elsewhere(scene, tmp_path):
     assert all([photo.name for photo in load_collection(root).photos] == SmallScene().names for root in (scene, link))
 
 
-def test_names_that_are_not_in_utf_8_are_used_where_points_are_given_and_else_told(scene):
+def test_names_that_are_not_utf_8_are_used_if_points_are_given_and_otherwise_reported(scene):
     latin = os.fsdecode(b"b\xe9.png")  # Python writes it as b\udce9.png
     (scene / "images" / "photo_1.png").rename(scene / "images" / latin)
     changed(scene, lambda facts: facts["frames"][1].update(file_path=f"images/{latin}"))
@@ -201,7 +201,7 @@ def test_frames_that_are_wrong_are_named_and_the_others_used(scene, fault, words
     assert any(re.search(words, note.text) for note in collection.notes), collection.notes
 
 
-def test_no_frame_that_can_be_used(scene):
+def test_a_file_without_a_usable_frame_is_refused(scene):
     changed(scene, lambda facts: [spoil("camera_model", "EQUIRECTANGULAR")(frame) for frame in facts["frames"]])
     with pytest.raises(BadInput, match="No photo of .*transforms.json can be used: 4 photos with a camera_model that is not supported"):
         load_collection(scene)
@@ -235,7 +235,7 @@ def test_a_scaled_camera_sees_the_same_and_rounded_digits_are_made_whole(scene):
         ('{"frames": [3]}', "without a file_path, not used: frame 0 of transforms.json"),
     ],
 )
-def test_files_that_are_broken(scene, text, words):
+def test_broken_files_are_refused(scene, text, words):
     (scene / "transforms.json").write_text(text, encoding="latin-1")
     with pytest.raises(BadInput, match=words):
         load_collection(scene)
@@ -248,7 +248,7 @@ def test_files_as_windows_programs_save_them(scene, encoding):
     assert len(load_collection(scene).photos) == 4
 
 
-def test_a_folder_in_place_of_the_file(scene):
+def test_a_folder_in_place_of_the_file_is_refused(scene):
     (scene / "transforms.json").unlink()
     (scene / "transforms.json").mkdir()
     with pytest.raises(BadInput, match="transforms.json cannot be read: Is a directory"):
@@ -258,7 +258,7 @@ def test_a_folder_in_place_of_the_file(scene):
 # --- points and masks
 
 
-def test_points_that_are_missing_or_in_another_frame_are_said(scene):
+def test_points_that_are_missing_or_in_another_frame_are_reported(scene):
     turn = np.diag([1, -1, -1, 1])  # of the world: all points lie behind the cameras then
 
     def turn_cameras(facts):
@@ -291,14 +291,14 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     assert undivided.split("train")[0].mask.path.name == "0.png" and notes_with(undivided, "3 photos with a mask from")
 
 
-def test_masks_of_instant_ngp_are_told_of_as_not_used(scene):
+def test_masks_of_instant_ngp_are_reported_as_not_used(scene):
     (scene / "images" / "dynamic_mask_photo_1.png").touch()
     found = load_collection(scene)
     assert notes_with(found, "1 photo whose dynamic_mask_*.png (Instant-NGP) is not used: invert it")
     assert all(photo.mask is None for photo in found.photos)
 
 
-def test_names_of_files_that_are_none_are_told(scene):
+def test_file_names_that_are_no_text_are_reported(scene):
     changed(scene, lambda facts: (facts.update(ply_file_path=["x"]), facts["frames"][1].update(mask_path=7)))
     collection = load_collection(scene)
     assert notes_with(collection, "The ply_file_path ['x'] is no name of a file") and len(collection.points) == 0

@@ -21,7 +21,7 @@ def blender(tmp_path):
     return write_blender(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
 
 
-def test_blender_scenes(tmp_path, blender):
+def test_cameras_and_splits_of_a_blender_scene_are_read(tmp_path, blender):
     collection = load_collection(blender)
     assert collection.kind == "blender"
     names = {photo.name: photo.split for photo in collection.photos}
@@ -47,7 +47,7 @@ def splits_of(collection):
     return [photo.split for photo in collection.photos]
 
 
-def test_blender_splits_that_are_empty(blender):
+def test_an_empty_test_split_is_replaced_and_an_empty_training_split_refused(blender):
     write_json(blender / "transforms_test.json", {"frames": []})
     assert splits_of(load_collection(blender)) == ["test", "train", "train"]
     shutil.rmtree(blender / "train")

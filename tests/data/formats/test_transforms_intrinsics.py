@@ -73,7 +73,7 @@ def halve(photos):
         assert cv2.imwrite(str(path), cv2.resize(cv2.imread(str(path)), (WIDTH // 2, HEIGHT // 2)))
 
 
-def test_intrinsics_of_larger_photos_are_told_where_no_size_is_stated(scene, tmp_path):
+def test_intrinsics_of_larger_photos_are_reported_if_no_size_is_stated(scene, tmp_path):
     """Focal lengths are wrong by the same factor, and nothing else shows it."""
     without_size = {"fl_x": 150, "fl_y": 150, "cx": WIDTH / 2, "cy": HEIGHT / 2}
     changed(scene, lambda facts: (without_intrinsics(facts), facts.update(without_size)))
@@ -86,7 +86,7 @@ def test_intrinsics_of_larger_photos_are_told_where_no_size_is_stated(scene, tmp
     assert not notes_with(load_collection(scene), "twice the principal point")
 
 
-def test_shrunk_photos_of_nerf_osr_are_told(tmp_path):
+def test_shrunk_photos_of_nerf_osr_are_reported(tmp_path):
     splits = dict.fromkeys(SmallScene().names, "train")
     root = write_nerf_osr(SmallScene(model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene", splits)
     halve(root / "final" / "train" / "rgb")

@@ -53,7 +53,7 @@ def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
         ({"train": 3}, "has a ..._filenames that is not a list of file names"),
     ],
 )
-def test_lists_that_leave_nothing(scene, lists, words):
+def test_lists_that_leave_nothing_to_train_on_are_refused(scene, lists, words):
     changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()}))
     with pytest.raises(BadInput, match=words):
         load_collection(scene)

@@ -35,7 +35,7 @@ def difference(found, pixels):
 
 @pytest.mark.parametrize("how", TURNED)
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_turned_as_the_file_says(tmp_path, orientation, how):
+def test_photos_are_turned_as_the_file_says(tmp_path, orientation, how):
     path, pixels = tmp_path / "IMG_1.HEIC", ramps()
     written = orientation if how == TURNED[0] else 1  # the writer makes a rotation of EXIF's
     from_pillow(Image.fromarray(pixels)).save(path, quality=98, exif=b"Exif\0\0" + exif_block(written))
@@ -82,7 +82,7 @@ def test_every_cut_is_noticed(tmp_path):
                 probe(path)
 
 
-def test_bytes_that_went_wrong_are_no_traceback(tmp_path):
+def test_corrupted_bytes_cause_no_traceback(tmp_path):
     data = write(tmp_path / "a.heic", ramps()).read_bytes()
     rng = np.random.default_rng(0)
     for _ in range(100):
@@ -97,7 +97,7 @@ def test_bytes_that_went_wrong_are_no_traceback(tmp_path):
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_avif(tmp_path, orientation):
+def test_avif_photos_are_turned_and_a_cut_is_noticed(tmp_path, orientation):
     path, pixels = tmp_path / "a.avif", ramps()
     Image.fromarray(pixels).save(path, quality=95, exif=exif_block(orientation))
     assert difference(read_pixels(path), upright(pixels, orientation)) <= WITHIN

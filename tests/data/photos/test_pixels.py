@@ -182,7 +182,7 @@ def test_white_of_a_mask_of_16_bits_is_255_or_1_as_well(tmp_path, suffix, white)
     assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30).valid, shades == white)
 
 
-def test_what_is_white_is_told_by_the_mean_of_the_colours(tmp_path):
+def test_the_mean_of_the_colours_decides_what_is_white(tmp_path):
     colours = np.full((30, 44, 3), 255, np.uint8)
     colours[:8], colours[8:12], colours[12:16] = 0, (0, 128, 255), (127, 1, 255)  # the last two: 127.67
     mask = save(tmp_path / "m.png", colours)
@@ -220,13 +220,13 @@ def test_constant_photos_are_photos(tmp_path, value):
     assert (read_pixels(save(tmp_path / "a.jpg", np.full((9, 9, 3), value, np.uint8))) == value).all()
 
 
-def test_one_pixel(tmp_path):
+def test_a_photo_of_one_pixel_is_read(tmp_path):
     path = save(tmp_path / "a.png", np.full((1, 1, 3), 7, np.uint8))
     assert read_pixels(path).shape == (1, 1, 3)
     assert (load_photo(photo_at(path, 1, 1), 3, 2).pixels == 7).all()
 
 
-def test_jpeg_whose_end_marker_was_put_where_the_data_ran_out(tmp_path):
+def test_a_jpeg_cut_short_before_an_end_marker_is_refused(tmp_path):
     path = save(tmp_path / "a.jpg", noise(200, 200))
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2] + b"\xff\xd9")
@@ -239,7 +239,7 @@ def test_missing_photo(tmp_path):
         read_pixels(tmp_path / "none.jpg")
 
 
-def test_damaged_png(tmp_path, capfd):
+def test_a_damaged_png_is_refused(tmp_path, capfd):
     path = save(tmp_path / "a.png", noise())
     data = bytearray(path.read_bytes())
     data[60:200] = bytes(140)

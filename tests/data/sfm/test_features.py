@@ -28,7 +28,7 @@ def work(tmp_path):
     return tmp_path
 
 
-def test_photos_that_cannot_be_decoded_count_as_through(work):
+def test_photos_that_cannot_be_decoded_count_as_done(work):
     camera, heard = Camera(np.eye(3), np.zeros(3), 100, 100, 40, 30, 80, 60), Heard()
     posed = [(Photo(path.name, path, camera, "train"), camera) for path in (work / PHOTOS / NAMES[0], work / "none.jpg")]
     assert list(write_pictures(posed, work, heard)) == NAMES[:1]

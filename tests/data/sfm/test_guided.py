@@ -118,7 +118,7 @@ def test_matches_are_as_defined(config, counts):
     assert 0 < len(wanted) < same or same == 1
 
 
-def test_a_disk_with_hardly_any_room_is_told(verified, monkeypatch):
+def test_a_disk_with_hardly_any_room_is_reported(verified, monkeypatch):
     work, pairs = verified
     usage = room.shutil.disk_usage(work)._replace(free=room.SPARE_BYTES)
     monkeypatch.setattr(room.shutil, "disk_usage", lambda _: usage)

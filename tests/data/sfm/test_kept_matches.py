@@ -99,7 +99,7 @@ def test_what_was_found_before_a_kill_is_used_again(photos, whole, tmp_path):
     assert is_same(reconstruct.reconstruct(photos, tmp_path / "scene", heard), whole) and AGAIN in heard.lines
 
 
-def test_other_photos_begin_anew(photos, tmp_path):
+def test_features_of_other_photos_are_not_reused(photos, tmp_path):
     fewer = tmp_path / "photos"
     shutil.copytree(photos, fewer)
     with pytest.raises(KeyboardInterrupt):

@@ -35,7 +35,7 @@ def test_the_file_holds_them_bit_for_bit(known, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["kept.npz"]
 
 
-def test_a_file_of_another_run_or_of_none_is_none(known, tmp_path):
+def test_a_file_of_another_run_is_not_read(known, tmp_path):
     path = tmp_path / "kept.npz"
     known.save(path, "abc")
     assert Landmarks.load(path, "other") is None
@@ -43,7 +43,7 @@ def test_a_file_of_another_run_or_of_none_is_none(known, tmp_path):
     assert Landmarks.load(path, "abc") is None
 
 
-def test_a_file_that_is_missing_or_damaged_is_none(known, tmp_path):
+def test_a_missing_or_damaged_file_is_not_read(known, tmp_path):
     path = tmp_path / "kept.npz"
     assert Landmarks.load(path, "abc") is None
     known.save(path, "abc")
@@ -55,7 +55,7 @@ def test_a_file_that_is_missing_or_damaged_is_none(known, tmp_path):
         assert Landmarks.load(path, "abc") is None
 
 
-def test_they_can_be_told_in_another_frame_of_the_same_world(known):
+def test_landmarks_can_be_moved_into_another_frame_of_the_same_world(known):
     own, other = SceneFrame(np.array([1.0, 2.0, 3.0]), 2.0), SceneFrame(np.array([-1.0, 0.0, 5.0]), 0.5)
     moved = known.in_frame(own, other)
     np.testing.assert_allclose(other.to_world(moved.points), own.to_world(known.points), atol=1e-9)

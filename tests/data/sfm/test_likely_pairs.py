@@ -58,7 +58,7 @@ def test_the_search_finds_the_same_on_any_number_of_threads(tmp_path, monkeypatc
     assert len(found[0]) < 435 and found[0] == found[1] == found[2]
 
 
-def test_features_count_that_find_each_other():
+def test_only_features_that_are_each_others_nearest_count():
     some, others = features(40, 1), features(60, 2)
     assert count_alike(some, some[::-1].copy()) == 40 and count_alike(some, others) < 4
     both = np.concatenate([others, some[:25]])

@@ -45,7 +45,7 @@ def test_a_photo_of_the_place_is_found_where_it_was_taken(corner, known, between
     assert heard.steps[-1] == (5, 5)  # the photos that it was matched with
 
 
-def test_it_is_the_same_camera_each_time_and_for_any_number_of_threads(known, between):
+def test_the_camera_does_not_depend_on_the_number_of_threads(known, between):
     found = []
     for threads in (1, 2):
         torch.set_num_threads(threads)
@@ -146,7 +146,7 @@ def test_the_focal_length_that_a_cropped_photo_still_gives_is_not_believed():
     assert found.agreeing == 80 and abs(found.camera.fx / 600 - 1) < 0.01
 
 
-def test_without_points_that_photos_see_nothing_is_found(between, tmp_path):
+def test_without_points_no_photo_is_located(between, tmp_path):
     scene = shutil.copytree(between[0].parent, tmp_path / "scene")
     assert locate(between[0], landmarks_of(load_collection(write_corner(scene)), Report()), Report()) is None
 

@@ -86,7 +86,7 @@ def test_what_is_not_better_is_not_taken(mapped, second):
     assert taken is first and lines == [] and asked == [True, False]
 
 
-def test_half_the_photos_are_enough(mapped):
+def test_photos_are_not_mapped_again_if_half_of_them_have_a_place(mapped):
     first = model(4, 150.0)
     assert mapped([first], [model(8, 150.0)]) == (first, [], [True])
 

@@ -115,7 +115,7 @@ def test_the_same_photos_give_the_same_scene(tmp_path):
     assert {path.name: path.read_bytes() for path in first.iterdir()} == {path.name: path.read_bytes() for path in second.iterdir()}
 
 
-def test_photos_that_do_not_overlap(tmp_path):
+def test_photos_that_do_not_overlap_are_refused(tmp_path):
     for seed in range(3):
         noise_photo(tmp_path / f"{seed}.jpg", seed)
     with pytest.raises(BadInput, match="No cameras could be found: the 3 photos"):
@@ -129,7 +129,7 @@ def test_one_photo_is_too_few(tmp_path):
         reconstruct(tmp_path, tmp_path / "scene", Report())
 
 
-def test_no_photos(tmp_path):
+def test_a_folder_without_photos_is_refused(tmp_path):
     with pytest.raises(BadInput, match="holds no photos"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
 
@@ -158,7 +158,7 @@ def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
     assert list(tmp_path.iterdir()) == [theirs.parent] and theirs.read_text() == "precious"
 
 
-def test_nor_is_an_empty_folder_that_another_filled_meanwhile(tmp_path):
+def test_an_empty_folder_that_another_program_filled_meanwhile_is_left_alone(tmp_path):
     theirs = tmp_path / "photos.json"
     with pytest.raises(BadInput, match="was made by another program meanwhile"), replacing_folder(tmp_path) as work:
         (work / "scene").mkdir()
@@ -167,7 +167,7 @@ def test_nor_is_an_empty_folder_that_another_filled_meanwhile(tmp_path):
     assert list(tmp_path.iterdir()) == [theirs] and theirs.read_text() == "precious"
 
 
-def test_a_list_that_cannot_be_read_is_told_before_the_minutes(tmp_path):
+def test_a_list_that_cannot_be_read_is_noticed_before_the_work(tmp_path):
     photos = tmp_path / "photos"
     photos.mkdir()
     noise_photo(photos / "0.jpg", 0)
@@ -241,7 +241,7 @@ def test_a_photo_too_large_for_a_jpeg_is_left_out(tmp_path):
     assert any("b.png is 65501 x 1 px, too large for a JPEG" in line for line in heard.lines)
 
 
-def test_the_folder_one_is_in_cannot_become_the_scene(tmp_path, monkeypatch):
+def test_the_current_folder_cannot_become_the_scene(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput, match="folder you are in"):
         reconstruct(tmp_path, Path("."), Report())

@@ -86,7 +86,7 @@ def test_matches_farther_than_two_pixels_off_their_lines_are_left_out(corner, tm
     assert (off_px > 2).any() and np.array_equal(kept, found[off_px <= 2])
 
 
-def test_cameras_that_few_matches_agree_with_are_told(corner, kept, tmp_path):
+def test_cameras_that_few_matches_agree_with_are_reported(corner, kept, tmp_path):
     assert not any("matches between photos" in line for line in kept[1].lines)
 
     def turn(facts):
@@ -129,7 +129,7 @@ def test_no_features_are_looked_for_where_a_mask_hides_the_photo(tmp_path):
     assert len(rows) > 100 and use[rows, columns].all()
 
 
-def test_they_are_made_once_for_the_same_photos_and_cameras(corner, kept, tmp_path):
+def test_points_are_triangulated_once_for_the_same_photos_and_cameras(corner, kept, tmp_path):
     folder, heard = kept
     assert any("has cameras but no points: they are triangulated from 5 photos" in line for line in heard.lines)
     assert any(line.startswith(f"{folder}: ") and line.endswith(" points") for line in heard.lines)
@@ -159,7 +159,7 @@ def test_a_copy_of_a_scene_gets_points_of_its_own(corner, kept, tmp_path):
     assert prepared(copy, wanted, Report()).read_from.name == "corner-scene-2"
 
 
-def test_a_scene_that_is_gone_or_a_model_that_is_damaged(kept, tmp_path):
+def test_a_scene_that_is_gone_or_a_damaged_model_is_refused(kept, tmp_path):
     folder = copy_of(kept, tmp_path)
     (folder / "points" / "points3D.bin").write_bytes(b"")
     with pytest.raises(BadInput, match="points3D.bin is truncated or damaged"):
@@ -195,7 +195,7 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
     assert load_collection(points).changed_since(collection) == []
 
 
-def test_cameras_that_fit_no_photo(corner, tmp_path):
+def test_cameras_that_fit_no_photo_are_refused(corner, tmp_path):
     def stack(facts):
         facts["frames"] = facts["frames"][:3]
         for number, frame in enumerate(facts["frames"]):  # each a unit above the last
@@ -235,7 +235,7 @@ def test_a_colmap_model_without_points_gets_them(corner, kept, tmp_path, split):
     assert found["points"].figure.startswith(f"{len(off):,},") and "photos with few points" not in found
 
 
-def test_kept_points_that_were_taken_out(kept, tmp_path):
+def test_kept_points_that_were_deleted_are_reported(kept, tmp_path):
     folder = copy_of(kept, tmp_path)
     (folder / "points" / "points3D.bin").unlink()
     with pytest.raises(BadInput, match="points holds no points any more. Remove .*corner-scene to have them found again"):

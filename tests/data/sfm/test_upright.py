@@ -23,7 +23,7 @@ def degrees_off(axes):
     return np.degrees(np.arccos(np.clip(find_down(np.array(list(axes))) @ DOWN, -1, 1)))
 
 
-def test_tourists_looking_up():
+def test_down_is_found_from_tourists_who_look_up():
     random = np.random.default_rng(0)
     yaw, tilt, roll = random.uniform(-40, 40, 30), random.normal(20, 8, 30), random.normal(0, 2, 30)
     assert degrees_off(held(yaw, tilt, roll)) < 2  # the mean photo's own down is 20 degrees off
@@ -32,23 +32,23 @@ def test_tourists_looking_up():
 
 
 @pytest.mark.parametrize("tilt", (-90, 45))
-def test_from_above_and_from_below(tilt):
+def test_down_is_found_from_above_and_from_below(tilt):
     yaw = np.arange(0, 360, 30.0)
     assert degrees_off(held(yaw, np.full(12, tilt), np.zeros(12))) < 0.1
 
 
-def test_two_photos_back_to_back():
+def test_down_is_found_from_two_photos_back_to_back():
     """They look nowhere on the whole."""
     assert find_down(np.array([np.eye(3), np.diag([-1.0, 1.0, -1.0])])) == pytest.approx(np.array([0, 1, 0]))
 
 
-def test_all_from_one_direction():
+def test_down_is_that_of_the_photos_if_all_look_one_way():
     """All that is known is what is below in the photos."""
     assert degrees_off(held(np.zeros(5), np.full(5, 10), np.zeros(5))) == pytest.approx(10, abs=0.1)
 
 
 @pytest.mark.parametrize("tilt", (15, -90))
-def test_a_model_is_turned(tilt):
+def test_a_model_is_turned_upright(tilt):
     """Its photos see the same points in the same places; down is +y and, seen from their middle, ahead is +z."""
     axes = list(held([-25, -5, 15, 15], [tilt] * 4, [0] * 4))
 

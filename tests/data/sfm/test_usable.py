@@ -36,7 +36,7 @@ def found_in(folder):
         (("b.jpg", 90, (160, 120), b""), ("a.jpg", 60, (160, 120), b""), "with fewer bytes"),
     ],
 )
-def test_of_one_picture_the_fullest_file_is_used(tmp_path, fuller, other, less):
+def test_the_fullest_file_of_a_picture_is_used(tmp_path, fuller, other, less):
     for name, quality, size, exif in (fuller, other):
         assert cv2.imwrite(str(tmp_path / name), cv2.resize(picture(0), size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, quality])
         if exif:
@@ -45,7 +45,7 @@ def test_of_one_picture_the_fullest_file_is_used(tmp_path, fuller, other, less):
 
 
 @pytest.mark.parametrize(("names", "used", "less"), [(("a1.png", "b.png"), "b.png", "a longer"), (("a.png", "b.png"), "a.png", "a later")])
-def test_of_equally_full_files_the_name_decides(tmp_path, names, used, less):
+def test_the_name_decides_between_equally_full_files(tmp_path, names, used, less):
     """Programs that copy do not shorten names. The bytes past the end of the picture differ."""
     data = cv2.imencode(".png", picture(0))[1].tobytes()
     for name in names:
@@ -54,7 +54,7 @@ def test_of_equally_full_files_the_name_decides(tmp_path, names, used, less):
     assert found_in(tmp_path) == ({used}, [f"{other} is the picture {used} once more, under {less} name."])
 
 
-def test_of_equal_files_that_with_the_shortest_name_is_used_even_if_it_shows_nothing(tmp_path):
+def test_the_one_with_the_shortest_name_of_equal_files_is_used_even_if_it_shows_nothing(tmp_path):
     for name in ("a (1).png", "a.png"):
         assert cv2.imwrite(str(tmp_path / name), np.zeros((120, 160, 3), np.uint8))
     assert found_in(tmp_path) == ({"a.png"}, ["a (1).png is a copy of a.png."])

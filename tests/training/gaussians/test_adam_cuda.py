@@ -58,7 +58,7 @@ def test_both_agree_and_leave_unseen_rows_and_the_domes_shape_alone():
     assert not torch.equal(found["parameters.sh"][250:, 0], before.parameters["sh"][250:, 0])
 
 
-def test_rows_of_minus_one_are_none():
+def test_rows_of_minus_one_are_skipped():
     expected = stepped(aged_gaussians(oldest=100_000).to(torch.device(DEVICE)), adam_cuda.step)
     rows = torch.cat([ROWS, torch.full((70,), -1)])
     found = aged_gaussians(oldest=100_000).to(torch.device(DEVICE))

@@ -33,6 +33,6 @@ def test_copies_are_leaves_of_their_own():
 
 
 @pytest.mark.parametrize("tensor", [torch.arange(10.0).view(2, 5).T, torch.arange(10, dtype=torch.int32), torch.arange(10).double()])
-def test_what_the_kernel_cannot_copy_is_copied_all_the_same(tensor):
+def test_tensors_that_the_kernel_cannot_copy_are_copied_by_torch(tensor):
     copies = chosen_rows({"other": tensor.to(DEVICE), "usual": torch.arange(10.0, device=DEVICE)}, torch.tensor([1, 4], device=DEVICE))
     assert torch.equal(copies["other"].cpu(), tensor[[1, 4]]) and copies["usual"].tolist() == [1, 4]

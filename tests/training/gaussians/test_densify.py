@@ -20,7 +20,7 @@ def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gau
     assert all(len(tensor) == len(gaussians) for tensor in gaussians.tensors().values())
 
 
-def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gaussians):
+def test_a_gaussian_that_is_not_finite_is_pruned_also_where_distances_to_points_count(gaussians):
     points = gaussians.parameters["means"][: gaussians.solid].double().numpy()
     gaussians.parameters["means"][0] = float("nan")
     gaussians.parameters["means"][1] = 50.0
@@ -28,7 +28,7 @@ def test_a_broken_gaussian_goes_also_where_the_distance_to_points_is_asked(gauss
     assert gaussians.solid == len(points) - 2
 
 
-def test_what_is_too_thin_becomes_thicker_and_nothing_else_changes(gaussians):
+def test_axes_that_are_too_thin_are_widened_and_nothing_else_changes(gaussians):
     scales = gaussians.parameters["log_scales"]
     scales[0] = torch.tensor([1e-9, 0.3, 0.02]).log()
     scales[1] = torch.tensor([0.3, 0.3 / 250, 1e-7]).log()
@@ -42,7 +42,7 @@ def test_what_is_too_thin_becomes_thicker_and_nothing_else_changes(gaussians):
 
 
 @pytest.mark.parametrize("reaching", [0.0, 0.1, 0.5, 1.0])
-def test_a_quarter_stays_whatever_it_contributes_and_no_more_than_that_of_the_faint(gaussians, reaching):
+def test_pruning_by_contribution_keeps_the_strong_and_at_least_a_quarter(gaussians, reaching):
     solid, means = gaussians.solid, gaussians.parameters["means"].clone()
     largest = torch.zeros(len(gaussians))
     largest[: round(reaching * solid)] = torch.linspace(0.15, 0.05, round(reaching * solid))
@@ -57,7 +57,7 @@ def test_a_quarter_stays_whatever_it_contributes_and_no_more_than_that_of_the_fa
 
 
 @pytest.mark.parametrize("gather", [densify.gather, densify.plain_gather])
-def test_what_pulls_at_the_seen_is_gathered_in_half_pictures_unless_the_step_is_dropped(gaussians, gather):
+def test_screen_gradients_are_gathered_in_half_pictures_unless_the_step_is_dropped(gaussians, gather):
     rows, pulls = torch.tensor([1, 4, 5]), torch.tensor([[3.0, 0.0], [0.0, -2.0], [0.6, 0.4]])
     for taken in (True, True, False):
         gather(gaussians, rows, pulls if taken else pulls * float("nan"), torch.tensor([10.0, 15.0]), torch.tensor(taken))
@@ -82,7 +82,7 @@ def test_growth_clones_the_small_and_splits_the_large(gaussians):
     assert torch.equal(parameters["means"][solid + 1], small) and torch.equal(parameters["means"][1], small)
 
 
-def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
+def test_growth_keeps_to_its_budget_and_takes_the_largest_gradients(gaussians):
     gaussians.seen.fill_(1)
     gaussians.gradient_sum[:] = torch.arange(len(gaussians)) + 1.0  # the sky's is the largest, and does not grow
     solid = gaussians.solid
@@ -92,7 +92,7 @@ def test_growth_keeps_to_its_budget_and_takes_the_strongest_pull(gaussians):
     assert torch.equal(gaussians.parameters["sh"][solid : solid + 3], strongest)
 
 
-def test_what_hardly_pulls_does_not_grow(gaussians):
+def test_gaussians_with_small_gradients_do_not_grow(gaussians):
     solid = gaussians.solid
     gaussians.seen.fill_(1)
     gaussians.gradient_sum[:3] = torch.tensor([1.9e-4, 2.1e-4, 2.1e-4])  # 3DGS: 2e-4
@@ -100,7 +100,7 @@ def test_what_hardly_pulls_does_not_grow(gaussians):
     assert gaussians.solid == solid + 2
 
 
-def test_growth_asks_for_the_mean_pull_of_a_view_and_counts_afresh(gaussians):
+def test_growth_uses_the_mean_gradient_of_a_view_and_resets_the_counts(gaussians):
     solid, seldom = gaussians.solid, gaussians.parameters["sh"][0].clone()
     for budget in (1, 0):
         gaussians.seen[:2] = torch.tensor([1.0, 10.0])
@@ -112,7 +112,7 @@ def test_growth_asks_for_the_mean_pull_of_a_view_and_counts_afresh(gaussians):
     assert torch.equal(gaussians.parameters["sh"][solid], seldom)
 
 
-def test_what_a_long_gaussian_splits_into_lies_along_it(gaussians):
+def test_halves_of_a_long_gaussian_lie_along_it(gaussians):
     solid, half_turn = gaussians.solid, np.deg2rad(40) / 2
     parameters = gaussians.parameters
     parameters["quaternions"][:solid] = torch.tensor([np.cos(half_turn), 0, 0, np.sin(half_turn)]).float()
@@ -126,7 +126,7 @@ def test_what_a_long_gaussian_splits_into_lies_along_it(gaussians):
     assert 0.09 < (moved @ along).std() < 0.11 and not torch.equal(moved[:solid], moved[solid:])
 
 
-def test_growth_that_finds_no_memory_changes_nothing(gaussians, monkeypatch):
+def test_growth_that_runs_out_of_memory_changes_nothing(gaussians, monkeypatch):
     gaussians.gradient_sum[:] = 1.0
     gaussians.seen.fill_(1)
     gaussians.parameters["log_scales"][:5] = -1.5  # these would split

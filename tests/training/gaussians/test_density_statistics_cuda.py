@@ -25,7 +25,7 @@ def gathered(gather, device: torch.device, count: int, taken: bool) -> list[torc
     return [gaussians.gradient_sum.cpu(), gaussians.seen.cpu()]
 
 
-def test_rows_of_minus_one_are_none():
+def test_rows_of_minus_one_are_skipped():
     gaussians = Gaussians.of({"means": torch.zeros(5, 3)}, sky=0).to(DEVICE)
     rows, one = torch.tensor([1, 4, -1, -1], device=DEVICE), torch.ones(2, device=DEVICE)
     density_statistics_cuda.gather(gaussians, rows, torch.ones(4, 2, device=DEVICE), one, torch.tensor(True, device=DEVICE))

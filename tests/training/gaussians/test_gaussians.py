@@ -10,7 +10,7 @@ from tests.training.conftest import RATES
 from wegs_cli.options import settings_from
 
 
-def test_what_is_born_begins_afresh_and_leaves_the_others_as_they_are(gaussians):
+def test_new_gaussians_start_without_history_and_do_not_change_the_others(gaussians):
     for name, tensor in gaussians.tensors().items():
         if not name.startswith("parameters"):
             tensor.fill_(1)
@@ -21,7 +21,7 @@ def test_what_is_born_begins_afresh_and_leaves_the_others_as_they_are(gaussians)
             assert tensor[:solid].all() and not tensor[solid : solid + 3].any() and tensor[solid + 3 :].all(), name
 
 
-def test_until_its_time_the_geometry_stays_and_only_harmonics_learn(trainer_of):
+def test_before_geometry_from_only_harmonics_learn(trainer_of):
     trainer = trainer_of(steps=10, geometry_from=0.5)
     before = {name: tensor.clone() for name, tensor in trainer.gaussians.parameters.items()}
     for step in range(1, 11):
@@ -44,7 +44,7 @@ def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth
     assert not rates
 
 
-def test_a_rate_that_is_whole_is_a_rate_like_any_other(tmp_path):
+def test_a_learning_rate_given_as_a_whole_number_becomes_a_float(tmp_path):
     """As a file of settings may have it: of whole numbers, kernels would be compiled anew, and round otherwise."""
     (tmp_path / "x.toml").write_text("".join(f"{name} = 1\n" for name in RATES))
     settings = settings_from("paper", tmp_path / "x.toml", (), {})

@@ -35,7 +35,7 @@ def test_gaussians_start_as_faint_spheres_in_the_colours_of_their_points(tmp_pat
     torch.testing.assert_close(colour(splats.sh, sides), torch.from_numpy(collection.point_colours))
 
 
-def test_points_without_a_distance_to_others_have_a_size_all_the_same(tmp_path):
+def test_lone_and_coinciding_points_have_a_size(tmp_path):
     for points, size in (([[0.0] * 3], 0.1), ([[0.0] * 3] * 5, 1e-5)):
         scales = starting_at(tmp_path, points, largest_scale=2.0)[1].splats.log_scales.exp()
         torch.testing.assert_close(scales, torch.full((len(points), 3), size))

@@ -26,7 +26,7 @@ def splats() -> Splats:
     return opaque(PLACES, 0.1)
 
 
-def test_what_few_photos_hide_of_what_few_photos_show(splats):
+def test_what_masks_hide_in_a_large_share_of_few_photos_is_a_passer_by(splats):
     """The first is hidden in one photo of three, the second in one of four, the third nowhere."""
     photos = [(CAMERA, quarters(0)), (CAMERA, quarters()), (CAMERA, quarters())]
     assert passers_by(splats, photos, REFERENCE).tolist() == [True, False, False, False]
@@ -45,7 +45,7 @@ def test_photos_that_hide_next_to_nothing_of_it_do_not_count(splats):
     assert passers_by(splats, [(CAMERA, everywhere)] * (FEW - 1) + [(far, everywhere)] * 3, REFERENCE).all()
 
 
-def test_what_no_photo_shows_is_none(splats):
+def test_what_no_photo_shows_is_no_passer_by(splats):
     behind = looking_ahead(0.0, turned=True).resized(64, 64)
     assert not passers_by(splats, [(behind, quarters(0, 1, 2, 3))], REFERENCE).any()
     assert not passers_by(splats, [], REFERENCE).any()

@@ -53,7 +53,7 @@ def test_a_place_is_hidden_by_as_much_as_it_looks_strange():
     torch.testing.assert_close(best_mask(image, photo, 0.1), 1 - 0.05 * strange / 0.2, rtol=0, atol=1e-5)
 
 
-def test_who_has_other_colours_is_hidden_and_nothing_else():
+def test_people_in_other_colours_are_hidden_and_nothing_else():
     mask = best_mask(place(), with_stranger(place()))
     assert float(mask[STRANGER].max()) < 0.1
     mask[5:10, 2:7] = 1  # the cells beside are blurred with
@@ -70,7 +70,7 @@ def test_who_has_other_colours_is_hidden_and_nothing_else():
     ],
     ids=["exposure", "white balance", "shade", "detail"],
 )
-def test_another_light_hides_nothing_and_hides_no_stranger(change):
+def test_in_another_light_nothing_but_strangers_is_hidden(change):
     assert float(best_mask(place(), change(place())).min()) > 0.9
     mask = best_mask(place(), change(with_stranger(place())))
     assert float(mask[STRANGER].mean()) < 0.25 and float(mask.mean()) > 0.85

@@ -22,7 +22,7 @@ def shown(trainer) -> tuple[torch.Tensor, Target, torch.Tensor]:
     return torch.full((*target.planes.shape[1:], 3), 0.4), target, trainer.model.read(trainer.photos[0].encoder_input, 0).mask
 
 
-def test_a_mask_is_taught_from_its_time_on(trainer_of):
+def test_masks_are_taught_from_mask_start_on(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6)
     taught = [float(trainer.objective.mask(*shown(trainer), moment_at(trainer, progress)).detach()) for progress in (0.0, 0.19, 0.2, 0.9)]
     assert taught[:2] == [0, 0] and taught[2] == taught[3] > 0

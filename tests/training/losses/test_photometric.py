@@ -68,7 +68,7 @@ def test_the_kernel_equals_the_definition(size, masked, weighted):
 
 
 @pytest.mark.parametrize("ssim_weight", [0.0, 1.0])
-def test_the_kernel_with_one_term_alone(ssim_weight):
+def test_the_kernel_equals_the_definition_with_either_term_alone(ssim_weight):
     image, photo, weight, _ = example(20, 30)
     _, gradient = run(photometric, image, Target(photo), weight, ssim_weight)
     _, true = run(plain_photometric, image.double(), Target(photo.double()), weight.double(), ssim_weight)
@@ -84,7 +84,7 @@ def test_gradients_are_those_of_finite_differences(function):
     assert torch.autograd.gradcheck(lambda x: function(x, target, weight.double(), 0.2), image)
 
 
-def test_a_mask_learns_by_finite_differences_of_the_papers_loss_and_the_image_does_not():
+def test_the_papers_loss_teaches_the_mask_and_not_the_image():
     image, photo, mask, valid = example(4, 3, masked=True)
     image, target = (image + 0.01).double().requires_grad_(), Target(photo.double(), valid)
     mask = (0.1 + 0.8 * mask).double().requires_grad_()
@@ -161,7 +161,7 @@ def test_any_number_of_threads_gives_the_same_bits():
         assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
 
 
-def test_the_papers_reading_multiplies_the_pictures():
+def test_the_papers_loss_multiplies_both_pictures_by_the_mask():
     image, photo, mask, _ = example(30, 24)
     loss, gradient = run(photometric_paper, image, Target(photo), mask)
     multiplied = run(plain_photometric, image * mask[..., None], Target(photo * mask[..., None]), None)
@@ -175,7 +175,7 @@ def test_the_window_sums_to_one_away_from_the_rim():
 
 
 @pytest.mark.parametrize("shape", [(3, 40, 61), (1, 4, 30), (3, 1, 1)], ids=str)
-def test_a_photo_is_blurred_as_what_has_a_gradient_is(shape):
+def test_photos_and_renders_are_blurred_alike(shape):
     planes = torch.rand(*shape[:2], shape[2] + 2, generator=torch.Generator().manual_seed(1))[:, :, 1:-1]  # rows that do not follow each other
     true = blur(planes.double())
     assert (blur(planes) - true).abs().max() < 5e-7 and (blur(planes.clone().requires_grad_()) - true).abs().max() < 5e-7

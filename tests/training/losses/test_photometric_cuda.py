@@ -29,7 +29,7 @@ def test_the_kernels_equal_the_definition(size, masked):
 
 
 @pytest.mark.parametrize("ssim_weight", [0.0, 1.0])
-def test_the_kernels_with_one_term_alone(ssim_weight):
+def test_the_kernels_equal_the_definition_with_either_term_alone(ssim_weight):
     image, photo, _, _ = example(12, 13)
     target = Target(photo.to(DEVICE))
     ours = [part.cpu().double() for part in run(photometric_cuda, image.to(DEVICE), target, None, ssim_weight)]

@@ -36,7 +36,7 @@ def test_rows_that_are_no_gaussians_do_not_count():
     assert not gradient[37:].any()
 
 
-def test_what_is_not_a_number_shows():
+def test_nan_in_a_residual_reaches_loss_and_gradient():
     """The step is then refused."""
     residual = example(40, 4)
     residual[20, 1, 2] = torch.nan

@@ -33,7 +33,7 @@ def test_trainings_begun_together_get_folders_of_their_own(monkeypatch):
     assert [path.name for path in Path("runs").iterdir()] == ["plaza-2"]
 
 
-def test_a_link_to_nothing_takes_its_name():
+def test_a_name_that_a_broken_link_has_is_not_free():
     Path("runs").mkdir()
     Path("runs/plaza").symlink_to("nowhere")
     with new_run(None, "plaza") as folder:
@@ -55,7 +55,7 @@ def test_a_folder_that_a_killed_training_left_empty_is_used_again():
         assert folder == Path("runs/plaza")
 
 
-def test_where_runs_is_a_link_to_nothing_it_is_said():
+def test_a_broken_link_in_place_of_runs_is_refused():
     Path("runs").symlink_to("nowhere")
     with pytest.raises(BadInput, match="runs is not a folder. Write to another folder"), new_run(None, "plaza"):
         pass

@@ -27,7 +27,7 @@ def test_checks_are_the_rows_that_measured_and_can_be_read(tmp_path):
     ]
 
 
-def test_a_folder_in_its_place_is_named(tmp_path):
+def test_a_folder_in_place_of_the_history_is_refused(tmp_path):
     (tmp_path / "history.csv").mkdir()
     for need in (lambda: history.checks(tmp_path), lambda: history.rewind(tmp_path, 20)):
         with pytest.raises(BadInput, match="history.csv is a folder. Move it away"):

@@ -42,7 +42,7 @@ def test_a_config_that_was_saved_by_an_editor_of_windows_is_read(tmp_path, colle
     assert run_config.read_config(run_folders.find_run(tmp_path / "run"))[0] == before
 
 
-def test_a_run_goes_on_with_the_very_cameras_alone(tmp_path, collection):
+def test_a_run_goes_on_only_with_exactly_the_same_cameras(tmp_path, collection):
     run_folders.create(tmp_path / "run", collection, small_settings())
     before = run_config.read_config(tmp_path / "run")[2]
     assert collection.changed_since(before) == []
@@ -165,7 +165,7 @@ def changed(camera=(), lens=()):
         (changed(lens={"orientation": 2}), "through"),
     ],
 )
-def test_a_camera_that_is_none_is_refused_with_its_photo(tmp_path, collection, change, words):
+def test_an_impossible_camera_is_refused_and_its_photo_named(tmp_path, collection, change, words):
     run_folders.create(tmp_path, collection, small_settings())
     facts = json.loads((tmp_path / "config.json").read_text())
     change(facts["photos"][1])
@@ -183,7 +183,7 @@ def test_a_config_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypat
         run_config.read_config(tmp_path)
 
 
-def test_a_run_is_known_from_another_in_its_place(tmp_path, collection):
+def test_another_run_in_the_same_folder_is_noticed(tmp_path, collection):
     run_folders.create(tmp_path, collection, small_settings())
     run_config.check_same_run(tmp_path, run_config.read_config(tmp_path)[0])
     with pytest.raises(BadInput, match="holds another run than before"):

@@ -77,13 +77,13 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
 
 
 @pytest.mark.parametrize("output", [None, Path("new")])
-def test_where_no_run_can_be_made_another_place_is_asked_for(output, here, monkeypatch):
+def test_a_place_where_no_run_can_be_made_is_refused(output, here, monkeypatch):
     monkeypatch.setattr(tempfile, "mkdtemp", failing(DENIED))
     with pytest.raises(BadInput, match=f"The folder {here} may not be written in: Permission denied. Choose another -o."):
         run_folders.choose_folder(output, "plaza")
 
 
-def test_no_run_gets_a_name_from_which_no_checkpoint_is_read(here):
+def test_a_run_never_gets_a_name_that_is_not_utf_8(here):
     assert run_folders.choose_folder(None, "caf\udce9") == Path("runs/caf\ufffd")
     with pytest.raises(BadInput, match="is not in UTF-8.* Choose another -o"):
         run_folders.choose_folder(Path("caf\udce9"), "plaza")
@@ -111,7 +111,7 @@ def test_a_folder_of_another_program_is_no_run(here, text):
 
 
 @pytest.mark.parametrize("text", ["", "{", "\0"])
-def test_a_run_whose_config_was_garbled_is_one_still(here, text):
+def test_a_run_whose_config_was_garbled_can_still_be_replaced(here, text):
     begin(Path("old"))
     Path("old/config.json").write_text(text)
     Path("old/checkpoint_000100.safetensors").write_text("")
@@ -151,7 +151,7 @@ def test_the_run_that_is_taken_when_none_is_named(here):
     assert all(map(run_folders.is_default, (here / "runs" / "a", Path("runs/a")))) and not run_folders.is_default(Path("elsewhere"))
 
 
-def test_a_run_of_which_a_kill_left_a_part_when_it_was_replaced_is_replaced_still(tmp_path, collection, monkeypatch):
+def test_a_run_half_deleted_by_a_kill_can_still_be_replaced(tmp_path, collection, monkeypatch):
     folder, honest, left = tmp_path / "run", run_folders.remove, []
     written = ("masks", "pictures", "history.csv", "preview.png", "results.json", "checkpoint_000100.safetensors")
 
@@ -183,7 +183,7 @@ def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, coll
     ]  # fmt: skip
 
 
-def test_a_file_in_the_way_of_the_last_file_is_told(tmp_path):
+def test_a_file_in_place_of_the_point_cloud_folder_is_refused(tmp_path):
     (tmp_path / "point_cloud").touch()
     with pytest.raises(BadInput, match="iteration_7 cannot be made: a file is in the way. Move what is there away, then type: wegs train --resume"):
         run_folders.point_cloud_path(tmp_path, 7)

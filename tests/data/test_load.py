@@ -227,13 +227,6 @@ def test_one_photo(tmp_path):
     assert [photo.split for photo in collection.photos] == ["train"]
 
 
-def test_loading_twice_is_the_same(tmp_path):
-    root = SmallScene(names=[f"{index}.png" for index in (3, 1, 2)]).write(tmp_path / "scene")
-    first, second = load_collection(root), load_collection(root)
-    assert [photo.name for photo in first.photos] == ["1.png", "2.png", "3.png"] == [photo.name for photo in second.photos]
-    assert (first.points == second.points).all() and (first.point_colours == second.point_colours).all()
-
-
 @pytest.mark.parametrize(
     ("name", "kind", "train", "test", "points"),
     [

@@ -78,21 +78,6 @@ def test_faint_gaussians_are_removed_while_their_sum_stays_below_half_a_step(cou
     assert max(float(RASTERIZER.render(weights, camera).max()) for camera in CAMERAS) <= HALF_STEP
 
 
-def test_many_that_each_could_go_do_not_all_go():
-    """Each is below half a step; taken away together they would show."""
-    look = ball(1, colour=0.0)
-    front = gaussians([[0.0, 0.0, -0.5]] * 4, 0.5, 0.985, 0.0)
-    many = gaussians(torch.zeros(400, 3), 0.2, 0.9, 1.0)
-    look = Splats.concatenate([front[:1], many])
-    look.logit_opacities[0] = torch.logit(torch.tensor(0.99))
-    strongest = torch.stack([RASTERIZER.contributions(look, camera) for camera in CAMERAS]).amax(dim=0)
-    small = (strongest > 0) & (strongest <= HALF_STEP)
-    assert small.sum() >= 2
-    pruner = Pruner(look, CAMERAS, RASTERIZER)
-    assert largest_change(look, look[~small]) > 0 and (pruner.drawn & ~pruner.kept).any()
-    assert largest_change(look, look[pruner.kept]) <= HALF_STEP
-
-
 def test_an_sh_band_is_removed_only_if_no_view_shows_it():
     look = ball(200, degree=2)
     look.sh[:, 4:] = 0.001  # times at most 1.1 a coefficient: far below half a step over five of them

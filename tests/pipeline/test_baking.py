@@ -78,17 +78,6 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
             find_look(live, elsewhere)
 
 
-def test_a_photo_of_the_collection_is_known_by_its_path_and_others_are_from_outside(trained, small_scene, tmp_path):
-    live = load_run(trained[0])
-    known = find_look(live, str(small_scene / "photo_0.png"), refine=False)
-    assert known.source == "training photo photo_0.png"
-    copy = tmp_path / "copy.png"
-    copy.write_bytes((small_scene / "photo_0.png").read_bytes())
-    outside = find_look(live, str(copy), refine=False)
-    assert outside.source == "photo copy.png from outside the collection"
-    assert "held-out" in find_look(live, "photo_2.png").source
-
-
 @pytest.mark.parametrize(
     "word, words",
     [

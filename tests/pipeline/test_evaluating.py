@@ -18,14 +18,13 @@ from core.errors import BadInput, WegsError, disk_full
 from core.evaluation import lpips, protocols
 from core.evaluation.lpips import Lpips
 from core.looks import held_out_views
-from core.pipeline import baking, evaluating, training
+from core.pipeline import baking, evaluating
 from core.training.on_disk import checkpoint
 from core.training.on_disk.claim import held
 from tests.evaluation.test_lpips import made_weights
 from tests.failing import failing
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
-from tests.small import small_settings
 
 
 def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
@@ -81,15 +80,6 @@ def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):
     monkeypatch.setattr(held_out_views, "held_out_view", view_of)
     results = pipeline.evaluate(trained[0], refine=False)
     assert len(results.views) == 1 and np.isfinite(results.means()["photo"]["zero_shot"]["psnr"])
-
-
-def test_a_run_without_held_out_photos_is_not_evaluated(small_scene, tmp_path, monkeypatch):
-    collection = training.load_collection(small_scene)
-    only = replace(collection, photos=collection.split("train"))
-    monkeypatch.setattr(training, "prepared", lambda *_: only)
-    folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run")
-    with pytest.raises(BadInput, match="no held-out photos"):
-        pipeline.evaluate(folder)
 
 
 def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tmp_path, monkeypatch):

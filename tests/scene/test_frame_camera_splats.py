@@ -137,30 +137,11 @@ def test_camera_and_points_in_the_scene_show_the_same_picture():
 # ------------------------------------------------------------------------------------------------------------- splats
 
 
-def test_tensors_are_the_fields_in_order():
-    assert list(splats().tensors()) == ["means", "quaternions", "log_scales", "logit_opacities", "sh"]
-    assert splats().degree == 1 and len(splats()) == 6
-
-
 def test_rows_and_concatenation_are_inverse():
     whole = splats()
     parts = [whole[:2], whole[torch.tensor([2, 3])], whole[torch.arange(6) >= 4]]
     for joined, tensor in zip(Splats.concatenate(parts).tensors().values(), whole.tensors().values()):
         assert torch.equal(joined, tensor)
-
-
-def test_selection_and_detaching_keep_the_gradient_where_it_belongs():
-    whole = splats().map(lambda tensor: tensor.requires_grad_())
-    whole[torch.tensor([4])].means.sum().backward()
-    assert whole.means.grad.nonzero()[:, 0].unique().tolist() == [4]
-    assert not any(tensor.requires_grad for tensor in whole.detached().tensors().values())
-
-
-def test_with_sh_changes_only_the_look():
-    whole = splats()
-    look = torch.zeros(6, 9, 3)
-    other = whole.with_sh(look)
-    assert other.sh is look and other.degree == 2 and other.means is whole.means
 
 
 def test_splats_in_world_units_are_undone():

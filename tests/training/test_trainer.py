@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.training.gaussians.initialisation import initial_gaussians
 from core.training.on_disk import checkpoint
 from core.training.trainer import Trainer
 from tests.small import damage, small_collection, small_settings
@@ -143,12 +142,6 @@ def test_a_step_leaves_nothing_in_memory(collection, tmp_path, changes):
     assert [found() for found in met] == [None] * 3
 
 
-def test_what_is_off_is_never_built(collection, tmp_path):
-    trainer, _ = run(collection, tmp_path / "run", small_settings(appearance="off", transients="off"))
-    assert not list(trainer.model.parameters())
-    assert not any(name.startswith("optimizer") for name in checkpoint.load(checkpoint.newest(trainer.folder)).tensors)
-
-
 def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
     trainer, _ = run(collection, tmp_path / "run", small_settings())
     fresh = Trainer(collection, small_settings(), tmp_path / "run").gaussians
@@ -157,22 +150,3 @@ def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
         assert torch.equal(learned.parameters[name][-learned.sky :], fresh.parameters[name][-fresh.sky :]), name
     harmonics = learned.parameters["sh"][-learned.sky :]
     assert not torch.equal(harmonics, fresh.parameters["sh"][-fresh.sky :]) and not harmonics[:, 1:].any()  # the same from every side
-
-
-def test_gaussians_stay_whole_where_memory_runs_out_in_growth(tmp_path, monkeypatch):
-    gaussians = initial_gaussians(small_collection(tmp_path), small_settings(), torch.Generator().manual_seed(0))
-    born = {name: tensor[:3].clone() for name, tensor in gaussians.parameters.items()}
-    rows, joined, left = len(gaussians), torch.cat, [5]
-
-    def cat(tensors):
-        left[0] -= 1
-        if left[0] < 0:
-            raise torch.OutOfMemoryError("CUDA out of memory.")
-        return joined(tensors)
-
-    with monkeypatch.context() as patch, pytest.raises(torch.OutOfMemoryError):
-        patch.setattr(torch, "cat", cat)
-        gaussians.insert(born)
-    assert {len(tensor) for tensor in gaussians.tensors().values()} == {rows}
-    gaussians.insert(born)
-    assert {len(tensor) for tensor in gaussians.tensors().values()} == {rows + 3}

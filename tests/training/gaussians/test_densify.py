@@ -126,12 +126,16 @@ def test_halves_of_a_long_gaussian_lie_along_it(gaussians):
     assert 0.09 < (moved @ along).std() < 0.11 and not torch.equal(moved[:solid], moved[solid:])
 
 
-def test_growth_that_runs_out_of_memory_changes_nothing(gaussians, monkeypatch):
+@pytest.mark.parametrize("joined", [0, 5])
+def test_growth_that_runs_out_of_memory_changes_nothing(gaussians, monkeypatch, joined):
+    """At once, or when some of the tensors have been joined already."""
     gaussians.gradient_sum[:] = 1.0
     gaussians.seen.fill_(1)
     gaussians.parameters["log_scales"][:5] = -1.5  # these would split
     before = {name: tensor.clone() for name, tensor in gaussians.tensors().items() if name not in ("gradient_sum", "seen")}
-    monkeypatch.setattr(torch, "cat", failing(torch.OutOfMemoryError("CUDA out of memory")))
+    calls = iter([torch.cat] * joined)
+    full = failing(torch.OutOfMemoryError("CUDA out of memory"))
+    monkeypatch.setattr(torch, "cat", lambda tensors: next(calls, full)(tensors))
     with pytest.raises(torch.OutOfMemoryError):
         densify.grow(gaussians, 5, torch.Generator().manual_seed(0))
     for name, tensor in before.items():

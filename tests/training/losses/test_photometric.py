@@ -117,14 +117,6 @@ def test_ssim_is_that_of_an_explicit_window():
     assert float(loss) == pytest.approx(float(1 - ssim.mean()), abs=1e-12)  # both in float64
 
 
-def test_equal_pictures_cost_nothing():
-    _, photo, weight, _ = example(40, 50)
-    loss, gradient = run(photometric, photo, Target(photo), weight)
-    assert abs(float(loss)) < 1e-6
-    # At its minimum SSIM's gradient is zero; rounding leaves about 1e-7 / C2 of what an error of 1 would give.
-    assert float(gradient.abs().max()) < 1e-3 / photo.numel()
-
-
 def test_a_mask_that_halves_the_weights_halves_the_loss():
     image, photo, _, _ = example(30, 20)
     target = Target(photo)
@@ -167,11 +159,6 @@ def test_the_papers_loss_multiplies_both_pictures_by_the_mask():
     multiplied = run(plain_photometric, image * mask[..., None], Target(photo * mask[..., None]), None)
     torch.testing.assert_close(loss, multiplied[0], rtol=1e-6, atol=1e-7)  # one formula, two orders of rounding
     assert not gradient[mask == 0].any()
-
-
-def test_the_window_sums_to_one_away_from_the_rim():
-    inside = blur(torch.ones(3, 21, 23, dtype=torch.float64))[:, 5:-5, 5:-5]
-    torch.testing.assert_close(inside, torch.ones_like(inside), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("shape", [(3, 40, 61), (1, 4, 30), (3, 1, 1)], ids=str)

@@ -1,4 +1,4 @@
-"""The house keeps its shape: imports point down, files stay readable, and Triton is not needed without a GPU."""
+"""The structure of the code: imports point down, files stay readable, and Triton is not needed without a GPU."""
 
 import importlib.util
 import re
@@ -28,7 +28,7 @@ def test_imports_point_down():
 
 
 def test_triton_is_imported_only_when_cuda_is_asked_for():
-    """By modules that no other imports at its top: the CPU build of torch lacks Triton."""
+    """Modules that import it are not imported at the top of any other: the CPU build of torch lacks Triton."""
     triton = re.compile(r"^(import|from) (triton|core\.rasterizer\.cuda)", re.MULTILINE)
     others = [path for path in SOURCES if path.parent != CUDA and not triton.search(path.read_text(encoding="utf-8"))]
     names = [".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in others]

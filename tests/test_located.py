@@ -1,4 +1,4 @@
-"""Held-out photos as files that nothing is known of: located, refined from there, and scored beside the camera that is known."""
+"""Held-out photos given as unknown files: they are located, refined from there, and scored beside a refinement from the known camera."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""The committed sample is complete, of one piece with its truth, and as hard as it says it is."""
+"""The committed sample is complete, fits its truth, and is as hard as it claims to be."""
 
 import csv
 import importlib

@@ -1,4 +1,4 @@
-"""Looks seen by cameras other than their photos': the truth is that of the sample, and cameras beside a photo are those that see alike."""
+"""Looks seen by other cameras than their photos': they are compared with the sample's truth, first from the cameras with the most similar views."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Plaza is spoilt as `samples/stiff.py` says."""
+"""The variants of plaza that `samples/stiff.py` spoils are spoilt as it says."""
 
 import cv2
 import numpy as np

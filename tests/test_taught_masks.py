@@ -1,4 +1,4 @@
-"""The mask network learns from true masks what it is shown."""
+"""The mask network can be taught true masks."""
 
 import torch
 from click.testing import CliRunner

@@ -1,4 +1,4 @@
-"""What is said on the way from photos to looks and figures: only what is true, in words that a newcomer knows."""
+"""What the user is told on the way from photos to looks and figures: only what is true, in words that a newcomer knows."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Photos of one light are held out, and their looks come nearer by the gains of sky and place."""
+"""Photos in one light are held out, and gains of sky and place bring their looks closer."""
 
 import numpy as np
 import pytest

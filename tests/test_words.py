@@ -1,4 +1,4 @@
-"""Lines about photos: counted, named, and which of them ask for nothing."""
+"""Lines about photos: they count and name them, and some ask for nothing."""
 
 from core.words import Note, Reasons, counted, name_them
 

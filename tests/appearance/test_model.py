@@ -190,7 +190,7 @@ def test_changed_weights_bake_as_they_render_and_learn(changes):
 
 
 def test_given_weights_differ_as_widely_as_looks_do():
-    """Standard deviations; none of a single look, and none where an embedding is an input or an affine map."""
+    """By standard deviation; a single look has none, nor do embeddings that are an input or give an affine map."""
     model = model_of()
     model.met_embeddings, model.remembered = torch.randn(1, 6), torch.tensor(1)
     assert not model.given_spread()
@@ -247,7 +247,7 @@ def test_remembering_an_embedding_does_not_change_earlier_looks():
 
 
 def test_a_photo_from_outside_is_held_within_the_known_range(monkeypatch):
-    """On the way from their mean; inside, and for training photos, nothing changes by a bit."""
+    """It is moved towards the mean of the known embeddings; embeddings within the range, and those of training photos, do not change by a bit."""
     model = model_of()
     directions = torch.linalg.qr(torch.randn(6, 6)).Q
     met = 1.5 + torch.randn(5, 3).clamp(-2, 2) * torch.tensor([3.0, 1.0, 0.2]) @ directions[:3]  # in a plane of three

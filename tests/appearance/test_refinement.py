@@ -28,7 +28,7 @@ def refined(picture, begin, valid=None, tone=None, **view):
 
 
 def test_refinement_never_increases_the_loss():
-    """A hair off, where Adam's first step leads past the colour by nearly its rate."""
+    """It starts so close that Adam's first step leads past the colour by nearly its rate."""
     begin, view = torch.full((3,), 0.4 + 1e-4), FlatView((4, 6))
     steps = list(refinement(view, Colouring(begin), shown(PICTURE)))
     losses = [float((view.render(best) - PICTURE).abs().mean()) for best in steps]
@@ -99,7 +99,7 @@ def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
 
 
 def test_weights_that_embeddings_give_can_go_beyond_what_any_embedding_gives():
-    """In units of how widely they differ between looks: one that hardly does stays."""
+    """They learn in units of how widely they differ between looks, so one that hardly differs stays."""
     apart = {"last.bias": torch.tensor([0.5, 0.5, 1e-6])}
     begin = torch.full((3,), 0.8)
     found, colour = refined(PICTURE, begin, given_spread=apart)
@@ -109,7 +109,8 @@ def test_weights_that_embeddings_give_can_go_beyond_what_any_embedding_gives():
 
 @pytest.mark.parametrize("as_much, learned", [(0, True), (60, False)])
 def test_shared_weights_are_refined_last_unless_that_would_change_the_unseen_more_than_the_seen(as_much, learned):
-    """as_much: times that the colours of Gaussians out of view move as far as the picture. Only later can this picture be met at all."""
+    """as_much: how many times as far as the picture the colours out of view move. The embedding is bounded, so that only
+    the shared weights can fit this picture."""
     view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)})
     view.harmonics = lambda rows, look: (
         as_much * look.changes["layers.0.bias"].expand(len(rows), 1, 3) if look.changes else torch.zeros(len(rows), 1, 3)
@@ -128,7 +129,7 @@ def test_refinement_starts_from_weights_that_were_changed_before():
 
 
 def test_a_photo_with_few_valid_pixels_is_followed_no_less():
-    """The hold is on one scale with the mean over what is valid: a photo of which little is valid is followed no less."""
+    """What holds the unseen is weighed against the mean over valid pixels, not against their sum."""
     moves = []
     for columns in (1, 6):
         valid = torch.zeros(4, 6, dtype=torch.bool)

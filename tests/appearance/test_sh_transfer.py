@@ -228,7 +228,7 @@ def test_wrong_sizes_are_refused_by_name(wrong, words):
 
 
 def test_chunks_and_the_whole_agree(monkeypatch):
-    """What does not fit the memory is computed twice, a chunk at a time: equal but for the order of sums in float64."""
+    """What does not fit into memory is computed twice, a chunk at a time: the same but for the order of sums in float64."""
     torch.manual_seed(0)
     model = SHTransfer(whole_settings()).double()
     sh, means, embedding = torch.randn(50, 4, 3).double(), torch.randn(50, 3).double(), torch.randn(16).double()

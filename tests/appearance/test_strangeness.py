@@ -1,4 +1,4 @@
-"""What a photo is judged strange by; what follows from it is tested with the mask's loss and with refinement."""
+"""How strange places of a photo are found; what follows from it is tested with the mask's loss and with refinement."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""Levers: at the contract's values they change nothing, beyond them they trade as they should."""
+"""Levers: at the contract's values they change nothing; beyond them they trade quality for time as they should."""
 
 from dataclasses import replace
 

@@ -157,7 +157,7 @@ def test_without_checks_on_the_way_the_rest_is_measured(small_run, tmp_path):
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, monkeypatch):
-    """The system may say that root can write where nobody can, as in /proc."""
+    """For root, the system may say that a folder can be written in where it cannot, as in /proc."""
     monkeypatch.setattr(suite, "_fixed_rendering", lambda *_: pytest.fail("it was measured first"))
     monkeypatch.setattr(Path, "mkdir", failing(FileNotFoundError(2, "No such file or directory")))
     with pytest.raises(BadInput, match="out could not be made: No such file or directory. Choose another -o"):

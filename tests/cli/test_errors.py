@@ -1,4 +1,4 @@
-"""What becomes of exceptions: one line and the right exit code for the user's, a traceback for ours."""
+"""What becomes of exceptions: one line and the right exit code for a user's mistake, a traceback for a defect of ours."""
 
 import errno
 import shlex

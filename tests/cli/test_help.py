@@ -1,4 +1,4 @@
-"""Help: there for every command, with an example, made from core.config, and quick."""
+"""Help: every command has it, with an example; it is made from core.config and comes at once."""
 
 import subprocess
 import sys

@@ -29,7 +29,7 @@ def test_what_the_command_line_replaces_in_a_file_is_not_judged(tmp_path):
 
 
 def test_every_rasterizer_can_be_chosen():
-    """The settings import none, so that help comes at once."""
+    """core.config lists them without importing any, so that help comes at once."""
     assert FIELDS["backend"].metadata["choices"] == ("auto", *BACKENDS)
 
 

@@ -1,4 +1,4 @@
-"""Moments of a run as losses are asked about them."""
+"""Moments of a run, as losses are asked for them."""
 
 from core.rasterizer import BLACK
 from core.training.moment import Moment

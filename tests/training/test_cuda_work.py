@@ -82,7 +82,7 @@ def trainer(tmp_path, monkeypatch, changes):
 
 
 def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
-    """Whatever canvas photos lie on, and also where there was room for too little, at first in everything."""
+    """On any canvas, and also if there was not enough room at first."""
     monkeypatch.setattr(trainer.photos, "canvas", lambda factor: (17, 20))
     losses = []
     for room in (None, (2, 9), (400, 9), (2, 4000)):
@@ -202,7 +202,7 @@ def test_photos_share_a_canvas_unless_transparency_means_empty_space(trainer, sh
 
 
 def test_a_step_waits_once(trainer):
-    """At its end, for its facts. New rounds through the photos too."""
+    """It waits at its end, for its facts; so does a step that begins a new round through the photos."""
     for index in range(len(trainer.photos)):
         trainer.photos.target(index, SHRINK_FACTORS[0])  # kept from here on, as are tables after the first step
     trainer.step()

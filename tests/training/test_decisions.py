@@ -1,4 +1,4 @@
-"""What is left out of which scene, who may overrule it, and that nothing of it is left."""
+"""Which parts are left out of which scene, what may overrule that, and that nothing is left of them."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Figures about looks, each against sightings that were made to have a known one."""
+"""Figures about looks, each found in sightings that were made to have a known one."""
 
 from dataclasses import replace
 from functools import reduce
@@ -186,7 +186,7 @@ def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
 
 
 def test_a_point_behind_others_is_not_expected(tmp_path):
-    """What stays may hide it: only places that ought to be free say something of passers-by."""
+    """The place itself may hide it: only points that ought to be visible tell of passers-by."""
     collection = known_collection(tmp_path, photos=8)
     photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
     found = find_sightings(collection.points, photos)

@@ -69,7 +69,7 @@ def test_the_written_masks_show_what_the_given_ones_hide(tmp_path, transients):
 
 
 def test_hidden_places_count_for_nothing_from_step_0(tmp_path):
-    """Their loss is gone: with masks the first steps' pictures are less wrong than without, by what the block adds."""
+    """They add no loss: with masks, the first steps lose less than without, by what the block adds."""
     collection = crowded(tmp_path / "scene", (255, 0, 255))
     _, free = trained(collection, tmp_path / "free", transients="off")
     _, given = trained(with_masks_in(collection, tmp_path / "scene" / "masks"), tmp_path / "given", transients="off")

@@ -1,4 +1,4 @@
-"""Which steps are not taken: those with a gradient that is not finite, wherever it is looked for, and those whose loss is a spike."""
+"""Which steps are skipped: those with a gradient that is not finite, and those whose loss is a spike."""
 
 import math
 
@@ -10,7 +10,7 @@ from core.training import guards
 
 @pytest.mark.parametrize("where", ["cpu", "meta"])
 def test_gradients_that_are_not_finite_are_found(where):
-    """As a CPU looks for them, and as a GPU does; of a view of nothing they have no numbers."""
+    """By the ways of a CPU and of a GPU; gradients of a view of nothing are empty."""
     where = torch.device(where)
     good = [torch.ones(3), None, torch.zeros(0, 4), torch.full((2,), -1e30)]
     assert guards.finite(good, where)

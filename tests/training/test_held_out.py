@@ -1,4 +1,4 @@
-"""How good a run is while it goes: held-out photos are judged as they are shown, and only where they show something."""
+"""The quality of a run in progress: renders of held-out photos are judged as they are displayed, and only where the photo shows something."""
 
 from dataclasses import replace
 

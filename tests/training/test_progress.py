@@ -1,4 +1,4 @@
-"""The bar of a training says what it is at, also where a step takes long."""
+"""The progress bar of a training says what is going on, also during a long step."""
 
 from dataclasses import replace
 

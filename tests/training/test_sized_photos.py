@@ -58,7 +58,7 @@ def test_targets_of_an_earlier_size_are_freed(tmp_path):
 
 
 def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
-    """Of 4 x 4 px a column is hidden, then three."""
+    """Of 4 x 4 px, one column is hidden, or three."""
     photo = small_collection(tmp_path, photos=1).photos[0]
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, 4:5] = mask[:, 9:24] = 0
@@ -70,7 +70,7 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
 
 
 def test_if_a_mask_hides_most_of_every_shrunk_pixel_the_least_hidden_ones_count(tmp_path):
-    """Of 4 x 4 px two columns less one pixel are left, then one; or nothing."""
+    """Of 4 x 4 px, two columns less one pixel are left, or one column, or nothing."""
     photo = small_collection(tmp_path, photos=1).photos[0]
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     mask[:, :2] = mask[:, 4] = 255

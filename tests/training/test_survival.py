@@ -184,7 +184,7 @@ def test_a_view_of_nothing_is_a_step_like_any_other(collection, tmp_path):
 
 
 def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
-    """Nothing holds these masks: they start at a tenth and hiding is free."""
+    """Nothing keeps these masks from collapsing: they start at a tenth, and hiding is free."""
     folder = tmp_path / "run"
     folder.mkdir()
     trainer = Trainer(collection, small_settings(mask_regularisation=0.0, mask_start=0.0, mask_apply=0.1), folder)
@@ -275,7 +275,7 @@ def test_an_invalid_step_is_skipped_counted_and_leaves_no_trace(collection, tmp_
 
 
 def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learning(collection, tmp_path):
-    """It is found out when the Gaussians, whose gradients were finite, are updated already."""
+    """This is noticed only after the Gaussians, whose gradients were finite, have been updated."""
     trainer = Trainer(collection, small_settings(), tmp_path)
     trainer.step()
     overflowing = next(trainer.model.encoder.parameters()).register_hook(lambda gradient: gradient + math.inf)

@@ -1,4 +1,4 @@
-"""COLMAP models whose points and photos do not say of each other what sees what, as some programs write them and hands leave them."""
+"""COLMAP models in which points or photos do not say which photo sees which point, as some programs and users leave them."""
 
 from pathlib import Path
 

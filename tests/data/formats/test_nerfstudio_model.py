@@ -179,7 +179,7 @@ def test_the_points_file_is_used_where_the_model_does_not_fit(scene, spoil, why)
 
 
 def test_a_camera_may_be_turned_by_less_than_a_hundredth(scene):
-    """As a radian; the common turn takes a fifth of it."""
+    """In radians; the rotation that brings all cameras together takes a fifth of it."""
     turned(0, 0.012)(scene)
     assert notes_with(load_collection(scene), "are used")
 

@@ -1,4 +1,4 @@
-"""Points files in every form that programs write, and a line for each that cannot be read."""
+"""Point files in every form that programs write; one line for each file that cannot be read."""
 
 import numpy as np
 import plyfile
@@ -47,7 +47,7 @@ def test_points_are_read_from_every_form_of_ply(tmp_path, form, place):
     [("u1", 255), ("u2", 65535), ("i2", 255), ("i4", 255), ("u4", 255), ("f4", 1), ("f8", 1), ("f4", 255), ("f8", 255)],
 )
 def test_colours_of_every_type(tmp_path, kind, white):
-    """No program says how much of a type its colours take."""
+    """No program states which value of a type is white."""
     shades = np.array([[0, 0.2, 1], [0.6, 1, 0.4]])
     rows = np.zeros(2, [(name, "f4") for name in "xyz"] + [(name, kind) for name in ("red", "green", "blue")])
     for column, name in enumerate(("red", "green", "blue")):

@@ -1,4 +1,4 @@
-"""transforms.json and Blender's siblings: the same cameras as of a COLMAP model, and a line for everything that is wrong."""
+"""transforms.json and Blender's files: their cameras are those of the COLMAP model, and a line says what is wrong."""
 
 import os
 import re

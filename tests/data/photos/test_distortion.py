@@ -1,4 +1,4 @@
-"""Distorted photos: what is undistorted lies where the pinhole camera says, and what was not seen is said to be so."""
+"""Distorted photos: undistorted pixels lie where the pinhole camera says, and those that the photo does not show are invalid."""
 
 import cv2
 import numpy as np
@@ -54,7 +54,7 @@ def test_photos_of_twice_the_models_size(tmp_path, model):
 @pytest.mark.parametrize("model", ["PINHOLE", "OPENCV"])
 @pytest.mark.parametrize("orientation", [3, 6, 8])
 def test_exif_rotation_turns_the_camera_along(tmp_path, model, orientation):
-    """COLMAP ignores EXIF rotation, so its model is that of the pixels as stored; they are shown turned."""
+    """COLMAP ignores EXIF rotation, so its model describes the pixels as stored; they are displayed turned."""
     root = SmallScene(model=model).write(tmp_path / "scene")
     add_exif(root / "images" / "photo_1.png", exif_block(orientation))
     collection = load_collection(root)
@@ -118,7 +118,7 @@ def test_cushion_lenses_leave_the_corners_invalid():
 
 
 def test_lens_formulas_that_fold_over_are_cut_at_the_fold():
-    """r (1 - r^2 / 2) turns back at r = 0.816 and mirrors the picture beyond r = 1.41: none of that is a picture."""
+    """r (1 - r^2 / 2) turns back at r = 0.816 and mirrors the picture beyond r = 1.41: nothing beyond the fold is valid."""
     focal = 60.0
     _, valid = picture_through("SIMPLE_RADIAL", [focal, 80, 60, -0.5])
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5

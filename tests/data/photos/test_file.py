@@ -1,4 +1,4 @@
-"""Headers: size, rotation and wholeness of photo files, found without decoding them."""
+"""Headers: size and rotation of photo files, and whether they are complete, found without decoding them."""
 
 import struct
 import zlib

@@ -37,7 +37,7 @@ def test_a_picture_is_known_again_and_others_are_not(contrast):
 
 
 def test_a_column_seen_from_two_sides_is_no_copy():
-    """Nearly all contrast is that of its outline."""
+    """Nearly all its contrast is at the outline, which stays the same."""
     stone = picture(3, 0.2, 300, 4000)
 
     def seen_from(degrees):

@@ -1,4 +1,4 @@
-"""Cameras of plain photos are found once, and not where a model of them lies beside."""
+"""Cameras of plain photos are found once; where a model lies beside them, the user is pointed to it."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Structure from motion that was stopped goes on, and comes to the same result."""
+"""Structure from motion that was stopped can go on, with the same result."""
 
 import errno
 import os

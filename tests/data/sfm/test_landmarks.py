@@ -1,4 +1,4 @@
-"""What photos from outside are located by: which features show which SfM points, and the file that keeps them."""
+"""Landmarks, by which photos from outside are located: which features show which SfM points, and the file that keeps them."""
 
 from dataclasses import replace
 

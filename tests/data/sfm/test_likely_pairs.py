@@ -1,4 +1,4 @@
-"""Which photos are matched: all with all of few, and of many those that share what is large."""
+"""Which photos are matched: of few, all with all; of many, those that share their largest features."""
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ def test_few_photos_are_matched_all_with_all(tmp_path):
 
 
 def test_of_many_photos_those_are_matched_that_share_features(tmp_path, monkeypatch):
-    """On a line, each photo shares a half of its features with either neighbour, so that those at the ends have one; one shows nothing."""
+    """The photos stand in a line: each shares half of its features with either neighbour, and the last shows nothing."""
     strip = features(500, 0)
     shown = [strip[50 * number : 50 * number + 100] for number in range(8)] + [strip[:0]]
     monkeypatch.setattr(module, "_largest_features", lambda work, names: shown)

@@ -120,7 +120,7 @@ def test_features_that_repeat_one_point_are_one_witness_and_lenses_that_do_not_e
 
 
 def test_a_mirrored_photo_is_of_another_place(known, between, tmp_path, monkeypatch):
-    """Were it as symmetric as many a monument, some of its features would agree nevertheless."""
+    """Of a symmetric monument, some features of a mirrored photo would agree all the same."""
     assert cv2.imwrite(str(tmp_path / "mirrored.png"), cv2.flip(cv2.imread(str(between[0])), 1))
     by_mirror = {}
 

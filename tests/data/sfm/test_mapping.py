@@ -1,4 +1,4 @@
-"""Cameras of few photos: mapped again where their focal lengths run away."""
+"""Cameras of few photos: they are mapped again if their focal lengths run away."""
 
 import shutil
 

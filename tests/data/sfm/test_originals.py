@@ -1,4 +1,4 @@
-"""What a scene calls the photo of a file: found again where the file was moved to, unless it changed or may be another."""
+"""The name that a scene gives to the photo of a file: it is found again after the file was moved, unless it changed or could be another."""
 
 import os
 

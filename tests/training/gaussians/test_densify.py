@@ -1,4 +1,4 @@
-"""Density control: which Gaussians go, what pulls at those that stay, and where new ones come from."""
+"""Density control: which Gaussians are removed, which gradients are gathered, and where new Gaussians come from."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a GPU gathers for density control against its definition; by Triton's interpreter where there is no GPU."""
+"""What a GPU gathers for density control equals its definition; by Triton's interpreter where there is no GPU."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""What of the Gaussians learns, from when on, and how fast."""
+"""Which parameters of the Gaussians learn, from when on, and how fast."""
 
 import pytest
 import torch
@@ -45,7 +45,7 @@ def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth
 
 
 def test_a_learning_rate_given_as_a_whole_number_becomes_a_float(tmp_path):
-    """As a file of settings may have it: of whole numbers, kernels would be compiled anew, and round otherwise."""
+    """A file of settings may give one; with whole numbers, kernels would be compiled again, and round differently."""
     (tmp_path / "x.toml").write_text("".join(f"{name} = 1\n" for name in RATES))
     settings = settings_from("paper", tmp_path / "x.toml", (), {})
     assert {rates.dtype for rates in learning_rates(settings, 0.5).values()} == {torch.float32}

@@ -23,7 +23,7 @@ def starting_at(folder, points: list[list[float]], **changes):
 
 
 def test_gaussians_start_as_faint_spheres_in_the_colours_of_their_points(tmp_path):
-    """As wide as their three nearest neighbours are far (3DGS), but no haze over everything."""
+    """As wide as the distance of their three nearest neighbours (3DGS), but not so wide that they are haze over everything."""
     points = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3], [9.0, 0.0, 0.0]]
     collection, gaussians = starting_at(tmp_path, points, largest_scale=2.0)
     splats = gaussians.splats

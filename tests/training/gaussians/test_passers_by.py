@@ -1,4 +1,4 @@
-"""Passers-by: what masks hide in few photos, and not what they hide in many, or show."""
+"""Gaussians of passers-by: those that masks hide in few photos, not those that they hide in many, or show."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def splats() -> Splats:
 
 
 def test_what_masks_hide_in_a_large_share_of_few_photos_is_a_passer_by(splats):
-    """The first is hidden in one photo of three, the second in one of four, the third nowhere."""
+    """Hidden in one photo of three, a Gaussian is a passer-by; hidden in one of four, it is not."""
     photos = [(CAMERA, quarters(0)), (CAMERA, quarters()), (CAMERA, quarters())]
     assert passers_by(splats, photos, REFERENCE).tolist() == [True, False, False, False]
     assert not passers_by(splats, [*photos, (CAMERA, quarters())], REFERENCE).any()

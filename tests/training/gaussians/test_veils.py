@@ -1,4 +1,4 @@
-"""Veils: what hides a view from beside a photo's camera, and nothing else."""
+"""Veils: Gaussians that hide the view of a camera beside that of a photo, and no others."""
 
 import numpy as np
 import pytest

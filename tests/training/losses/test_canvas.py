@@ -1,4 +1,4 @@
-"""A photo on a canvas is compared as it is without."""
+"""A photo is compared on a larger canvas as it is without one."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""What the mask is taught: colours that the place has in no light, and neither tone, shade nor unlearned detail."""
+"""What the mask is taught to hide: colours that the place has in no light, but not tone, shade or detail that is not learned yet."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""The mask as weights in the picture loss: held up where masks hide too much."""
+"""The mask as weights in the picture loss: they are raised if masks hide too much."""
 
 import pytest
 import torch

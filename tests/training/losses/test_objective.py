@@ -1,4 +1,4 @@
-"""What a step minimises: which loss counts from when on, by what weight, and whom it reaches."""
+"""What a step minimises: which loss counts, from when on, how much, and what it teaches."""
 
 import pytest
 import torch
@@ -41,7 +41,7 @@ def test_the_papers_mask_hides_as_in_the_paper_and_is_taught_by_the_pictures_err
 
 
 def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
-    """Beside what reaches it by the embedding."""
+    """In addition to the gradient that reaches it through the embedding."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0)
     bias = trainer.model.encoder.unet.up_2.bias
     readings, transfers = (recorded(monkeypatch, trainer.model, name) for name in ("read", "transfer"))
@@ -61,7 +61,7 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
 
 @pytest.mark.parametrize("mean, share", [(1.0, 0.1), (0.2, 0.55)])
 def test_collapsed_masks_are_raised_in_the_pictures_loss(trainer_of, monkeypatch, mean, share):
-    """0.1 is static: by itself, or, as the masks of all photos hide too much, half of what else is hidden shows as well."""
+    """The mask is 0.1 everywhere: it weighs 0.1, or more if the masks of all photos hide too much, as half of what is hidden counts then."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0, mask_regularisation=0.0, transient_regularisation=0.0)
     trainer.mask_mean = mean
     given = recorded(monkeypatch, trainer.objective, "picture")

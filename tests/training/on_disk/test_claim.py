@@ -1,4 +1,4 @@
-"""One training a run folder: who comes second takes another, or is told."""
+"""Only one training uses a run folder: a second one takes another folder, or is refused."""
 
 import os
 import time

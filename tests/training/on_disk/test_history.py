@@ -1,4 +1,4 @@
-"""history.csv: written row by row, read without what a killed program garbled, and taken back to a checkpoint."""
+"""history.csv: it is written row by row, read without what a killed program garbled, and cut back to a checkpoint."""
 
 import csv
 import errno

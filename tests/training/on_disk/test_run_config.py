@@ -66,7 +66,7 @@ def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
 
 
 def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, collection):
-    """Moved with scene and run, by a link in the scene or without; or left behind."""
+    """Whether they are moved together with scene and run, with or without a link in the scene, or left behind."""
     project = tmp_path / "project"
     for folder in ("scene", "pool", "masks"):
         (project / folder).mkdir(parents=True)

@@ -181,15 +181,15 @@ def test_nan_or_infinity_in_place_of_a_whole_number_is_refused(tmp_path, part, w
         load_collection(tmp_path / "scene")
 
 
-def test_images_of_one_line_in_text_are_refused_and_those_of_an_empty_second_line_read(tmp_path):
+def test_photos_of_one_line_in_text_are_refused_and_those_of_an_empty_second_line_read(tmp_path):
+    """pycolmap would drop the last one without a word."""
     root = SmallScene().write(tmp_path / "scene")
     model, lines = in_text(root)
-    images = [line for line in lines if line.endswith(".png")]
-    (model / "images.txt").write_text("\n\n".join(images) + "\n\n")
+    photos = [line for line in lines if line.endswith(".png")]
+    (model / "images.txt").write_text("\n\n".join(photos) + "\n\n")
     assert len(load_collection(root).photos) == 4
-    (model / "images.txt").write_text("\n".join(images) + "\n")
-    with pytest.raises(BadInput, match="images.txt gives photo_0.png one line in place of two. Add the line"):
-        load_collection(root)
-    (model / "images.txt").write_text("\n".join(images).replace(".png", "") + "\n")
-    with pytest.raises(BadInput, match="images.txt gives photo_0 one line in place of two"):
-        load_collection(root)
+    alike = "\n".join(photos) + "\n"
+    for text, name in [(alike, "photo_0.png"), (alike.replace(".png", ""), "photo_0"), ("\n\n".join(photos), "photo_3.png")]:
+        (model / "images.txt").write_text(text)
+        with pytest.raises(BadInput, match=f"images.txt gives {name} one line in place of two. Add the line"):
+            load_collection(root)

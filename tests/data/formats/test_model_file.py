@@ -114,21 +114,6 @@ def test_rigs_and_frames_that_are_older_than_the_images_are_not_read(tmp_path, c
     check_geometry(load_collection(root), scene)
 
 
-def test_a_text_model_whose_last_photo_has_one_line_is_refused(tmp_path):
-    """pycolmap would drop the photo."""
-    scene = SmallScene()
-    root = scene.write(tmp_path / "scene")
-    model = scene.in_text(root)
-    images = model / "images.txt"
-    poses = [line for line in images.read_text().splitlines() if line.endswith(".png")]
-    images.write_text("\n\n".join(poses))
-    (model / "points3D.txt").write_text("")
-    with pytest.raises(BadInput, match=f"gives {poses[-1].split()[-1]} one line in place of two"):
-        load_collection(root)
-    images.write_text("\n\n".join(poses) + "\n\n")
-    assert len(load_collection(root).photos) == len(poses)
-
-
 @pytest.mark.parametrize("names", [None, ["a 0.png", "a 1.png", "a 2.png", "a 3.png"]])
 def test_a_text_model_may_begin_with_the_mark_that_windows_writes(tmp_path, names):
     scene = SmallScene() if names is None else SmallScene(names=names)

@@ -4,6 +4,8 @@ import errno
 import os
 from collections.abc import Callable
 
+import cv2
+
 DENIED = PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 DISK_FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -15,3 +17,10 @@ def failing(problem: BaseException | type[BaseException]) -> Callable:
         raise problem
 
     return fails
+
+
+def opencv_error(code: int) -> cv2.error:
+    """An error of OpenCV with this code of cv2.Error."""
+    problem = cv2.error("resize")
+    problem.code = code
+    return problem

@@ -12,14 +12,9 @@ import pytest
 from click.testing import CliRunner
 
 from core.errors import BadInput, BadSetting, TrainingStopped, command
+from tests.failing import opencv_error
 from wegs_cli import main
 from wegs_cli.main import Group
-
-
-def opencv_error(code: int) -> cv2.error:
-    problem = cv2.error("resize")
-    problem.code = code
-    return problem
 
 
 def outcome_of(problem: BaseException):

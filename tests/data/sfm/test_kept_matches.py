@@ -20,8 +20,8 @@ from core.errors import BadInput, WegsError, disk_full
 from core.report import QUIET
 from core.system import lock
 from core.system.atomic import replacing_folder, temporary_folder
-from tests.cli.test_errors import opencv_error
 from tests.data.room_corner import cameras, take_photo, textures
+from tests.failing import opencv_error
 from tests.heard import Heard
 
 pytestmark = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")

@@ -57,7 +57,8 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
     whole = bake(trained, neutral)
     truth = [rasterizer.render(whole, camera, trained.background).clamp(0, 1) for camera in cameras]
     points = []
-    total = len(SHARES) * (whole.degree + 1) + 1
+    shares = [share for share in SHARES if round(share * solid) < len(order)]  # a file holds one Gaussian at the least
+    total = len(shares) * (whole.degree + 1) + 1
     with scratch("bench") as folder:
         path = folder / "look.ply"
 
@@ -81,7 +82,7 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
 
         add("wegs bake", "pruned within its bound", lambda: pruner_of(trained, QUIET)(bake(trained, neutral)).splats, is_default=True)
         for degree in range(whole.degree, -1, -1):
-            for share in SHARES:
+            for share in shares:
                 rows = order[round(share * solid) :].sort().values
                 is_all = share == 0 and degree == whole.degree
                 label = "everything (--prune off)" if is_all else f"{share:.0%} pruned"

@@ -8,10 +8,11 @@ from core.bench.baking import baking_figure
 from core.bench.differences import differences
 from core.looks.find_look import find_look
 from core.looks.pruning import pruner_of
-from core.looks.trained import bake
+from core.looks.trained import bake, load_run
 from core.rasterizer.importance import largest_contributions
 from core.report import Report
 from tests.rasterizer.scenes import camera, cloud
+from tests.small import finished, small_collection, small_settings
 
 
 def test_bytes_fall_and_errors_grow_along_each_curve(trained, monkeypatch):
@@ -31,6 +32,13 @@ def test_bytes_fall_and_errors_grow_along_each_curve(trained, monkeypatch):
     left = pruner_of(trained, Report())(bake(trained, find_look(trained, "neutral")))
     assert as_it_bakes.values["max_steps"].median <= 0.5
     assert (as_it_bakes.values["megabytes"].median < whole.values["megabytes"].median) == (left.gaussians > 0)
+
+
+def test_something_is_always_left(tmp_path, monkeypatch):
+    run = load_run(finished(small_collection(tmp_path), small_settings(sky="none", steps=1), tmp_path / "run").folder)
+    monkeypatch.setattr(baking, "SHARES", (0.0, 0.5, 1.0))
+    made = baking_figure(run, views=1, report=Report(), budget=0.0)
+    assert [point.label for point in made.curves()["SH degree 0"]] == ["0% pruned", "50% pruned"]
 
 
 def test_a_contribution_is_the_largest_over_all_views():

@@ -26,6 +26,7 @@ prepare()  # before torch is imported
 import click
 
 from core.config import PRESETS, Settings, preset
+from core.errors import BadInput
 from core.evaluation import PROTOCOLS
 from core.report import Report
 from core.system.atomic import write_text
@@ -49,13 +50,16 @@ GLO = "GLO has no encoder: its zero-shot look of a held-out photo is the mean em
 @click.option("-r", "--resolution", default=-1, show_default=True)
 @click.option("--seeds", default=1, show_default=True, type=click.IntRange(min=1), help="Runs of each variant.")
 @click.option("--protocol", "protocols", multiple=True, default=("full",), show_default=True, type=click.Choice(list(PROTOCOLS)))
-@click.option("--only", "names", multiple=True, type=click.Choice(list(VARIANTS)), help="Beside the full model; repeatable.")
+@click.option("--only", multiple=True, type=click.Choice(list(VARIANTS)), help="Beside the full model; repeatable.")
 @click.option("--split", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Hold out what this .tsv says instead.")
 @click.option("-o", "--output", default=Path("runs/ablation"), show_default=True, type=click.Path(path_type=Path))
-def main(scenes, preset_name, steps, resolution, seeds, protocols, names, split, output) -> None:
+def main(scenes, preset_name, steps, resolution, seeds, protocols, only, split, output) -> None:
     """Train and measure the full model and its variants on each of SCENES."""
     base = preset(preset_name).changed(resolution=resolution, **({"steps": steps} if steps else {}))
-    variants = {name: VARIANTS[name].changes for name in VARIANTS if not names or name in names or name == FULL}
+    variants = {name: VARIANTS[name].changes for name in VARIANTS if not only or name in only or name == FULL}
+    names = [scene.resolve().name for scene in scenes]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise BadInput(f"Several scenes are called {twice[0]}: their results would replace each other.", "Give each an -o of its own.")
     with Terminal() as terminal:
         for scene in scenes:
             scene = with_split(scene, split, output) if split else scene

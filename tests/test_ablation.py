@@ -93,6 +93,11 @@ def test_a_finished_variant_is_not_measured_again_and_a_stopped_one_is_resumed(s
         with pytest.raises(BadInput, match="no folder|not a folder"):
             finished.measured(scene, settings, output, ("full",), heard)
     assert finished.measured(small_scene, settings, folder, ("full",), heard) == both and not (tmp_path / "mistyped").exists()
+    (tmp_path / "elsewhere").mkdir()
+    namesake = shutil.copytree(small_scene, tmp_path / "elsewhere" / small_scene.name)
+    with pytest.raises(BadInput, match="of another scene"):
+        finished.measured(namesake, settings, folder, ("full",), heard)
+    assert finished.measured(small_scene, settings, folder, ("full",), heard) == both
     other = finished.measured(small_scene, settings.changed(seed=1), folder, ("full",), heard)
     assert other["results"]["full"]["seed"] == 1 and "half" not in other["results"]
 
@@ -128,6 +133,14 @@ def test_the_program_writes_tables_and_figures(small_scene, tmp_path, monkeypatc
     }
 
 
+def test_scenes_of_one_name_are_refused_before_the_hours(small_scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(ablation, "ablate", None)
+    namesake = tmp_path / "elsewhere" / small_scene.name
+    namesake.mkdir(parents=True)
+    result = CliRunner().invoke(ablation.main, [str(small_scene), str(namesake), "-o", str(tmp_path / "out")])
+    assert result.exit_code == 1 and f"scenes are called {small_scene.name}" in result.output and not (tmp_path / "out").exists()
+
+
 def test_compare_puts_all_rivals_into_one_table(small_scene, tmp_path, monkeypatch):
     monkeypatch.setitem(PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"})
     line = [str(small_scene), "-o", str(tmp_path), "--protocol", "full"]
@@ -148,6 +161,10 @@ def test_another_split_holds_out_other_photos(tmp_path):
     collection = load_collection(scene)
     assert {photo.name: photo.split for photo in collection.photos} == {"0001.jpg": "train", "0002.jpg": "test", "0003.jpg": "train"}
     assert (scene / "truth" / "masks").is_dir()
+    namesake = tmp_path / "elsewhere" / "plaza"
+    namesake.mkdir(parents=True)
+    with pytest.raises(BadInput, match="of another scene"):
+        finished.with_split(namesake, table, tmp_path / "out")
     table.write_text(table.read_text() + "0004.jpg\t4\ttest\n")
     with pytest.raises(BadInput, match="another split"):
         finished.with_split(PLAZA, table, tmp_path / "out")

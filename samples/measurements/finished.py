@@ -21,7 +21,8 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
     """The figures of `settings` on `scene`, by protocol as in results.json, under "results"; the .ply's size under "bytes".
 
     They are kept beside the run's folder, in FOLDER.json, with the scene and settings, and not measured twice; delete the file to train
-    again. Raises BadInput, before an older run is deleted, for what is no scene and where nothing can be written.
+    again. A run with other settings is replaced. Raises BadInput, before that, for what is no scene, where nothing can be written, and where the
+    run is of another scene (folders called `dense` or `images` are many).
     """
     path = folder.with_name(f"{folder.name}.json")
     key = {"scene": str(scene.resolve()), "settings": settings.to_json()}
@@ -29,6 +30,8 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
     if {name: kept.get(name) for name in key} != key:
         find_kind(scene)
         check_folder(path.parent)
+        if kept.get("scene", key["scene"]) != key["scene"]:
+            raise BadInput(f"{path} holds the figures of another scene, {kept['scene']}.", "Choose another -o.")
         kept = key | {"results": {}}
         path.unlink(missing_ok=True)
         if run_folders.is_run(folder):
@@ -52,8 +55,8 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
 def with_split(scene: Path, table: Path, folder: Path) -> Path:
     """A copy of `scene` that is split as the .tsv `table` says: choices are made by another split than the one by which figures are published.
 
-    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput for what is no split table, and if such a folder exists with another split, to
-    which older figures belong.
+    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput for what is no split table, and if there is such a folder of another scene or with
+    another split, to which older figures belong.
     """
     read_split_table(table)
     made = folder / f"{scene.resolve().name}-{table.stem}"
@@ -61,6 +64,8 @@ def with_split(scene: Path, table: Path, folder: Path) -> Path:
     if copy.is_file():
         if copy.read_bytes() != table.read_bytes():
             raise BadInput(f"{copy} is another split than {table}.", "Choose another -o.")
+        if any(link.readlink().parent != scene.resolve() for link in made.iterdir() if link.is_symlink()):
+            raise BadInput(f"{made} is a copy of another scene than {scene}.", "Choose another -o.")
         return made
     tables = [path for group in find_tables(scene.resolve()) for path in group]
     with replacing_folder(made) as work:

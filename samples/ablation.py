@@ -1,13 +1,13 @@
-"""What each part of the method is worth: the paper's ablation (its Table IV) and our differences from the paper, by switches.
+"""What each part of the method is worth: the paper's ablation (its Table IV), and each difference of wegs from the paper, switched back.
 
     python samples/ablation.py samples/plaza --seeds 3
     python samples/ablation.py statue_of_liberty --preset default -r 2
     python samples/ablation.py SCENE --split val.tsv --only "no mask" --only "mask by MLP"     # to choose by, not to publish
 
 Each variant (samples/measurements/variants.py) is the base preset with a few settings changed; one that changes nothing is the full model.
-Runs are trained one after the other. Those that are finished in the output folder are not trained again, and those that were killed are resumed;
-runs there with other settings are replaced, so use a folder of its own for each preset.
-Prints a Markdown table for each scene and protocol, and writes it as SCENE.md, and all figures run by run as SCENE.csv.
+Runs are trained one after the other. Those finished in the output folder are not trained again, and those that were killed are resumed;
+runs there with other settings are replaced, so use a separate folder for each preset. The script prints a Markdown table for each scene and
+protocol, and writes the tables to SCENE.md and the figures of every run to SCENE.csv.
 """
 
 import csv
@@ -19,17 +19,17 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 
-from core.config import PRESETS, Settings, preset
+from core.config import Settings
 from core.errors import BadInput
-from core.evaluation import PROTOCOLS
 from core.report import Report
 from core.system.atomic import write_text
+from samples.measurements import arguments, markdown
 from samples.measurements.finished import measured, with_split
 from samples.measurements.seeds import METRICS, cell, folder_name
 from samples.measurements.variants import FULL, VARIANTS
@@ -44,18 +44,18 @@ GLO = "GLO has no encoder: its zero-shot look of a held-out photo is the mean em
 
 
 @click.command(cls=OneLineErrors)
-@click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
-@click.option("--preset", "preset_name", default="quick", show_default=True, type=click.Choice(sorted(PRESETS)))
-@click.option("--steps", type=click.IntRange(min=1), help="Of each run.  [default: the preset's]")
-@click.option("-r", "--resolution", default=-1, show_default=True)
-@click.option("--seeds", default=1, show_default=True, type=click.IntRange(min=1), help="Runs of each variant.")
-@click.option("--protocol", "protocols", multiple=True, default=("full",), show_default=True, type=click.Choice(list(PROTOCOLS)))
-@click.option("--only", multiple=True, type=click.Choice(list(VARIANTS)), help="Beside the full model; repeatable.")
+@arguments.scenes
+@arguments.preset
+@arguments.steps()
+@arguments.resolution()
+@arguments.seeds(1, "Runs of each variant.")
+@arguments.protocol("full")
+@click.option("--only", metavar="VARIANT", multiple=True, type=click.Choice(list(VARIANTS)), help="To train beside the full model; repeatable.")
 @click.option("--split", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Hold out what this .tsv says instead.")
-@click.option("-o", "--output", default=Path("runs/ablation"), show_default=True, type=click.Path(path_type=Path))
+@arguments.output("runs/ablation")
 def main(scenes, preset_name, steps, resolution, seeds, protocols, only, split, output) -> None:
     """Train and measure the full model and its variants on each of SCENES."""
-    base = preset(preset_name).changed(resolution=resolution, **({"steps": steps} if steps else {}))
+    base = arguments.settings_of(preset_name, steps, resolution=resolution)
     variants = {name: VARIANTS[name].changes for name in VARIANTS if not only or name in only or name == FULL}
     names = [scene.resolve().name for scene in scenes]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -73,7 +73,7 @@ def main(scenes, preset_name, steps, resolution, seeds, protocols, only, split, 
 def ablate(
     scene: Path, base: Settings, variants: dict[str, dict[str, Any]], seeds: int, protocols: Sequence[str], folder: Path, report: Report
 ) -> dict[str, list[dict]]:
-    """The figures of each variant, one entry a seed. All variants are trained with a seed before the next one, so that a first answer comes early.
+    """The figures of each variant, one entry per seed. All variants are trained with one seed before the next, so that a first answer comes early.
 
     variants: changes of the settings `base`, by name. folder: of the runs.
     """
@@ -98,12 +98,8 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
     how = f"{scene}: protocol {protocol}, against {what}; {first['steps']} steps, scale {first['scale']:.2f}, {seeds}, LPIPS {first['lpips']}. "
     if "embedding by GLO" in runs:
         how += GLO
-    lines = [
-        how + "SSIM and LPIPS are those refined, or zero-shot where nothing can be.",
-        "",
-        "| " + " | ".join(HEADER) + " |",
-        "|---" * len(HEADER) + "|",
-    ]
+    how += "SSIM and LPIPS are of the refined look, or of the zero-shot one where none can be refined."
+    rows = []
     for name, group in runs.items():
         results = _of(group, protocol)
         cells = [name]
@@ -119,8 +115,8 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
         paper = VARIANTS[name]
         cells.append("" if paper.psnr is None or name == FULL else f"{paper.psnr - VARIANTS[FULL].psnr:+.2f}")
         cells.append("" if paper.megabytes is None else f"{paper.megabytes}")
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append(cells)
+    return f"{how}\n\n{markdown.table(HEADER, rows)}"
 
 
 def csv_of(runs: dict[str, list[dict]]) -> str:

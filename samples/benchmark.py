@@ -1,24 +1,24 @@
-"""Time and memory of the engine beside their targets; scenes come from samples/plaza and fixed seeds.
+"""Time and memory of the engine, and its targets; scenes come from samples/plaza and fixed seeds.
 
     python samples/benchmark.py                                       # everything: three minutes on two idle cores
     OMP_NUM_THREADS=1 python samples/benchmark.py step --json step.json   # one measurement, one thread, and a file
 
-step, plain-step: a training step, everything on or off; its parts on one thread. rasterizer: forward + backward of a garden;
-plain-torch: the same by a rasterizer in plain torch. gaussians, pixels: how time and memory grow. threads: one against two.
-bake: a look, beside its matrix products. first-use: kernels compiled. What each does stands in samples/measurements.
+step, plain-step: a training step, with everything on or off, and its parts on one thread. rasterizer: forward + backward of a garden;
+plain-torch: the same by a rasterizer in plain torch. gaussians, pixels: how time and memory grow with their number. threads: two against one.
+bake: a look, beside its matrix products. first-use: compiling the kernels. samples/measurements describes each in detail.
 
-CPU time is that of all threads. Each measurement runs in a process of its own, so its peak memory is its own, too. Kernels are
-compiled in the warm-up, and the compiler takes memory: for figures of memory, run it twice. The last table is Markdown.
+CPU time is that of all threads. Each measurement runs in a separate process, so that its peak memory is its own. Kernels are compiled in the
+warm-up, and the compiler takes memory: run the script twice if you want figures of memory. The last table is Markdown.
 """
 
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # the engine beside this script, installed or not
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -32,8 +32,8 @@ import torch
 from core.bench.machine import made_on
 from core.system.atomic import write_json
 from core.system.outputs import check_file
-from samples.measurements import baking, drawing, first_use, steps, targets, threads
-from samples.measurements.stopwatch import peak_memory
+from samples.measurements import arguments, baking, drawing, first_use, markdown, steps, targets, threads
+from samples.measurements.stopwatch import CPU, WALL, peak_memory
 from wegs_cli.main import OneLineErrors
 
 SMALL = 0.01  # of all sizes
@@ -52,14 +52,14 @@ MEASUREMENTS = {
 
 
 def measure(name: str, scale: float) -> dict:
-    """A measurement and the most memory that this process has held by its end."""
+    """A measurement, and the most memory that this process held until its end."""
     torch.manual_seed(0)
     measured = MEASUREMENTS[name](scale)
     return measured | {"peak_memory_mb": peak_memory() / 1e6}
 
 
 def tables(name: str, measured: dict) -> list[rich.table.Table]:
-    """Milliseconds a part, and a line a size."""
+    """A measurement's parts with their milliseconds, and its series, if it has one, with a row per size."""
     facts = ", ".join(f"{fact} {value}" for fact, value in measured["facts"].items())
     titles = {"title": f"{name}: peak memory {measured['peak_memory_mb']:.0f} MB", "caption": facts}
     made = []
@@ -69,23 +69,24 @@ def tables(name: str, measured: dict) -> list[rich.table.Table]:
         for column in ("CPU median", "quartiles", "mean", "wall median", "share"):
             profile.add_column(column, justify="right", no_wrap=True)
         for part, spent in measured["parts"].items():
-            low, median, high, mean = (f"{1e3 * spent[figure][0]:.1f}" for figure in ("low", "median", "high", "mean"))
-            share = f"{spent['mean'][0] / whole['mean'][0]:.0%}" if whole else ""
-            profile.add_row(part, median, f"{low} - {high}", mean, f"{1e3 * spent['median'][1]:.1f}", share)
+            low, median, high, mean = (f"{1e3 * spent[figure][CPU]:.1f}" for figure in ("low", "median", "high", "mean"))
+            share = f"{spent['mean'][CPU] / whole['mean'][CPU]:.0%}" if whole else ""
+            profile.add_row(part, median, f"{low} - {high}", mean, f"{1e3 * spent['median'][WALL]:.1f}", share)
         made.append(profile)
     if "series" in measured:
-        made.append(rich.table.Table(*measured["series"]["columns"], **titles))
+        series = rich.table.Table(*measured["series"]["columns"], **titles)
         for row in measured["series"]["rows"]:
-            made[-1].add_row(*(f"{value:.1f}" if isinstance(value, float) else f"{value}" for value in row))
+            series.add_row(*(f"{value:.1f}" if isinstance(value, float) else f"{value}" for value in row))
+        made.append(series)
     return made
 
 
 @click.command(cls=OneLineErrors)
 @click.argument("what", nargs=-1, type=click.Choice(list(MEASUREMENTS)))
-@click.option("--json", "file", type=click.Path(path_type=Path), help="Write the numbers into this file as well.")
+@arguments.json_file
 @click.option("--small", is_flag=True, help="A hundredth of all sizes, only to try it out.")
 def main(what: tuple[str, ...], file: Path | None, small: bool) -> None:
-    """Measure time and memory of what is named, or of everything."""
+    """Measure the time and memory of WHAT, or of everything."""
     if file:
         check_file(file)
     scale = SMALL if small else 1.0
@@ -95,9 +96,7 @@ def main(what: tuple[str, ...], file: Path | None, small: bool) -> None:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # a fork would begin with this process's memory
             result["measurements"][name] = pool.submit(measure, name, scale).result()
         rich.print(*tables(name, result["measurements"][name]))
-    click.echo("| what | target | measured |\n|---|---|---|")
-    for line in targets.lines(result["measurements"]):
-        click.echo(f"| {' | '.join(line)} |")
+    click.echo(markdown.table(targets.HEADER, targets.lines(result["measurements"])))
     if file:
         write_json(file, result)
 

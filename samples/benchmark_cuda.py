@@ -1,23 +1,23 @@
-"""The CUDA engine beside its targets, on a GPU, in one run; with gsplat's figures where gsplat is installed.
+"""The CUDA engine on a GPU, and its targets; beside gsplat, where that is installed.
 
     python samples/benchmark_cuda.py                        # everything
     python samples/benchmark_cuda.py picture --json gpu.json  # one measurement, and a file
 
-picture: forward + backward of 1,000,000 Gaussians at 1920 x 1080. baked: frames a second, and against a vanilla .ply. steps:
-whole training steps, their kernels and waits. paper: seconds a 1,000 steps of the preset, and hours for all. kernels: bandwidth
-beside a copy's, registers, spills, occupancy. What each does stands in samples/measurements/on_gpu.py.
+picture: forward + backward of 1,000,000 Gaussians at 1920 x 1080. baked: frames per second, also of a vanilla .ply. steps: whole
+training steps, their kernels and waits. paper: seconds per 1,000 steps of the preset `paper`, and hours for all. kernels: bandwidth
+beside that of a copy, registers, spills, occupancy. samples/measurements/on_gpu.py describes each in detail.
 
-Times are medians by the GPU's clock (torch.cuda.Event); what is compared is done in turns. The table is Markdown.
+Times are medians by the GPU's clock (torch.cuda.Event); what is compared takes turns. The table is Markdown.
 """
 
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent))  # the engine beside this script, installed or not
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 import torch
@@ -26,6 +26,8 @@ from core.bench.machine import made_on
 from core.system import device
 from core.system.atomic import write_json
 from core.system.outputs import check_file
+from samples.measurements import arguments, markdown
+from samples.measurements.targets import HEADER
 from wegs_cli.main import OneLineErrors
 
 NAMES = ("picture", "baked", "steps", "paper", "kernels")
@@ -33,9 +35,9 @@ NAMES = ("picture", "baked", "steps", "paper", "kernels")
 
 @click.command(cls=OneLineErrors)
 @click.argument("what", nargs=-1, type=click.Choice(NAMES))
-@click.option("--json", "file", type=click.Path(path_type=Path), help="Write the lines into this file as well.")
+@arguments.json_file
 def main(what: tuple[str, ...], file: Path | None) -> None:
-    """Measure what is named, or everything."""
+    """Measure WHAT, or everything."""
     if file:
         check_file(file)
     if not device.can_use_gpu():
@@ -44,11 +46,11 @@ def main(what: tuple[str, ...], file: Path | None) -> None:
     from samples.measurements.on_gpu import MEASUREMENTS  # Triton, which is there with a GPU only
 
     machine, lines = made_on(0), []
-    click.echo(f"{machine}\n\n| what | target | measured |\n|---|---|---|")
+    click.echo(f"{machine}\n\n{markdown.head(HEADER)}")
     for name in what or MEASUREMENTS:
         torch.manual_seed(0)
         for line in MEASUREMENTS[name](Place()):
-            click.echo(f"| {' | '.join(line)} |")
+            click.echo(markdown.row(line))
             lines.append(line)
     if file:
         write_json(file, {"machine": machine, "lines": lines})

@@ -16,9 +16,9 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 import cv2
@@ -42,21 +42,22 @@ from core.system.atomic import write_bytes
 from core.system.outputs import check_replaceable
 from core.training.on_disk import run_folders
 from core.words import counted
+from samples.measurements import arguments
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
 PLAZA_VIEWS = "0006.jpg", "0040.jpg"  # held out; of lights.jpg and of styles.jpg
 TILE_PX, LARGE_PX = 180, 240  # height of each picture of the sheet, and of lights.jpg
-INSET, FRAME_PX = 0.3, 2  # height of a photo within its look, as a share of that, and its white frame
+INSET, FRAME_PX = 0.3, 2  # height of a photo within the picture of its look, as a share of that, and the width of its white frame
 FRAMES = 6  # of the strip
 QUALITY = 88  # of JPEG
 
 
 @click.command(cls=OneLineErrors)
-@click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
+@arguments.run
 @click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
-@click.option("--view", "views", multiple=True, help="Photo of the run whose camera looks on.  [default: a held-out one]")
+@click.option("--view", "views", multiple=True, help="Photo of the run from whose camera the looks are seen.  [default: a held-out one]")
 @click.option("--renders", is_flag=True, help="Draw no photos, but the looks in a row for each --view.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The sheet.  [default: styles.jpg]")
 @click.option("--force", is_flag=True, help="Replace what is there.")
@@ -140,7 +141,7 @@ def with_inset(picture: np.ndarray, photo: np.ndarray) -> np.ndarray:
 
 
 def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None:
-    """Write the rows below each other; shorter ones are filled up with white."""
+    """Write the rows one below the other; shorter ones are padded with white."""
     width = max(sum(picture.shape[1] for picture in row) for row in rows)
     lines = [np.concatenate(row, axis=1) for row in rows]
     canvas = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0)), constant_values=255) for line in lines]
@@ -157,7 +158,7 @@ def truths(trained: TrainedRun, style: str) -> dict[str, Path]:
 
 
 def nearness(trained: TrainedRun, style: str, own: Look) -> str | None:
-    """How close the look of a style photo comes to the true pictures in its light, in words; None if these are unknown."""
+    """In words, how close the look of a style photo comes to the true pictures in its light; None if these are unknown."""
     true = {name: true_view(trained, name, path) for name, path in truths(trained, style).items()}
     if not true:
         return None

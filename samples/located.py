@@ -1,9 +1,9 @@
-"""Photos from outside: how well are they located, and what is gained by refining their looks from there?
+"""How well photos from outside are located, and what refining their looks from there gains.
 
     python samples/located.py RUN
 
 Each held-out photo of RUN (default: the newest) is located like a file of unknown origin. By protocol `half`, its look is then read from the
-left half, refined there with the camera that was found, and scored on the right half with the known camera.
+left half, refined on it with the camera that was found, and scored on the right half with the known camera.
 """
 
 import sys
@@ -12,9 +12,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 import numpy as np
@@ -31,15 +31,16 @@ from core.looks.refined_look import landmarks_of_run
 from core.looks.trained import TrainedRun
 from core.report import QUIET
 from core.scene.camera import Camera
+from samples.measurements import arguments
 from samples.measurements.opened import opened
 from wegs_cli.main import OneLineErrors
 
 WIDTH_PX = 400  # of the picture in which a camera's error is measured
-FIGURES = "encoded {:.2f}, refined from there {:.2f}, from the camera that is known {:.2f} dB"
+FIGURES = "zero-shot {:.2f}, refined from there {:.2f}, refined from the known camera {:.2f} dB"
 
 
 @click.command(cls=OneLineErrors)
-@click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
+@arguments.run
 def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""
     trained, held_out = opened(run_folder)
@@ -72,7 +73,7 @@ def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
 
 @torch.no_grad()
 def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
-    """PSNR (dB) of the right half in the look of the left one: as encoded, refined with the camera found, and with the known one."""
+    """PSNR (dB) of the right half in the look of the left one: zero-shot, refined with the camera that was found, and with the known one."""
     view = held_out_view(trained, photo)
     fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
     looks = [Colouring(fits[0].start), *(refined(trained, fit) for fit in fits)]

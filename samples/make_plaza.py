@@ -1,4 +1,4 @@
-"""Make samples/plaza: render the photos, their truth and their COLMAP model. Everything follows from fixed seeds.
+"""Makes samples/plaza: renders the photos and their truth, and writes their COLMAP model. Everything follows from fixed seeds.
 
 python samples/make_plaza.py                                    # the collection, into samples/plaza
 python samples/make_plaza.py --variant calm --output /tmp/calm  # the same views in one light, with nobody about
@@ -17,22 +17,27 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from samples.measurements.begin import begin
+
+begin()
+
 import click
 import cv2
 import numpy as np
-from plaza_maker import shots
-from plaza_maker.light import render
-from plaza_maker.looks import Look, develop, to_bytes
-from plaza_maker.model import ORIGIN, ROTATION, SCALE, Taken, write_model
-from plaza_maker.rays import World
-from plaza_maker.shots import Shot
-from plaza_maker.square import static_groups
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from core.errors import BadInput, BadSetting
 from core.system.atomic import filling
 from core.system.outputs import files_in
+from samples.measurements import arguments
+from samples.plaza_maker import shots
+from samples.plaza_maker.light import render
+from samples.plaza_maker.looks import Look, develop, to_bytes
+from samples.plaza_maker.model import ORIGIN, ROTATION, SCALE, Taken, write_model
+from samples.plaza_maker.rays import World
+from samples.plaza_maker.shots import Shot
+from samples.plaza_maker.square import static_groups
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -40,26 +45,20 @@ SAMPLE = Path(__file__).resolve().parent / "plaza"
 TABLE = "plaza.tsv"  # of the photos and their splits
 PARTS = (TABLE, "dense", "styles", "truth")  # of a collection
 KINDS = "; ".join(f"{name}: {what}" for name, what in shots.VARIANTS.items())
-AT_LEAST_ONE = click.IntRange(min=1)
 STYLE_VIEWS = 3  # test views rendered in each style's light
 
 
 def _write(path: Path, picture: np.ndarray, *options: int) -> None:
-    """An RGB or grey 8-bit picture to a file."""
+    """Write an RGB or grey 8-bit picture, in the format that its suffix names."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), picture[..., ::-1] if picture.ndim == 3 else picture, list(options)):
-        raise OSError(f"could not write {path}")
+    encoded = cv2.imencode(path.suffix, picture[..., ::-1] if picture.ndim == 3 else picture, options)[1]
+    path.write_bytes(encoded.tobytes())
 
 
 def _take(shot: Shot, output: Path, photo: str, mask: str | None, grid: int) -> tuple[Taken, float]:
-    """Take a photo with everybody in it; write it and its mask of what stays."""
+    """Take a photo with everybody in it, write it and its mask (white = what stays); returns it and the share that passers-by cover."""
     picture = render(World((*static_groups(), *shot.passers_by())), shot.look, shot.view, grid)
-    _write(
-        output / photo,
-        to_bytes(develop(shot.look, picture.radiance), shot.look),
-        cv2.IMWRITE_JPEG_QUALITY,
-        shot.look.quality,
-    )
+    _write(output / photo, to_bytes(develop(shot.look, picture.radiance), shot.look), cv2.IMWRITE_JPEG_QUALITY, shot.look.quality)
     moving = picture.transient > 0
     if mask:
         _write(output / mask, np.where(moving, 0, 255).astype(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)
@@ -68,7 +67,7 @@ def _take(shot: Shot, output: Path, photo: str, mask: str | None, grid: int) -> 
 
 
 def _clean(shot: Shot, look: Look, output: Path, path: str, grid: int) -> None:
-    """Write the empty square in a look, without grain."""
+    """Write the empty square from where a shot is taken, in a look, without grain."""
     picture = render(World(static_groups()), look, shot.view, grid)
     _write(output / path, to_bytes(develop(look, picture.radiance)), cv2.IMWRITE_PNG_COMPRESSION, 9)
 
@@ -79,6 +78,7 @@ def _run(job):
 
 
 def _rounded(value):
+    """The value with all its floats, at any depth, to six digits."""
     if isinstance(value, dict):
         return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -87,17 +87,14 @@ def _rounded(value):
 
 
 def _record(shot: Shot, **more) -> dict:
+    """What looks.json says of a photo."""
     view = shot.view
-    camera = {
-        "centre": view.centre.tolist(),
-        "world_to_camera": view.world_to_camera.tolist(),
-        "focal_px": view.focal_px,
-    }
+    camera = {"centre": view.centre.tolist(), "world_to_camera": view.world_to_camera.tolist(), "focal_px": view.focal_px}
     return {**more, "look": asdict(shot.look), "camera": camera}
 
 
 def _leave_stops_to_the_parent() -> None:
-    """Ctrl-C reaches all processes of a terminal; the one that waits for these ends them, without pycolmap's words on it."""
+    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent ends these, and pycolmap has no chance to report it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
@@ -135,11 +132,11 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
 
 
 @click.command(cls=OneLineErrors)
-@click.option("--output", type=click.Path(path_type=Path), default=SAMPLE, show_default="samples/plaza", help="Folder to write.")
+@click.option("-o", "--output", type=arguments.PATH, default=SAMPLE, show_default="samples/plaza", help="Folder to write.")
 @click.option("--variant", type=click.Choice(list(shots.VARIANTS)), help=f"{KINDS}; needs --output.")
-@click.option("--times", type=AT_LEAST_ONE, default=1, show_default=True, help="As many photos of each light as that; needs --output.")
-@click.option("--grid", type=AT_LEAST_ONE, default=2, show_default=True, help="Sub-samples a pixel along each side; 1 is a quick look.")
-@click.option("--processes", type=AT_LEAST_ONE, default=2, show_default=True, help="Processes to work in.")
+@click.option("--times", type=arguments.AT_LEAST_ONE, default=1, show_default=True, help="So many times the photos of each light; needs --output.")
+@click.option("--grid", type=arguments.AT_LEAST_ONE, default=2, show_default=True, help="Sub-samples per pixel along each side; 1 is a quick look.")
+@click.option("--processes", type=arguments.AT_LEAST_ONE, default=2, show_default=True, help="Processes to work in.")
 @click.option("--force", is_flag=True, help="Replace the folder if it holds such a collection.")
 def main(output: Path, variant: str | None, times: int, grid: int, processes: int, force: bool) -> None:
     """Make the plaza sample: photos, truth and COLMAP model."""

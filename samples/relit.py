@@ -2,10 +2,10 @@
 
     python samples/relit.py RUN
 
-RUN (default: the newest) is of samples/plaza, or of another collection that `make_plaza.py` made. The look of each held-out photo is read from
-the whole photo, and refined. It is scored against the empty square, ray-cast in the same light, as seen by: the photo's own camera; that camera
-moved by some metres to where no photo was taken; the three cameras of other photos with the most similar view; and three spread over all others.
-Prints the PSNR of each photo and a table of the means.
+RUN (default: the newest) was trained on samples/plaza, or on another collection that `make_plaza.py` made. The look of each held-out photo is
+read from the whole photo, and refined. It is scored against the empty square, ray-cast in the same light, as seen by: the photo's own camera; that
+camera moved by some metres to where no photo was taken; the three cameras of other photos with the most similar view; and three spread over all
+others. Prints the PSNR of each photo and a table of the means.
 """
 
 import json
@@ -14,22 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).resolve().parent.parent), str(Path(__file__).resolve().parent)]
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 import cv2
 import numpy as np
 import torch
 from jaxtyping import Float
-from plaza_maker.cameras import View
-from plaza_maker.light import render
-from plaza_maker.looks import Look, develop
-from plaza_maker.rays import World
-from plaza_maker.square import static_groups
 
 from core.appearance.colouring import Colouring
 from core.data.collection import Photo, spread_over
@@ -40,7 +35,13 @@ from core.evaluation.truth import FOLDER
 from core.looks.held_out_views import held_out_view
 from core.looks.trained import TrainedRun
 from core.scene.camera import Camera
+from samples.measurements import arguments, markdown
 from samples.measurements.opened import opened
+from samples.plaza_maker.cameras import View
+from samples.plaza_maker.light import render
+from samples.plaza_maker.looks import Look, develop
+from samples.plaza_maker.rays import World
+from samples.plaza_maker.square import static_groups
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -53,15 +54,15 @@ KINDS = ("its own", *(f"{step:.0f} m aside, above or ahead" for step in STEPS_M)
 
 @dataclass(frozen=True)
 class Standpoint:
-    """From where the scene is looked at. camera: in the scene frame; view: the same as it truly is, in metres and at the photo's full size."""
+    """Where the scene is looked at from. camera: in the scene frame; view: the true one, in metres and at the photo's full size."""
 
     camera: Camera
     view: View
 
 
 @click.command(cls=OneLineErrors)
-@click.argument("run_folder", metavar="[RUN]", type=click.Path(path_type=Path), required=False)
-@click.option("--grid", default=2, type=click.IntRange(min=1), help="Sub-samples of a pixel of the truth along each side.")
+@arguments.run
+@click.option("--grid", default=2, show_default=True, type=arguments.AT_LEAST_ONE, help="Sub-samples per pixel of the truth along each side.")
 def main(run_folder: Path | None, grid: int) -> None:
     """Score the looks of RUN's held-out photos as other cameras see them."""
     trained, held_out = opened(run_folder)
@@ -69,32 +70,31 @@ def main(run_folder: Path | None, grid: int) -> None:
     if not record.is_file():
         raise BadInput(f"{trained.folder} is of a scene whose lights are not known: there is no {record}.", "Take a run of samples/plaza.")
     truth = json.loads(record.read_text())
-    a_metre = truth["model"]["scale"] / trained.collection.frame.radius  # scene units
+    metre = truth["model"]["scale"] / trained.collection.frame.radius  # in scene units
     taken = {photo.name: truth["photos"][Path(photo.name).stem] for photo in trained.collection.photos}
     world, scored = World(static_groups()), []
     with Terminal() as terminal:
         for done, photo in enumerate(held_out, 1):
             light = Look(**taken[photo.name]["look"])
             looks = looks_of(trained, photo)
-            (own,), *others = ([standpoint(trained, name, taken[name]["camera"]) for name in names] for names in cameras_beside(photo.name, taken))
-            kinds = [[own], *(moved(own, step, a_metre) for step in STEPS_M), *others]
+            own, *others = ([standpoint(trained, name, taken[name]["camera"]) for name in names] for names in cameras_beside(photo.name, taken))
+            kinds = [own, *(moved(own[0], step, metre) for step in STEPS_M), *others]
             scored.append([np.mean([scores(trained, looks, place, light, world, grid) for place in kind], axis=0) for kind in kinds])
             figures = "; ".join(f"{kind} {zero_shot:.2f}, {refined:.2f}" for kind, (zero_shot, refined) in zip(KINDS, scored[-1], strict=True))
             terminal.say(f"{photo.name} ({light.kind}), zero-shot and refined, dB: {figures}")
             terminal.progress("Photos", done, len(held_out))
-    click.echo("| camera | zero-shot | refined |\n|---|---|---|")
-    for kind, figures in zip(KINDS, np.mean(scored, axis=0), strict=True):
-        click.echo(f"| {kind} | {figures[0]:.2f} | {figures[1]:.2f} |")
+    rows = ((kind, *(f"{mean:.2f}" for mean in means)) for kind, means in zip(KINDS, np.mean(scored, axis=0), strict=True))
+    click.echo(markdown.table(("camera", "zero-shot", "refined"), rows))
 
 
 def looks_of(trained: TrainedRun, photo: Photo) -> list[Colouring]:
-    """The look of a held-out photo, as it is read and as it is refined."""
+    """The look of a held-out photo, zero-shot and refined."""
     fit = fit_of(trained, held_out_view(trained, photo), "full")
     return [Colouring(fit.start), refined(trained, fit)]
 
 
 def cameras_beside(name: str, taken: dict) -> list[list[str]]:
-    """The photo's own name, and those of the photos whose cameras see most alike and of some others. taken: what looks.json says of each photo."""
+    """The name of the photo itself, of those whose cameras see most alike, and of some others. taken: what looks.json says of each photo."""
 
     def apart(other: str) -> float:
         first, second = (taken[each]["camera"] for each in (name, other))
@@ -106,18 +106,18 @@ def cameras_beside(name: str, taken: dict) -> list[list[str]]:
 
 
 def standpoint(trained: TrainedRun, name: str, taken: dict) -> Standpoint:
-    """That of the photo called `name`. taken: its camera as looks.json has it."""
+    """Where the photo called `name` was taken from. taken: its camera in looks.json."""
     photo = trained.collection.photo(name)
     centre, turned = (np.array(taken[part]) for part in ("centre", "world_to_camera"))
     return Standpoint(trained.camera(photo), View(turned, centre, taken["focal_px"], photo.camera.width, photo.camera.height))
 
 
-def moved(place: Standpoint, metres: float, a_metre: float) -> list[Standpoint]:
-    """Those so many metres away in each of WAYS, turned as this one is. a_metre: scene units."""
+def moved(place: Standpoint, metres: float, metre: float) -> list[Standpoint]:
+    """The standpoints `metres` away in each of WAYS, turned as this one is. metre: its length in scene units."""
     camera, view = place.camera, place.view
     return [
         Standpoint(
-            replace(camera, centre=camera.centre + camera.world_to_camera.T @ (way * metres * a_metre)),
+            replace(camera, centre=camera.centre + camera.world_to_camera.T @ (way * metres * metre)),
             replace(view, centre=view.centre + view.world_to_camera.T @ (way * metres)),
         )
         for way in WAYS
@@ -125,7 +125,7 @@ def moved(place: Standpoint, metres: float, a_metre: float) -> list[Standpoint]:
 
 
 def scores(trained: TrainedRun, looks: Sequence[Colouring], place: Standpoint, light: Look, world: World, grid: int) -> list[float]:
-    """PSNR (dB) of the looks against the empty square in that light, from there."""
+    """PSNR (dB) of each look, seen from a place, against the empty square in that light."""
     camera = place.camera
     truth = lit(place.view, light, world, grid)
     truth = cv2.resize(truth, (camera.width, camera.height), interpolation=cv2.INTER_AREA)

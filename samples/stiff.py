@@ -1,9 +1,9 @@
-"""What extreme coordinates, wrong cameras and blank photos cost in quality: spoilt copies of samples/plaza beside plaza itself.
+"""What extreme coordinates, wrong cameras and blank photos cost in quality: spoilt copies of samples/plaza, and plaza as it is.
 
     python samples/stiff.py --seeds 3
 
-Each case is a copy of the scene with a changed model or changed photos, trained like any other. Prints the zero-shot PSNR (dB) of the
-held-out photos by protocol `full`: the mean over the seeds, with their standard deviation.
+Each case is a copy of the scene with a changed model or changed photos, trained like any other scene. Prints the zero-shot PSNR (dB) of the
+held-out photos by protocol `full`: the mean over the seeds and its standard deviation.
 """
 
 import shutil
@@ -13,18 +13,18 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 import cv2
 import numpy as np
 import pycolmap
 
-from core.config import preset
 from core.data.split_table import read_split_table
 from core.system.outputs import check_folder
+from samples.measurements import arguments, markdown
 from samples.measurements.finished import measured
 from samples.measurements.seeds import cell, folder_name
 from wegs_cli.main import OneLineErrors
@@ -70,25 +70,25 @@ CASES: dict[str, Change] = {
 
 
 @click.command(cls=OneLineErrors)
-@click.option("--steps", default=500, show_default=True, type=click.IntRange(min=1))
-@click.option("-r", "--resolution", default=4, show_default=True)
-@click.option("--seeds", default=3, show_default=True, type=click.IntRange(min=1), help="Runs of each case.")
-@click.option("-o", "--output", default=Path("runs/stiff"), show_default=True, type=click.Path(path_type=Path))
+@arguments.steps(500)
+@arguments.resolution(4)
+@arguments.seeds(3, "Runs of each case.")
+@arguments.output("runs/stiff")
 def main(steps: int, resolution: int, seeds: int, output: Path) -> None:
     """Train and measure every case; prints a Markdown table."""
     check_folder(output)
-    lines = ["| case | PSNR |", "|---|---|"]
+    rows = []
     with Terminal() as terminal:
         for name, change in CASES.items():
             folder = output / folder_name(name)
             scene = spoilt(folder / "scene", change)
             figures = []
             for seed in range(seeds):
-                settings = preset("quick").changed(steps=steps, resolution=resolution, seed=seed, held_out_checks=0)
+                settings = arguments.settings_of("quick", steps, resolution=resolution, seed=seed, held_out_checks=0)
                 found = measured(scene, settings, folder / f"seed{seed}", ["full"], terminal)
                 figures.append(found["results"]["full"]["means"]["photo"]["zero_shot"]["psnr"])
-            lines.append(f"| {name} | {cell(figures, '{:.2f}')} |")
-    click.echo("\n".join(lines))
+            rows.append((name, cell(figures, "{:.2f}")))
+    click.echo(markdown.table(("case", "PSNR"), rows))
 
 
 def spoilt(folder: Path, change: Change) -> Path:

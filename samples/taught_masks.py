@@ -2,19 +2,20 @@
 
     python samples/taught_masks.py samples/plaza
 
-Here the same layers (Enc1 and UNet, on their own) learn the true mask of every training photo by binary cross-entropy, with photos mirrored
-and brightened at random. Their masks of held-out photos show how far labels alone would lead; they are not a strict bound. Prints the mean
+The same layers (Enc1 and UNet, on their own) learn the true mask of every training photo by binary cross-entropy, with photos mirrored and
+brightened at random. How well they then mask held-out photos shows how far labels alone would lead; it is not a strict bound. Prints the mean
 mask IoU as `wegs eval` measures it.
 """
 
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 import torch
@@ -31,44 +32,51 @@ from core.errors import BadInput
 from core.evaluation.metrics import mask_iou
 from core.evaluation.truth import load_truth
 from core.system.threads import one_torch_thread
+from samples.measurements import arguments
+from samples.measurements.seeds import cell
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 RATE, DECAY = 2e-3, 0.1  # of Adam, at the first step and by the last
 BRIGHTER = 0.2  # spread (log) of a channel's random gain
-CERTAIN = 1e-4  # a prediction is held this far from 0 and 1: their logarithms count
+CERTAIN = 1e-4  # a prediction is kept this far from 0 and 1, whose logarithms the loss takes
 
-Taught = tuple[Float[Tensor, "3 s s"], Bool[Tensor, "h w"]]  # a squeezed photo, and where it is static
+
+class Example(NamedTuple):
+    """A photo, squeezed into the encoder's square, and where it is static."""
+
+    picture: Float[Tensor, "3 s s"]
+    static: Bool[Tensor, "h w"]
 
 
 @click.command(cls=OneLineErrors)
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.option("--steps", type=click.IntRange(min=1), default=6000, show_default=True)
-@click.option("--seeds", type=click.IntRange(min=1), default=3, show_default=True)
+@arguments.scene
+@arguments.steps(6000)
+@arguments.seeds(3, "Networks to teach.")
 def main(scene: Path, steps: int, seeds: int) -> None:
     """Teach the mask network with the true masks of SCENE, and measure it on its held-out photos."""
     collection = load_collection(scene)
-    train, test = (known(collection, split) for split in ("train", "test"))
+    train, test = (examples(collection, split) for split in ("train", "test"))
     if not train or not test:
         raise BadInput(f"{scene} knows no masks of training and held-out photos.", "Use one that samples/make_plaza.py made.")
     with Terminal() as terminal, one_torch_thread():
-        found = torch.tensor([found_of(taught(train, steps, seed, terminal), test) for seed in range(seeds)])
-    click.echo(f"{len(train)} training photos, {len(test)} held out: mask IoU {found.mean():.2f} ± {found.std(correction=0):.2f}")
+        overlaps = [mean_iou(taught(train, steps, seed, terminal), test) for seed in range(seeds)]
+    click.echo(f"{len(train)} training photos, {len(test)} held out: mask IoU {cell(overlaps, '{:.2f}')}")
 
 
-def known(collection: Collection, split: str) -> list[Taught]:
-    """The photos of a split whose truth is known."""
-    pairs = []
+def examples(collection: Collection, split: str) -> list[Example]:
+    """The photos of a split whose true masks are known."""
+    found = []
     for photo in collection.split(split):
         static = load_truth(collection.root, photo.name, photo.camera.width, photo.camera.height).static
         if static is not None:
             picture = torch.from_numpy(read_pixels(photo.path)).permute(2, 0, 1).float() / 255
-            pairs.append((shrink(picture, Settings().encoder_side_px), static))
-    return pairs
+            found.append(Example(shrink(picture, Settings().encoder_side_px), static))
+    return found
 
 
-def taught(train: list[Taught], steps: int, seed: int, terminal: Terminal) -> PlainMask:
-    """The mask network after `steps` photos and their true masks."""
+def taught(train: list[Example], steps: int, seed: int, terminal: Terminal) -> PlainMask:
+    """The mask network after `steps` of the examples, drawn at random."""
     torch.manual_seed(seed)
     network = PlainMask()
     optimizer = torch.optim.Adam(network.parameters(), RATE)
@@ -88,7 +96,7 @@ def taught(train: list[Taught], steps: int, seed: int, terminal: Terminal) -> Pl
 
 
 @torch.no_grad()
-def found_of(network: PlainMask, test: list[Taught]) -> float:
+def mean_iou(network: PlainMask, test: list[Example]) -> float:
     """The network's mean mask IoU on these photos."""
     overlaps = [mask_iou(network(picture)[0], static) for picture, static in test]
     return sum(overlaps) / len(overlaps)

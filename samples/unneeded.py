@@ -5,92 +5,95 @@
     python samples/unneeded.py calm exposure samples/plaza --steps 1200
 
 A scene without looks is compared with plain 3DGS (`--preset vanilla`), one whose photos differ in exposure alone with the full transfer
-(`--appearance full`); one that needs every part is compared with nothing. Seconds are CPU seconds of the whole `train`, medians of
---repeats runs in turn; PSNR is that of the held-out photos, with looks refined on their left half.
+(`--appearance full`); one that needs every part is compared with nothing. Seconds are CPU seconds of the whole `train`, medians over --repeats,
+in which both kinds take turns; PSNR is that of the held-out photos, with looks refined on their left half.
 """
 
-import statistics
 import sys
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
 
 from core import pipeline
-from core.config import Settings, preset
+from core.config import Settings
 from core.looks.trained import load_run
 from core.training.on_disk import checkpoint, run_folders
+from samples.measurements import arguments, markdown
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 RIVALS = {"off": "vanilla", "exposure": "full"}
-HEADER = "| scene | decided | PSNR dB | CPU-s | checkpoint + .ply MB | beside it: PSNR | CPU-s | MB | time | bytes |"
+HEADER = ("scene", "decided", "PSNR dB", "CPU-s", "checkpoint + .ply MB", "beside it: PSNR", "CPU-s", "MB", "time", "bytes")
 
 
 @click.command(cls=OneLineErrors)
-@click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--preset", "preset_name", default="quick", show_default=True)
-@click.option("--steps", default=1200, show_default=True, type=click.IntRange(min=1))
-@click.option("--repeats", default=2, show_default=True, type=click.IntRange(min=1), help="Runs of each kind; seconds are their median.")
-@click.option("-o", "--output", default=Path("runs/unneeded"), type=click.Path(path_type=Path))
+@arguments.scenes
+@arguments.preset
+@arguments.steps(1200)
+@click.option("--repeats", default=2, show_default=True, type=arguments.AT_LEAST_ONE, help="Runs of each kind; seconds are their median.")
+@arguments.output("runs/unneeded")
 def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, output: Path) -> None:
     """Train each of SCENES as its photos decide, and as the rival does; prints a table for the README."""
-    lines = [HEADER, "|---" * HEADER.count(" |") + "|"]
-    base = preset(preset_name).changed(steps=steps)
+    base = arguments.settings_of(preset_name, steps)
     with Terminal() as terminal:
         measure(scenes[0], base.changed(steps=50), output / "warm-up", terminal)  # kernels compile once
-        for scene in scenes:
-            auto = measure(scene, base, output / f"{scene.resolve().name}-auto", terminal)
-            choice = auto["settings"].appearance
-            cells = [scene.resolve().name, decided(auto["settings"])]
-            if choice not in RIVALS:
-                lines.append("| " + " | ".join([*cells, *figures(auto), *["-"] * 5]) + " |")
-                continue
-            # With all three given, the rival does not look at its photos first: what that takes is counted.
-            looks = {"appearance": "off", "transients": "off"} if choice == "off" else {"appearance": "full"}
-            changes = {name: getattr(auto["settings"], name) for name in ("transients", "sh_degree")} | looks
-            kinds = {"auto": base, RIVALS[choice]: base.changed(**changes)}
-            runs = {name: [] for name in kinds}
-            for repeat in range(repeats):
-                for name in sorted(kinds, reverse=bool(repeat % 2)):  # each as often first: machines warm up and tire
-                    runs[name].append(measure(scene, kinds[name], output / f"{scene.resolve().name}-{name}", terminal))
-            medians = {name: statistics.median(one["seconds"] for one in group) for name, group in runs.items()}
-            auto, rival = (runs[name][0] | {"seconds": medians[name]} for name in kinds)
-            ratios = [f"{auto[name] / rival[name]:.2f}" for name in ("seconds", "bytes")]
-            lines.append("| " + " | ".join([*cells, *figures(auto), *figures(rival), *ratios]) + " |")
-    click.echo("\n".join(lines))
+        rows = [cells_of(scene, base, repeats, output, terminal) for scene in scenes]
+    click.echo(markdown.table(HEADER, rows))
 
 
-def measure(scene: Path, settings: Settings, folder: Path, terminal: Terminal) -> dict:
-    """One run: its settings as decided, CPU seconds, bytes, held-out PSNR."""
+@dataclass(frozen=True)
+class Measured:
+    """A run. settings: as its photos decided. seconds: of CPU time. bytes: of its checkpoint and its .ply. psnr: of held-out photos, dB."""
+
+    settings: Settings
+    seconds: float
+    bytes: int
+    psnr: float
+
+    def cells(self) -> list[str]:
+        """The figures as cells of the table."""
+        return [f"{self.psnr:.2f}", f"{self.seconds:.1f}", f"{self.bytes / 1e6:.2f}"]
+
+
+def cells_of(scene: Path, base: Settings, repeats: int, output: Path, terminal: Terminal) -> list[str]:
+    """A scene's row of the table: the run that its photos decide, its rival if it has one, and the ratios of the two."""
+    name = scene.resolve().name
+    auto = measure(scene, base, output / f"{name}-auto", terminal)
+    decided = auto.settings
+    cells = [name, f"{decided.appearance} / {decided.transients} / degree {decided.sh_degree}"]
+    if decided.appearance not in RIVALS:
+        return [*cells, *auto.cells(), *["-"] * 5]
+    # With all three given, the rival does not look at its photos first: what that takes is counted.
+    looks = {"appearance": "off", "transients": "off"} if decided.appearance == "off" else {"appearance": "full"}
+    rival_settings = base.changed(**{"transients": decided.transients, "sh_degree": decided.sh_degree} | looks)
+    kinds = {"auto": base, RIVALS[decided.appearance]: rival_settings}
+    runs = {kind: [] for kind in kinds}
+    for repeat in range(repeats):
+        for kind in sorted(kinds, reverse=bool(repeat % 2)):  # each as often first: machines warm up and tire
+            runs[kind].append(measure(scene, kinds[kind], output / f"{name}-{kind}", terminal))
+    auto, rival = (replace(group[0], seconds=median(run.seconds for run in group)) for group in runs.values())
+    return [*cells, *auto.cells(), *rival.cells(), f"{auto.seconds / rival.seconds:.2f}", f"{auto.bytes / rival.bytes:.2f}"]
+
+
+def measure(scene: Path, settings: Settings, folder: Path, terminal: Terminal) -> Measured:
+    """Train and measure one run; a run in its folder is replaced."""
     start = time.process_time()
     pipeline.train(scene, settings, folder, terminal, force=True)
     seconds = time.process_time() - start
     trained = load_run(folder)
     files = [checkpoint.newest(folder), run_folders.point_cloud_path(folder, trained.step)]
     scores = pipeline.evaluate(folder, "half", refine=True).means()["photo"]
-    return {
-        "settings": trained.settings,
-        "seconds": seconds,
-        "bytes": sum(file.stat().st_size for file in files),
-        "psnr": scores.get("refined", scores["zero_shot"])["psnr"],
-    }
-
-
-def decided(settings: Settings) -> str:
-    """The three choices in one cell."""
-    return f"{settings.appearance} / {settings.transients} / degree {settings.sh_degree}"
-
-
-def figures(one: dict) -> list[str]:
-    """PSNR, seconds and megabytes of a run as cells."""
-    return [f"{one['psnr']:.2f}", f"{one['seconds']:.1f}", f"{one['bytes'] / 1e6:.2f}"]
+    psnr = scores.get("refined", scores["zero_shot"])["psnr"]
+    return Measured(trained.settings, seconds, sum(file.stat().st_size for file in files), psnr)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The committed sample is complete, fits its truth, and is as hard as it claims to be."""
 
 import csv
-import importlib
 from pathlib import Path
 
 import cv2
@@ -9,6 +8,8 @@ import numpy as np
 import pycolmap
 import pytest
 from click.testing import CliRunner
+
+from samples import make_plaza
 
 PLAZA = Path(__file__).parent.parent / "samples" / "plaza"
 LARGEST_BYTES = 4_000_000  # a clone should stay quick
@@ -113,36 +114,29 @@ def test_points_project_to_where_they_were_seen(model):
     assert np.quantile(errors, 0.99) < 4
 
 
-@pytest.fixture
-def maker(monkeypatch):
-    """The script that made the sample."""
-    monkeypatch.syspath_prepend(PLAZA.parent)
-    return importlib.import_module("samples.make_plaza")
-
-
-def test_a_folder_of_other_files_is_not_replaced(tmp_path, maker):
+def test_a_folder_of_other_files_is_not_replaced(tmp_path):
     (tmp_path / "mine.txt").write_text("precious")
     making = ["--variant", "calm", "--output", str(tmp_path), "--force"]
-    told = CliRunner().invoke(maker.main, making)
+    told = CliRunner().invoke(make_plaza.main, making)
     assert told.exit_code == 1 and "is no collection made here" in told.stderr
-    told = CliRunner().invoke(maker.main, [*making, "--times", "0"])
+    told = CliRunner().invoke(make_plaza.main, [*making, "--times", "0"])
     assert told.exit_code == 2 and "0 is not in the range x>=1" in told.stderr
-    told = CliRunner().invoke(maker.main, ["--variant", "calm", "--force"])
+    told = CliRunner().invoke(make_plaza.main, ["--variant", "calm", "--force"])
     assert told.exit_code == 1 and "would replace the committed sample" in told.stderr
     assert (tmp_path / "mine.txt").read_text() == "precious"
 
 
-def test_a_collection_is_replaced_only_by_a_whole_one(tmp_path, maker, monkeypatch):
+def test_a_collection_is_replaced_only_by_a_whole_one(tmp_path, monkeypatch):
     def stopped(output: Path, *_) -> None:
         (output / "dense").mkdir()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(maker, "make", stopped)
+    monkeypatch.setattr(make_plaza, "make", stopped)
     old, new = tmp_path / "old", tmp_path / "new"
     old.mkdir()
-    (old / maker.TABLE).write_text("made before")
-    told = CliRunner().invoke(maker.main, ["--variant", "calm", "--output", str(old)])
+    (old / make_plaza.TABLE).write_text("made before")
+    told = CliRunner().invoke(make_plaza.main, ["--variant", "calm", "--output", str(old)])
     assert told.exit_code == 1 and "Add --force" in told.stderr
     for output in old, new:
-        assert CliRunner().invoke(maker.main, ["--variant", "calm", "--output", str(output), "--force"]).exit_code == 130
-    assert [path.relative_to(tmp_path) for path in tmp_path.rglob("*")] == [Path("old"), Path("old", maker.TABLE)]
+        assert CliRunner().invoke(make_plaza.main, ["--variant", "calm", "--output", str(output), "--force"]).exit_code == 130
+    assert [path.relative_to(tmp_path) for path in tmp_path.rglob("*")] == [Path("old"), Path("old", make_plaza.TABLE)]

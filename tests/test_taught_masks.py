@@ -8,24 +8,24 @@ from samples import taught_masks
 from tests.small import small_collection
 
 
-def passers_by(count: int, random: torch.Generator) -> list[taught_masks.Taught]:
+def passers_by(count: int, random: torch.Generator) -> list[taught_masks.Example]:
     """Grey noise with a red square, elsewhere in each photo."""
-    pairs = []
+    examples = []
     for _ in range(count):
         picture, static = 0.3 + 0.3 * torch.rand(1, 48, 48, generator=random).expand(3, -1, -1).clone(), torch.ones(96, 96, dtype=torch.bool)
         left, top = (4 * int(torch.randint(0, 8, (), generator=random)) for _ in range(2))
         picture[:, top : top + 16, left : left + 16] = torch.tensor([0.9, 0.1, 0.1])[:, None, None]
         static[2 * top : 2 * top + 32, 2 * left : 2 * left + 32] = False
-        pairs.append((picture, static))
-    return pairs
+        examples.append(taught_masks.Example(picture, static))
+    return examples
 
 
 def test_passers_by_that_look_alike_are_found():
     random = torch.Generator().manual_seed(0)
     network = taught_masks.taught(passers_by(8, random), 150, 0, Report())
     test = passers_by(4, random)
-    assert taught_masks.found_of(network, test) > 0.7
-    assert taught_masks.found_of(taught_masks.PlainMask(), test) < 0.2  # untaught
+    assert taught_masks.mean_iou(network, test) > 0.7
+    assert taught_masks.mean_iou(taught_masks.PlainMask(), test) < 0.2  # untaught
 
 
 def test_a_scene_without_known_masks_is_refused(tmp_path, monkeypatch):

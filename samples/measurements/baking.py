@@ -1,4 +1,4 @@
-"""A look baked into many Gaussians, beside the matrix products that it cannot do without."""
+"""How long it takes to bake a look into many Gaussians, and to compute only the matrix products that this needs."""
 
 import tempfile
 import threading
@@ -13,20 +13,20 @@ from core.appearance.transfer_mlp import ROWS
 from core.scene.splats import Splats
 from core.system.threads import in_parallel
 from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE
-from samples.measurements.stopwatch import Stopwatch
+from samples.measurements.stopwatch import CPU, WALL, Stopwatch
 
-BAKED_GAUSSIANS, BAKES = 1_000_000, 15  # the first ones of two threads wait for memory that the machine has not used before
+BAKED_GAUSSIANS, BAKES = 1_000_000, 15  # so many that the first, which wait for memory not used before, do not move the median
 
 
 def measure_bake(scale: float) -> dict:
-    """A scene in one look, and its .ply. The products are of blocks that stay in cache, into memory that is there."""
+    """A look baked, and written as a .ply. The products alone are of blocks that stay in the cache, written into memory that is allocated before."""
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
     model, latents = AppearanceModel(BAKED, ()), torch.randn(count, BAKED.latent_size)
     hidden, output = (layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer))
     weights = [hidden.feature_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]
     factors = [(torch.randn(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
-    own = threading.local()  # products: a thread writes into its own
+    own = threading.local()  # each thread's own products
 
     def multiply(begin: int, end: int) -> None:
         if not hasattr(own, "products"):
@@ -44,6 +44,7 @@ def measure_bake(scale: float) -> dict:
 
     with tempfile.TemporaryDirectory() as folder:
         parts = stopwatch.repeat(partial(bake, Path(folder) / "look.ply"), 1, BAKES)
-    ratios = [round(parts["bake"]["median"][kind] / parts["matrix products alone"]["median"][kind], 2) for kind in (0, 1)]
+    bake_s, products_s = (parts[part]["median"] for part in ("bake", "matrix products alone"))
     facts = {"gaussians": count, "sh_degree": DEGREE, "transfer_width": BAKED.transfer_width}
-    return {"parts": parts, "facts": facts | {"times_the_products": ratios[0], "in_wall_time": ratios[1]}}
+    facts |= {name: round(bake_s[kind] / products_s[kind], 2) for name, kind in (("times_the_products", CPU), ("in_wall_time", WALL))}
+    return {"parts": parts, "facts": facts}

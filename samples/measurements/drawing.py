@@ -1,6 +1,5 @@
 """The rasterizer: alone, beside one in plain torch, and as scenes and pictures grow."""
 
-import time
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,7 @@ from core.scene.splats import Splats
 from core.system.threads import one_torch_thread
 from core.training.gaussians.chosen_rows import chosen_rows
 from samples.measurements.scenes import DEGREE, GARDEN_GAUSSIANS, GARDEN_SIZE_PX, garden, garden_camera
-from samples.measurements.stopwatch import Stopwatch, forget_peak, peak_memory
+from samples.measurements.stopwatch import CPU, WALL, Stopwatch, forget_peak, now, peak_memory
 
 RENDERS, GROWTH_RENDERS = 15, 5
 TILES = 18, 12  # of the garden's picture, for plain torch
@@ -23,7 +22,12 @@ GROWING_PIXELS = 250_000, 500_000, 1_000_000, 2_000_000, 4_000_000
 
 
 def garden_of(scale: float) -> tuple[Splats, Camera]:
-    return garden(round(GARDEN_GAUSSIANS * scale)), garden_camera(*(round(side * scale**0.5) for side in GARDEN_SIZE_PX))
+    """The garden and its camera, with that share of the usual Gaussians and pixels."""
+    return garden(round(GARDEN_GAUSSIANS * scale)), usual_camera(scale)
+
+
+def usual_camera(scale: float) -> Camera:
+    return garden_camera(*(round(side * scale**0.5) for side in GARDEN_SIZE_PX))
 
 
 def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatch: Stopwatch | None = None) -> tuple:
@@ -51,9 +55,8 @@ def measure_rasterizer(scale: float) -> dict:
 def measure_plain_torch(scale: float) -> dict:
     """The same picture by both backends, a sample of tiles for the one in plain torch.
 
-    The reference looks at every Gaussian in every pixel. So it gets a tile at a time and only the Gaussians that touch it,
-    found beforehand at no charge: as good as plain torch can be without a kernel. On one thread; its CPU time would be
-    larger on two.
+    The reference looks at every Gaussian in every pixel. So it gets one tile at a time and only the Gaussians that touch it, which are found
+    beforehand and not timed: as good as plain torch can be without a kernel. It runs on one thread; on two, its CPU time would be larger.
     """
     (scene, camera), fast, plain = garden_of(scale), rasterizer.create("cpu"), rasterizer.create("reference")
     parts = {"cpu": Stopwatch().repeat(partial(draw, fast, scene, camera), 2, RENDERS)["whole"]}
@@ -66,9 +69,9 @@ def measure_plain_torch(scale: float) -> dict:
         view = tile_of(camera, columns, rows, int(tile))
         touching = scene[fast.visible(scene, view).rows]
         with one_torch_thread():
-            start = np.array([time.process_time(), time.perf_counter()])
+            start = now()
             image, gradients = draw(plain, touching, view)
-            spent.append(np.array([time.process_time(), time.perf_counter()]) - start)
+            spent.append(now() - start)
         fast_image, fast_gradients = draw(fast, touching, view)
         picture_error = max(picture_error, float((image - fast_image).abs().max()))
         for gradient, fast_gradient in zip(gradients, fast_gradients):
@@ -79,7 +82,7 @@ def measure_plain_torch(scale: float) -> dict:
     figures = {"median": whole, "low": low, "high": high, "mean": whole}
     parts["plain torch"] = {name: values.tolist() for name, values in figures.items()}
     facts = {"gaussians": len(scene), "tiles": f"{len(spent)} of {count}, times {count / len(spent):.0f}"}
-    facts["times"] = round(whole[0] / parts["cpu"]["median"][0], 1)
+    facts["times"] = round(whole[CPU] / parts["cpu"]["median"][CPU], 1)
     facts |= {"picture_error": f"{picture_error:.1e}", "gradient_error": f"{gradient_error:.1e}"}
     return {"parts": parts, "facts": facts}
 
@@ -93,13 +96,13 @@ def tile_of(camera: Camera, columns: int, rows: int, tile: int) -> Camera:
 
 
 def measure_growth_in_gaussians(scale: float) -> dict:
-    """The garden at its size, of ever more Gaussians."""
-    camera = garden_camera(*(round(side * scale**0.5) for side in GARDEN_SIZE_PX))
+    """Pictures of the garden's usual size, of ever more Gaussians."""
+    camera = usual_camera(scale)
     return growth("Gaussians", [(round(count * scale), camera) for count in GROWING_GAUSSIANS])
 
 
 def measure_growth_in_pixels(scale: float) -> dict:
-    """The garden with its Gaussians, in ever larger pictures of the same shape."""
+    """The same garden, in ever larger pictures of the same shape."""
     aspect, cases = GARDEN_SIZE_PX[0] / GARDEN_SIZE_PX[1], []
     for pixels in GROWING_PIXELS:
         width, height = (round((pixels * scale * ratio) ** 0.5) for ratio in (aspect, 1 / aspect))
@@ -108,10 +111,10 @@ def measure_growth_in_pixels(scale: float) -> dict:
 
 
 def growth(what: str, cases: list[tuple[int, Camera]]) -> dict:
-    """CPU time and peak memory of each case; the exponent of the time and the bytes that one more takes. what: grows, one of GROWTH_COLUMNS.
+    """CPU time and peak memory of each case (Gaussians, camera), and how both grow. what: the size that grows, one of GROWTH_COLUMNS.
 
-    exponent: the slope of log time over log size by least squares, over all sizes and over the larger half, where
-    constant costs count less. bytes: the slope of the peak over size.
+    exponent: the slope of log time over log size by least squares, over all sizes and over the larger half, where constant costs count less.
+    bytes: the slope of peak memory over size.
     """
     backend, rows = rasterizer.create("cpu"), []
     for number, (count, camera) in enumerate(cases):
@@ -121,8 +124,8 @@ def growth(what: str, cases: list[tuple[int, Camera]]) -> dict:
         forget_peak()
         seconds = Stopwatch().repeat(partial(draw, backend, scene, camera), 1, GROWTH_RENDERS)["whole"]
         visible, pixels = len(backend.visible(scene, camera).rows), camera.width * camera.height
-        times = [1e3 * seconds[figure][0] for figure in ("median", "low", "high")]
-        rows.append([count, visible, pixels, *times, 1e3 * seconds["median"][1], peak_memory() / 1e6])
+        times = [1e3 * seconds[figure][CPU] for figure in ("median", "low", "high")]
+        rows.append([count, visible, pixels, *times, 1e3 * seconds["median"][WALL], peak_memory() / 1e6])
     table = dict(zip(GROWTH_COLUMNS, np.array(rows, float).T, strict=True))
     sizes, times, peaks = table[what], table["CPU ms"], table["peak MB"]
     half = len(rows) // 2

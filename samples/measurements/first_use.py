@@ -12,7 +12,7 @@ SCALE = 0.1  # of a step's scene: a new user's wait should not be the photos'
 
 
 def measure_first_use(scale: float) -> dict:
-    """A process of its own up to its first step, with an empty Numba cache and then with the one it left."""
+    """A fresh process up to its second step, first with an empty Numba cache and then with the cache that it left."""
     with tempfile.TemporaryDirectory() as cache:
         cold, warm = start(Path(cache)), start(Path(cache))
     compiling = sum(cold.values()) - sum(warm.values())
@@ -23,14 +23,14 @@ def measure_first_use(scale: float) -> dict:
 
 
 def start(cache: Path | None = None) -> dict[str, float]:
-    """Wall seconds by part of a fresh process that uses this Numba cache, or the user's own."""
+    """Wall seconds by part of a fresh process that uses this Numba cache, or else the user's own."""
     command = [sys.executable, __file__, str(time.monotonic())]
     environment = os.environ | ({"NUMBA_CACHE_DIR": str(cache)} if cache else {})
     return json.loads(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
 
 
 def first_step(started: float) -> dict[str, float]:
-    """started: time.monotonic() of the parent when it started this process."""
+    """Wall seconds by part of this process. started: time.monotonic() of the parent when it started this process."""
     laps, last = {}, started
 
     def lap(part: str) -> None:
@@ -39,6 +39,9 @@ def first_step(started: float) -> dict[str, float]:
         laps[part], last = now - last, now
 
     sys.path.insert(0, str(Path(__file__).parents[2]))
+    from core.system.process import prepare
+
+    prepare()
     import torch  # noqa: F401
 
     lap("Python and torch")

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from statistics import median
+from typing import NamedTuple
 
 import torch
 
@@ -15,7 +16,7 @@ RESERVED_SHARED = 1024  # bytes that the driver takes of every block's shared me
 
 
 def event() -> torch.cuda.Event:
-    """A moment on the GPU's clock: when all work started before is done."""
+    """The moment, on the GPU's clock, at which all work started before it is done."""
     moment = torch.cuda.Event(enable_timing=True)
     moment.record()
     return moment
@@ -23,7 +24,10 @@ def event() -> torch.cuda.Event:
 
 @dataclass(frozen=True)
 class Place:
-    """Where to measure; tests use a CPU with Triton's interpreter. mark: makes a moment, which has elapsed_time (ms) to another."""
+    """Where to measure; tests use a CPU with Triton's interpreter.
+
+    mark: makes a moment, whose elapsed_time(later moment) is in ms. wait: until all work that was started is done.
+    """
 
     device: torch.device = field(default_factory=lambda: torch.device("cuda"))
     mark: Callable = event
@@ -31,7 +35,7 @@ class Place:
 
 
 class GpuStopwatch:
-    """As `stopwatch.Stopwatch`, by the GPU's clock."""
+    """Like `stopwatch.Stopwatch`, but by the GPU's clock."""
 
     def __init__(self, place: Place):
         self.place = place
@@ -40,7 +44,7 @@ class GpuStopwatch:
         self.marks.append((part, self.place.mark()))
 
     def repeat(self, work: Callable[[], object], warm_up: int, times: int) -> dict[str, float]:
-        """Call work() often: part -> median seconds of the last `times`."""
+        """Call work(), `warm_up` times unmeasured and then `times` measured: part -> median seconds."""
         runs = []
         for _ in range(warm_up + times):
             self.place.wait()
@@ -56,7 +60,7 @@ class GpuStopwatch:
 
 
 def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -> dict[str, float]:
-    """The median seconds of each, done in turns, so that clocks and heat affect all alike."""
+    """The median seconds of each of the works, which take turns, so that clocks and heat affect all alike."""
     stopwatch, spent = GpuStopwatch(place), {name: [] for name in works}
     for _ in range(1 + turns):
         for name, work in works.items():
@@ -65,7 +69,7 @@ def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -
 
 
 def copy_bandwidth(place: Place) -> float:
-    """Bytes a second that a copy within the memory reads and writes: the ceiling of what only moves bytes."""
+    """Bytes per second that a copy within the GPU's memory reads and writes: the ceiling for anything that only moves bytes."""
     size = COPIED_BYTES if place.device.type == "cuda" else 1 << 16
     source, target = (torch.empty(size, dtype=torch.uint8, device=place.device) for _ in range(2))
     return 2 * size / GpuStopwatch(place).repeat(lambda: target.copy_(source), 2, 9)["whole"]
@@ -104,9 +108,9 @@ def seen(events: Iterable) -> Seen:
 
 
 def occupancy(registers: int, shared: int, warps: int, card) -> float:
-    """The share of an SM's warps that can be there at once. registers: a thread. shared: bytes a block. warps: a block.
+    """The share of an SM's warps that can be resident at once, computed like NVIDIA's occupancy calculator.
 
-    card: torch.cuda.get_device_properties. After NVIDIA's occupancy calculator.
+    registers: per thread. shared: bytes per block. warps: per block. card: of torch.cuda.get_device_properties.
     """
     a_warp = -(-registers * WARP // REGISTER_STEP) * REGISTER_STEP
     most = card.max_threads_per_multi_processor // WARP
@@ -115,13 +119,22 @@ def occupancy(registers: int, shared: int, warps: int, card) -> float:
     return min(by_registers, by_shared, most // warps, BLOCKS_MOST.get((card.major, card.minor), 32)) * warps / most
 
 
-def compiled(modules: Iterable, card) -> list[tuple[str, int, int, float]]:
-    """(kernel, registers a thread, bytes spilled, occupancy) of what Triton has compiled so far of the kernels in these modules."""
+class Compiled(NamedTuple):
+    """A compiled kernel: its name, registers per thread, bytes spilled, and occupancy."""
+
+    name: str
+    registers: int
+    spilled: int
+    occupancy: float
+
+
+def compiled(modules: Iterable, card) -> list[Compiled]:
+    """What Triton has compiled so far of the kernels in these modules."""
     found = []
     for module in modules:
         for name, kernel in vars(module).items():
             for caches in getattr(kernel, "device_caches", {}).values():
                 for binary in caches[0].values():
                     share = occupancy(binary.n_regs, binary.metadata.shared, binary.metadata.num_warps, card)
-                    found.append((name, binary.n_regs, 4 * binary.n_spills, share))
+                    found.append(Compiled(name, binary.n_regs, 4 * binary.n_spills, share))
     return sorted(set(found))

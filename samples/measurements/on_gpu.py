@@ -1,4 +1,4 @@
-"""What a GPU is measured on, a line of (what, target, found) each: samples/benchmark_cuda.py prints them."""
+"""What samples/benchmark_cuda.py measures on a GPU; each measurement yields the lines of its table."""
 
 import tempfile
 from collections.abc import Iterable
@@ -25,6 +25,7 @@ from samples.measurements.drawing import draw
 from samples.measurements.gpu import GpuStopwatch, Place, compiled, copy_bandwidth, in_turns, profiled
 from samples.measurements.scenes import BAKED, COEFFICIENTS, STEP_GAUSSIANS, garden, garden_camera
 from samples.measurements.steps import trainer_of
+from samples.measurements.targets import Line
 
 GAUSSIANS, SIZE_PX = 1_000_000, (1920, 1080)
 STEP_SIZES = (10_000, STEP_GAUSSIANS)
@@ -36,7 +37,6 @@ KERNEL_MODULES = (
 )
 PICTURES_ALIKE = 1e-4
 MISSING = "gsplat is not installed: `pip install gsplat` compiles it on this machine"
-Line = tuple[str, str, str]
 
 
 def scene_of(place: Place) -> tuple[Splats, Camera]:
@@ -53,14 +53,14 @@ def against(seconds: float, theirs: float) -> str:
 
 
 def measure_picture(place: Place) -> Iterable[Line]:
-    """Forward and backward, by parts; the same by gsplat, in turns, and the difference of the pictures."""
+    """Forward and backward, by parts; the same beside gsplat's, taking turns, and the difference between the two pictures."""
     (scene, camera), backend, stopwatch = scene_of(place), rasterizer.create("cuda", place.device.type), GpuStopwatch(place)
     what = f"forward + backward, {len(scene):,} Gaussians, {camera.width} x {camera.height}"
     parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), WARM_UP, TIMES)
-    yield f"{what}, by parts", "", ", ".join(f"{part} {milliseconds(spent)}" for part, spent in parts.items())
+    yield Line(f"{what}, by parts", "", ", ".join(f"{part} {milliseconds(spent)}" for part, spent in parts.items()))
     other = peer.gsplat()
     if other is None:
-        yield what, "1.5x faster than gsplat, picture within 1e-4", f"{milliseconds(parts['whole'])}; {MISSING}"
+        yield Line(what, "1.5x faster than gsplat, picture within 1e-4", f"{milliseconds(parts['whole'])}; {MISSING}")
         return
     scene = peer.with_equal_constants(scene)
 
@@ -70,16 +70,16 @@ def measure_picture(place: Place) -> Iterable[Line]:
         image.backward(torch.ones_like(image))
 
     medians = in_turns(place, {"ours": lambda: draw(backend, scene, camera), "theirs": theirs}, TIMES)
-    yield what, "1.5x faster than gsplat", against(medians["ours"], medians["theirs"])
+    yield Line(what, "1.5x faster than gsplat", against(medians["ours"], medians["theirs"]))
     with torch.no_grad():
         difference = (backend.render(scene, camera) - peer.picture(other, scene, camera)).abs()
     beyond = (difference > PICTURES_ALIKE).any(dim=2)  # where an alpha stands at its threshold: gsplat rounds by fast-math
     found = f"mean {float(difference.mean()):.1e}; {int(beyond.sum())} of {beyond.numel():,} pixels beyond, by {float(difference.max()):.1e} at most"
-    yield "picture against gsplat's, constants equal", f"within {PICTURES_ALIKE:.0e}", found
+    yield Line("picture against gsplat's, constants equal", f"within {PICTURES_ALIKE:.0e}", found)
 
 
 def measure_baked(place: Place) -> Iterable[Line]:
-    """Frames a second of a baked look, beside a .ply of the same Gaussians that no look was baked into, in turns."""
+    """Frames per second of a baked look and of a .ply of the same Gaussians into which no look was baked, taking turns."""
     (scene, camera), backend = scene_of(place), rasterizer.create("cuda", place.device.type)
     model = AppearanceModel(BAKED, ()).to(place.device)
     latents = torch.zeros(len(scene), BAKED.latent_size, device=place.device)
@@ -91,8 +91,8 @@ def measure_baked(place: Place) -> Iterable[Line]:
     with torch.no_grad():
         medians = in_turns(place, {name: partial(backend.render, look, camera) for name, look in looks.items()}, TIMES)
     what = f"{len(scene):,} baked Gaussians at {camera.width} x {camera.height}"
-    yield what, "over 300 frames a second", f"{1 / medians['baked']:.0f} frames a second, {milliseconds(medians['baked'])}"
-    yield "a baked look against a vanilla .ply", "1.00 +- 0.02", f"{medians['baked'] / medians['vanilla']:.3f}"
+    yield Line(what, "over 300 frames a second", f"{1 / medians['baked']:.0f} frames a second, {milliseconds(medians['baked'])}")
+    yield Line("a baked look against a vanilla .ply", "1.00 +- 0.02", f"{medians['baked'] / medians['vanilla']:.3f}")
 
 
 def trainer_at(place: Place, gaussians: int, settings: Settings) -> Trainer:
@@ -107,25 +107,26 @@ def trainer_at(place: Place, gaussians: int, settings: Settings) -> Trainer:
 
 
 def measure_steps(place: Place) -> Iterable[Line]:
-    """Whole steps on few and on the usual number of Gaussians; gsplat's with its appearance MLP on the same."""
+    """Whole steps on few Gaussians and on the usual number; on the same ones, gsplat's steps with its appearance MLP."""
     for gaussians in STEP_SIZES:
         trainer = trainer_at(place, gaussians, Settings(appearance="full", transients="on", sh_degree=1, **LEAST))
         camera, target = trainer.photos.target(0, 1)
         what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
         found = profiled(trainer.step, place)
         busy = sum(found.kernels.values())
-        yield f"{what}: launches and waits", "at most 1 wait", f"{found.launches} launches, {found.waits} waits, {milliseconds(busy)} of the GPU"
+        spent = f"{found.launches} launches, {found.waits} waits, {milliseconds(busy)} of the GPU"
+        yield Line(f"{what}: launches and waits", "at most 1 wait", spent)
         other, works = peer.gsplat(), {"ours": trainer.step}
         if other is not None:
             theirs = peer.PeerTrainer(other, trainer.gaussians.splats, len(trainer.photos))
             works["theirs"] = partial(theirs.step, 0, camera, target)
         medians = in_turns(place, works, STEPS)
         compared = against(medians["ours"], medians["theirs"]) if other else f"{milliseconds(medians['ours'])}; {MISSING}"
-        yield f"{what}, against gsplat's with an appearance MLP", "1.5x faster", compared
+        yield Line(f"{what}, against gsplat's with an appearance MLP", "1.5x faster", compared)
 
 
 def measure_paper(place: Place) -> Iterable[Line]:
-    """Steps of the preset `paper` from the middle of its run on, without density control, whose rounds are few."""
+    """Steps of the preset `paper` in the middle of its run, without density control, whose rounds are few."""
     settings = preset("paper")
     trainer = trainer_at(place, PAPER_GAUSSIANS, settings)
 
@@ -136,29 +137,29 @@ def measure_paper(place: Place) -> Iterable[Line]:
     thousand = GpuStopwatch(place).repeat(steps, 0, 1)["whole"] * 1000 / PAPER_STEPS_TIMED
     hours = thousand * settings.steps / 1000 / 3600
     found = f"{thousand:.1f} s a 1,000 steps on {trainer.gaussians.solid:,} Gaussians: {hours:.1f} h for {settings.steps:,}"
-    yield "preset `paper`", "1.8 h on an RTX 4090 (the paper's)", found
+    yield Line("preset `paper`", "1.8 h on an RTX 4090 (the paper's)", found)
 
 
 def measure_kernels(place: Place) -> Iterable[Line]:
-    """Bytes that each kernel of the rasterizer must move over its time, beside a copy; and what it takes of a multiprocessor."""
+    """Each kernel of the rasterizer: the bytes that it must move per second, as a share of a copy's; and what it takes of a multiprocessor."""
     (scene, camera), backend = scene_of(place), rasterizer.create("cuda", place.device.type)
     ceiling = copy_bandwidth(place)
-    yield "a copy within the memory", "the ceiling", f"{ceiling / 1e9:.0f} GB/s"
+    yield Line("a copy within the memory", "the ceiling", f"{ceiling / 1e9:.0f} GB/s")
     draw(backend, scene, camera)
     times = profiled(lambda: draw(backend, scene, camera), place).kernels
     for name, size in bytes_moved(scene, backend, camera).items():
         if name in times:
             found = f"{milliseconds(times[name])}, {size / times[name] / 1e9:.0f} GB/s, {size / times[name] / ceiling:.0%} of the copy's"
-            yield f"{name}: {size / 1e6:.0f} MB", "", found
+            yield Line(f"{name}: {size / 1e6:.0f} MB", "", found)
     card = torch.cuda.get_device_properties(place.device) if place.device.type == "cuda" else None
     for name, registers, spilled, share in compiled(KERNEL_MODULES, card):
-        yield f"{name}, compiled", "", f"{registers} registers, {spilled} bytes spilled, occupancy {share:.0%}"
+        yield Line(f"{name}, compiled", "", f"{registers} registers, {spilled} bytes spilled, occupancy {share:.0%}")
 
 
 def bytes_moved(scene: Splats, backend: rasterizer.Rasterizer, camera: Camera) -> dict[str, int]:
-    """What each kernel has to read and write for a picture and its gradients, as if every pair were blended.
+    """The bytes that each kernel has to read and write for a picture and its gradients, if every pair were blended.
 
-    A kernel far below the copy's bandwidth is bound by something else: blending by its arithmetic, if by anything.
+    A kernel far below the copy's bandwidth is bound by something else: blending, by its arithmetic.
     """
     rows = backend.visible(scene, camera).rows
     lists = prepare([tensor[rows] for tensor in scene.tensors().values()], None, camera).lists

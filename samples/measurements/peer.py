@@ -1,4 +1,4 @@
-"""gsplat, where it is installed: the same picture and a training step with its appearance MLP. Nothing of ours needs it."""
+"""gsplat, where it is installed: a picture, and a training step with its appearance MLP. wegs itself never uses it."""
 
 from importlib import import_module
 from types import ModuleType
@@ -17,7 +17,7 @@ OPACITY_MOST = 0.98  # below both kernels' clamp of alpha, 0.99 here and 0.999 t
 
 
 def gsplat() -> ModuleType | None:
-    """The module, None where it is not installed."""
+    """The module, or None where it is not installed."""
     try:
         return import_module("gsplat")
     except ImportError:
@@ -25,7 +25,7 @@ def gsplat() -> ModuleType | None:
 
 
 def with_equal_constants(splats: Splats) -> Splats:
-    """The splats without alphas that the two clamp differently."""
+    """The splats without opacities so high that wegs and gsplat clamp them differently."""
     most = torch.logit(torch.tensor(OPACITY_MOST)).item()
     return Splats(**splats.tensors() | {"logit_opacities": splats.logit_opacities.clamp(max=most)})
 

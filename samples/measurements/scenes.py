@@ -1,4 +1,4 @@
-"""What is measured: photos of samples/plaza, and a garden of any size from a fixed seed."""
+"""The scenes that are measured: photos of samples/plaza, and a garden of any number of Gaussians from a fixed seed."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,12 +16,15 @@ STEP_GAUSSIANS, STEP_SIZE_PX, STEP_PHOTOS = 30_000, (324, 210), 10
 USUAL_SIZE_PX = (555, 360)  # as large as real photos are trained on a CPU, core.config.AUTO_PIXELS
 GARDEN_GAUSSIANS, GARDEN_SIZE_PX = 140_000, (648, 420)
 DEGREE, COEFFICIENTS = 3, 16  # of the garden and of what is baked; steps have the default degree
-# The defaults, for a scene that needs all.
+# The default settings for a scene that needs every part.
 BAKED = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", transparency="unseen", **LEAST)
 
 
 def plaza(scale: float, size_px: tuple[int, int]) -> Collection:
-    """The sample's wide photos, seen at another size, and points strewn around its SfM points. size_px: of the photos at scale 1."""
+    """The first wide photos of samples/plaza at another size, and points strewn around its SfM points.
+
+    scale: of the number of points and of pixels. size_px: of the photos at scale 1.
+    """
     sample = load_collection(Path(__file__).parents[1] / "plaza")
     size = [round(side * scale**0.5) for side in size_px]
     wide = [photo for photo in sample.split("train") if photo.camera.width > photo.camera.height][:STEP_PHOTOS]

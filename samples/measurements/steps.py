@@ -8,7 +8,7 @@ import torch
 from core.config import Settings
 from core.training.trainer import Trainer
 from samples.measurements.scenes import STEP_GAUSSIANS, STEP_SIZE_PX, plaza
-from samples.measurements.stopwatch import Stopwatch
+from samples.measurements.stopwatch import CPU, WALL, Stopwatch
 
 PROGRESS = 0.7  # of the run: by then masks hide, latents learn and L_regTS counts
 WARM_UP, STEPS = 100, 60  # the first steps turn the haze of a fresh scene into surfaces
@@ -17,7 +17,7 @@ PLAIN = Settings(appearance="off", transients="off", sh_degree=1, device="cpu")
 
 
 def trainer_of(scale: float, settings: Settings, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
-    """A Trainer in the middle of its run, masks at work. scale: decides how many Gaussians there are and how many pixels, not `settings`."""
+    """A Trainer in the middle of its run, with masks at work. scale: decides the number of Gaussians and of pixels, whatever `settings` say."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
     trainer = Trainer(plaza(scale, size_px), settings.changed(resolution=1, max_gaussians=most), Path())
     trainer.done = round(PROGRESS * trainer.settings.steps)
@@ -25,7 +25,7 @@ def trainer_of(scale: float, settings: Settings, size_px: tuple[int, int] = STEP
 
 
 def measure_step(scale: float, settings: Settings) -> dict:
-    """Steps without density control. On one thread nothing runs beside anything else, so that parts have a time of their own."""
+    """Steps without density control. The parts are timed on one thread, on which nothing runs beside anything else."""
     stopwatch, trainer, threads = Stopwatch(), trainer_of(scale, settings), torch.get_num_threads()
     whole = Stopwatch().repeat(trainer.step, math.ceil(WARM_UP * scale), math.ceil(STEPS * scale))["whole"]["median"]
     watch_step(trainer, stopwatch)
@@ -36,15 +36,15 @@ def measure_step(scale: float, settings: Settings) -> dict:
     visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera).rows) for camera in cameras]
     facts = {"gaussians": trainer.gaussians.solid, "sky": trainer.gaussians.sky, "sh_degree": trainer.settings.sh_degree}
     facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}
-    facts |= {"threads": threads, "cpu_ms": round(1e3 * whole[0], 1), "wall_ms": round(1e3 * whole[1], 1)}
+    facts |= {"threads": threads, "cpu_ms": round(1e3 * whole[CPU], 1), "wall_ms": round(1e3 * whole[WALL], 1)}
     return {"parts": parts, "facts": facts | {"size_px": f"{cameras[0].width} x {cameras[0].height}"}}
 
 
 def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     """Turn the calls that `trainer.step` makes on one thread into laps.
 
-    The backward pass is one call; a hook on a tensor fires in it when all that was made from the tensor is through.
-    The last one ends where Adam begins, the look at whether gradients are finite included.
+    The backward pass is one call; a hook on a tensor fires in it once everything made from the tensor is done. The last lap of it ends where
+    Adam begins, and includes the check that gradients are finite.
     """
     outermost = True
 

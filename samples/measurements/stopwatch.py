@@ -7,22 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
+CPU, WALL = 0, 1  # of a pair of seconds
 STATUS, FORGET_PEAK = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 class Stopwatch:
-    """Everything since the last lap goes to the part named at its end. laps: part -> (CPU, wall) seconds."""
+    """Adds the time since the last lap to the part named at its end. laps: part -> [CPU s, wall s]."""
 
     def start(self) -> None:
-        self.laps, self.last = {}, np.array([time.process_time(), time.perf_counter()])
+        self.laps, self.last = {}, now()
 
     def lap(self, part: str) -> None:
-        now = np.array([time.process_time(), time.perf_counter()])
-        self.laps[part] = self.laps.get(part, 0) + now - self.last
-        self.last = now
+        at = now()
+        self.laps[part] = self.laps.get(part, 0) + at - self.last
+        self.last = at
 
     def repeat(self, work, warm_up: int, times: int) -> dict:
-        """Call work() often: part -> median, quartiles (low, high) and mean of the last `times`, as [CPU s, wall s]."""
+        """Call work(), `warm_up` times unmeasured and then `times` measured: part -> its `spread`."""
         runs = []
         for _ in range(warm_up + times):
             self.start()
@@ -32,6 +33,11 @@ class Stopwatch:
         return {part: spread([run[part] for run in runs[warm_up:]]) for part in runs[-1]}
 
 
+def now() -> np.ndarray:
+    """CPU and wall time, in seconds."""
+    return np.array([time.process_time(), time.perf_counter()])
+
+
 def spread(laps: list) -> dict:
     """Median, quartiles (low, high) and mean of laps, each as [CPU s, wall s]."""
     low, median, high = np.quantile(laps, (0.25, 0.5, 0.75), axis=0).tolist()
@@ -39,7 +45,7 @@ def spread(laps: list) -> dict:
 
 
 def forget_peak() -> None:
-    """Let `peak_memory` begin anew, where the system can."""
+    """Let `peak_memory` start afresh, where the system can do that."""
     try:
         FORGET_PEAK.write_text("5")
     except OSError:

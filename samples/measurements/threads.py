@@ -1,4 +1,4 @@
-"""One thread against two: the same work in turns, so that whatever else the machine does affects both alike."""
+"""Two threads against one: they take turns at the same work, so that whatever else the machine does affects both alike."""
 
 import math
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from core import rasterizer
 from samples.measurements.drawing import draw, garden_of
 from samples.measurements.scenes import STEP_SIZE_PX, USUAL_SIZE_PX
 from samples.measurements.steps import EVERYTHING, WARM_UP, trainer_of
-from samples.measurements.stopwatch import Stopwatch, spread
+from samples.measurements.stopwatch import WALL, Stopwatch, spread
 
 TURNS = 25
 WAYS = {"1 thread": 1, "2 threads": 2}
@@ -17,7 +17,7 @@ ONE, TWO = WAYS
 
 
 def measure_threads(scale: float) -> dict:
-    """Picture and gradients of the garden, and whole steps with everything on, of two sizes; speed-ups are of the wall time."""
+    """The garden's picture and gradients, and whole steps of two sizes with everything on; speed-ups are of wall time."""
     scene, camera = garden_of(scale)
     backend = rasterizer.create("cpu")
     works = {"rasterizer": lambda: draw(backend, scene, camera)}
@@ -30,12 +30,12 @@ def measure_threads(scale: float) -> dict:
     for name, work in works.items():
         measured = in_turns(work, math.ceil(TURNS * scale))
         parts |= {f"{name}, {way}": figures for way, figures in measured.items()}
-        facts[name] = round(measured[ONE]["median"][1] / measured[TWO]["median"][1], 2)
+        facts[name] = round(measured[ONE]["median"][WALL] / measured[TWO]["median"][WALL], 2)
     return {"parts": parts, "facts": facts}
 
 
 def in_turns(work: Callable[[], object], turns: int) -> dict[str, dict]:
-    """Figures as of `Stopwatch.repeat` for each of WAYS."""
+    """The `spread` of the work's seconds for each of WAYS."""
     runs = {way: [] for way in WAYS}
     before = torch.get_num_threads()
     for _ in range(1 + turns):

@@ -12,7 +12,7 @@ PLAIN = "plain 3DGS"
 
 @dataclass(frozen=True)
 class Variant:
-    """changes: of the base settings. psnr, megabytes: mean over three scenes in the paper's Table IV (3DGS: its Tables I and III)."""
+    """changes: of the base settings. psnr, megabytes: the paper's own, means over three scenes (Table IV; for 3DGS, Tables I and III)."""
 
     changes: dict[str, Any]
     psnr: float | None = None

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from plaza_maker.rays import Group, group
-from plaza_maker.solids import limb, make
+from samples.plaza_maker.rays import Group, group
+from samples.plaza_maker.solids import limb, make
 
 PLATFORM = 0.9  # metres; the top of the steps
 TOWER = (14.6, 5.0)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from plaza_maker.cameras import View
-from plaza_maker.figures import bus, car, parasol, person
-from plaza_maker.rays import Group, World, cast
-from plaza_maker.square import FOUNTAIN, STATUE, standing_room
+from samples.plaza_maker.cameras import View
+from samples.plaza_maker.figures import bus, car, parasol, person
+from samples.plaza_maker.rays import Group, World, cast
+from samples.plaza_maker.square import FOUNTAIN, STATUE, standing_room
 
 LARGEST = 0.14  # share of a photo that one passer-by or vehicle may cover
 SHRINK = 4  # shares are counted in a picture this many times smaller

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from plaza_maker.rays import Group, group
-from plaza_maker.solids import limb, make
+from samples.plaza_maker.rays import Group, group
+from samples.plaza_maker.solids import limb, make
 
 SKINS = ((0.62, 0.42, 0.31), (0.50, 0.32, 0.22), (0.30, 0.18, 0.11), (0.16, 0.09, 0.06), (0.70, 0.50, 0.39))
 HAIR = ((0.03, 0.02, 0.02), (0.12, 0.07, 0.03), (0.38, 0.26, 0.11), (0.34, 0.33, 0.32), (0.22, 0.08, 0.03))

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plaza_maker.cameras import View
-from plaza_maker.looks import Look
-from plaza_maker.materials import MATERIALS
-from plaza_maker.rays import World, cast, lit
-from plaza_maker.sky import ambient, sky
-from plaza_maker.solids import MISS, normals
-from plaza_maker.square import lamps
+from samples.plaza_maker.cameras import View
+from samples.plaza_maker.looks import Look
+from samples.plaza_maker.materials import MATERIALS
+from samples.plaza_maker.rays import World, cast, lit
+from samples.plaza_maker.sky import ambient, sky
+from samples.plaza_maker.solids import MISS, normals
+from samples.plaza_maker.square import lamps
 
 SKY_RAYS = 6  # a sub-sample's share of the sky: with 2 x 2 of them a pixel sees 24 directions
 

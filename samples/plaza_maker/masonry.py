@@ -8,8 +8,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from plaza_maker.noise import fractal, mix, scatter, stripe, within
-from plaza_maker.surface import Surface, colour, engraved, sample, wall_coordinates, wall_tilt
+from samples.plaza_maker.noise import fractal, mix, scatter, stripe, within
+from samples.plaza_maker.surface import Surface, colour, engraved, sample, wall_coordinates, wall_tilt
 
 LIMESTONE, SHADE, GROUT = colour(0.66, 0.59, 0.47), colour(0.47, 0.41, 0.32), colour(0.22, 0.19, 0.16)
 BRICK, BRICK_DARK, MORTAR = colour(0.50, 0.22, 0.13), colour(0.31, 0.13, 0.09), colour(0.58, 0.52, 0.44)

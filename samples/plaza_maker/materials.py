@@ -1,6 +1,6 @@
 """The materials by name."""
 
-from plaza_maker import masonry, street
+from samples.plaza_maker import masonry, street
 
 MATERIALS = {
     function.__name__: function

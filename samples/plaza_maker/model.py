@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pycolmap
 
-from plaza_maker.cameras import View
+from samples.plaza_maker.cameras import View
 
 SCALE = 0.25  # model units a metre; SfM knows no metres
 ROTATION = cv2.Rodrigues(np.radians([-84.0, 5.0, -3.0]))[0]  # square to model: about y down and z forward, a few degrees off

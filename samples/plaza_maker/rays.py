@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plaza_maker.solids import MISS, Solid, first_hit
+from samples.plaza_maker.solids import MISS, Solid, first_hit
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plaza_maker.cameras import View, draw_view, look_at
-from plaza_maker.crowd import SHRINK, populate
-from plaza_maker.looks import KINDS, WEATHER_EXPOSURE, Look, draw_look
-from plaza_maker.rays import Group, World, cast
-from plaza_maker.square import static_groups
+from samples.plaza_maker.cameras import View, draw_view, look_at
+from samples.plaza_maker.crowd import SHRINK, populate
+from samples.plaza_maker.looks import KINDS, WEATHER_EXPOSURE, Look, draw_look
+from samples.plaza_maker.rays import Group, World, cast
+from samples.plaza_maker.square import static_groups
 
 SEED = 20
 COUNTS = {"noon": 9, "morning": 7, "afternoon": 9, "cloudy": 9, "overcast": 7, "sunset": 7, "dusk": 6, "night": 6}

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from plaza_maker.looks import Look
-from plaza_maker.noise import fractal, mix, scatter
+from samples.plaza_maker.looks import Look
+from samples.plaza_maker.noise import fractal, mix, scatter
 
 
 def gradient(look: Look, directions: np.ndarray) -> np.ndarray:

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from plaza_maker.church import church
-from plaza_maker.rays import Group, group
-from plaza_maker.solids import limb, make
+from samples.plaza_maker.church import church
+from samples.plaza_maker.rays import Group, group
+from samples.plaza_maker.solids import limb, make
 
 FOUNTAIN = (-5.5, -17.0)
 STATUE = (9.5, -14.5)

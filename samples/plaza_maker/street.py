@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from plaza_maker.masonry import LAMPLIGHT
-from plaza_maker.noise import fractal, mix, scatter, stripe, within
-from plaza_maker.surface import Surface, colour, wall_coordinates, wall_tilt
+from samples.plaza_maker.masonry import LAMPLIGHT
+from samples.plaza_maker.noise import fractal, mix, scatter, stripe, within
+from samples.plaza_maker.surface import Surface, colour, wall_coordinates, wall_tilt
 
 
 def paving(point, normal, footprint, params):

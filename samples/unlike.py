@@ -1,30 +1,30 @@
-"""Photos in a light that no training photo has: how close their looks come to them, with and without the gains of sky and place.
+"""How close looks come to photos in a light that no training photo has, with and without the gains of sky and place.
 
     python samples/unlike.py samples/plaza --by dark
     python samples/unlike.py statue_of_liberty --by dark -r 2
 
-The darkest (or warmest, or brightest) quarter of a scene's training photos is held out, and the run is trained on the others. Each photo of the
-quarter is then read as one from outside; its look is rendered with the photo's camera and compared with the photo where that is valid and, if
-the scene's passers-by are known, static. The scene's own held-out photos are not used.
+The darkest (or warmest, or brightest) quarter of a scene's training photos is held out, and a run is trained on the others. Each photo of that
+quarter is then read like one from outside; its look is rendered with the photo's camera and compared with the photo where that is valid and, if
+the true masks are known, static. The scene's own held-out photos are not used.
 """
 
 import sys
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from core.system.process import prepare
+from samples.measurements.begin import begin
 
-prepare()  # before torch is imported
+begin()
 
 import click
-import numpy as np
 import torch
 
 from core.appearance.colouring import Colouring
-from core.config import Settings, preset
+from core.config import Settings
 from core.data import load_collection
 from core.data.collection import Collection, Photo
 from core.data.photos.pixels import load_photo
@@ -35,34 +35,40 @@ from core.looks.outside import read_from_outside
 from core.looks.trained import Look, TrainedRun, bake, drawn, load_run
 from core.training.trainer import Trainer
 from core.words import counted
+from samples.measurements import arguments
+from samples.measurements.opened import check_looks
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 # A function of a photo's mean colour; the quarter of the photos for which it is least is held out.
 LIGHTS = {"dark": lambda red, green, blue: red + green + blue, "bright": lambda *colour: -sum(colour), "warm": lambda red, _, blue: blue / red}
-SMALL_PX = 64  # wide: of what tells a photo's mean colour
+SMALL_PX = 64  # width of the picture from which a photo's mean colour is taken
 
 
 @click.command(cls=OneLineErrors)
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.option("--by", type=click.Choice(list(LIGHTS)), default="dark", show_default=True)
-@click.option("--preset", "preset_name", default="quick", show_default=True)
-@click.option("--steps", type=int, help="Training steps.  [default: the preset's]")
-@click.option("-r", "--resolution", type=int, default=-1, show_default=True)
+@arguments.scene
+@click.option("--by", type=click.Choice(list(LIGHTS)), default="dark", show_default=True, help="Which photos are held out.")
+@arguments.preset
+@arguments.steps()
+@arguments.resolution()
 def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: int) -> None:
     """Train SCENE without the photos of one light and show it these."""
     collection = without(load_collection(scene), by)
-    settings = preset(preset_name).changed(resolution=resolution, **({} if steps is None else {"steps": steps}))
+    settings = arguments.settings_of(preset_name, steps, resolution=resolution)
     with Terminal() as terminal, tempfile.TemporaryDirectory() as folder:
         trained = train(collection, settings, Path(folder), terminal)
-        rows = np.array([compared(trained, photo) for photo in collection.split("test")])
-    for what, chosen in (("all", rows), ("beyond the known range", rows[rows[:, 0] > 1])):
-        means = f": {chosen[:, 1].mean():.2f} dB drawn in, {chosen[:, 2].mean():.2f} dB with gains" if len(chosen) else ""
-        click.echo(f"{what}, {len(chosen)} of {len(rows)} photos{means}")
+        check_looks(trained)
+        photos = [compared(trained, photo) for photo in collection.split("test")]
+    for what, chosen in (("all", photos), ("beyond the known range", [photo for photo in photos if photo.distance > 1])):
+        means = ""
+        if chosen:
+            drawn_in, with_gains = fmean(photo.drawn_in for photo in chosen), fmean(photo.with_gains for photo in chosen)
+            means = f": {drawn_in:.2f} dB drawn in, {with_gains:.2f} dB with gains"
+        click.echo(f"{what}, {len(chosen)} of {len(photos)} photos{means}")
 
 
 def without(collection: Collection, by: str) -> Collection:
-    """The training photos alone, a quarter of them held out. Raises BadInput where they are too few for that."""
+    """The collection without its held-out photos, a quarter of the others held out instead. Raises BadInput where these are too few for that."""
 
     def key(photo: Photo) -> float:
         height = max(1, SMALL_PX * photo.camera.height // photo.camera.width)
@@ -84,9 +90,19 @@ def train(collection: Collection, settings: Settings, folder: Path, terminal: Te
     return load_run(folder)
 
 
+@dataclass(frozen=True)
+class Compared:
+    """distance: how far out a photo's embedding lies (1: the end of the known range). drawn_in, with_gains: PSNR (dB) of the photo's look with the
+    embedding moved into that range, and with the gains of sky and place."""
+
+    distance: float
+    drawn_in: float
+    with_gains: float
+
+
 @torch.no_grad()
-def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
-    """How far out a photo's embedding lies (1: the end of the known range), the PSNR of its look moved into that range, and that with gains."""
+def compared(trained: TrainedRun, photo: Photo) -> Compared:
+    """The looks of a held-out photo beside the photo itself."""
     view = held_out_view(trained, photo)
     scored = [part for part in (view.valid, view.truth.static) if part is not None]
     scored = torch.stack(scored).all(dim=0) if scored else None
@@ -94,7 +110,7 @@ def compared(trained: TrainedRun, photo: Photo) -> tuple[float, float, float]:
     embedding = trained.model.embedding_from_outside(picture)
     looks = Colouring(trained.known_range.nearest(embedding)), read_from_outside(trained, picture)
     images = (drawn(trained, bake(trained, Look("", "", look)), view.camera) for look in looks)
-    return trained.known_range.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images)
+    return Compared(trained.known_range.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images))
 
 
 if __name__ == "__main__":

@@ -34,3 +34,9 @@ def test_the_darkest_quarter_is_held_out_and_comes_nearer_by_gains(tmp_path, mon
 def test_a_quarter_of_too_few_photos_is_refused(tmp_path):
     with pytest.raises(BadInput, match="has 2 training photos, too few"):
         unlike.without(small_collection(tmp_path, photos=3), "dark")
+
+
+def test_a_run_that_reads_nothing_from_photos_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(unlike, "load_collection", lambda scene: small_collection(tmp_path, photos=9))
+    result = CliRunner().invoke(unlike.main, [str(tmp_path), "--preset", "vanilla", "--steps", "1"])
+    assert result.exit_code == 1 and "has one look only" in result.output

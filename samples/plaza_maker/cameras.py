@@ -22,11 +22,7 @@ class View:
         """Unit world directions (3, H * W) through the point (x, y) in [0, 1] of every pixel."""
         row, column = np.mgrid[0 : self.height, 0 : self.width]
         local = np.stack(
-            [
-                (column.ravel() + x - self.width / 2) / self.focal_px,
-                (row.ravel() + y - self.height / 2) / self.focal_px,
-                np.ones(row.size),
-            ]
+            [(column.ravel() + x - self.width / 2) / self.focal_px, (row.ravel() + y - self.height / 2) / self.focal_px, np.ones(row.size)]
         )
         directions = self.world_to_camera.T @ local
         return (directions / np.linalg.norm(directions, axis=0)).astype(np.float32)
@@ -45,13 +41,7 @@ class View:
 
     def shrunk(self, factor: float) -> "View":
         """The same view with fewer pixels."""
-        return View(
-            self.world_to_camera,
-            self.centre,
-            self.focal_px / factor,
-            round(self.width / factor),
-            round(self.height / factor),
-        )
+        return View(self.world_to_camera, self.centre, self.focal_px / factor, round(self.width / factor), round(self.height / factor))
 
 
 def look_at(centre, target, focal_px: float, width: int, height: int, roll: float = 0.0) -> View:

@@ -7,14 +7,7 @@ from samples.plaza_maker.solids import limb, make
 
 SKINS = ((0.62, 0.42, 0.31), (0.50, 0.32, 0.22), (0.30, 0.18, 0.11), (0.16, 0.09, 0.06), (0.70, 0.50, 0.39))
 HAIR = ((0.03, 0.02, 0.02), (0.12, 0.07, 0.03), (0.38, 0.26, 0.11), (0.34, 0.33, 0.32), (0.22, 0.08, 0.03))
-PAINTS = (
-    (0.55, 0.04, 0.03),
-    (0.05, 0.09, 0.30),
-    (0.60, 0.60, 0.60),
-    (0.03, 0.03, 0.03),
-    (0.66, 0.48, 0.05),
-    (0.08, 0.24, 0.14),
-)
+PAINTS = ((0.55, 0.04, 0.03), (0.05, 0.09, 0.30), (0.60, 0.60, 0.60), (0.03, 0.03, 0.03), (0.66, 0.48, 0.05), (0.08, 0.24, 0.14))
 
 
 def _dye(rng) -> tuple:
@@ -65,16 +58,7 @@ def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0) -> Grou
     if rng.random() < 0.25:
         parts.append(body((0, 0, 0.45), (0, 0, 1.05), 0.30 * girth, 0.16, **(shirt if rng.random() < 0.5 else legs)))
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    parts.append(
-        make(
-            "frustum",
-            at(0, 0, 1.16),
-            np.array([0.115 * girth, 0.165 * girth, 0.27]) * size,
-            rotation=turn,
-            taper=1.2,
-            **shirt,
-        )
-    )
+    parts.append(make("frustum", at(0, 0, 1.16), np.array([0.115 * girth, 0.165 * girth, 0.27]) * size, rotation=turn, taper=1.2, **shirt))
     parts.append(make("sphere", at(0, 0, 1.42), np.array([0.13 * girth, 0.21 * girth, 0.10]) * size, rotation=turn, **shirt))
     parts.append(body((0, 0, 1.42), (0.01, 0, 1.56), 0.06, 0.055, **flesh))
     parts.append(make("sphere", at(0.02, 0, 1.65), np.array([0.105, 0.085, 0.125]) * size, rotation=turn, **flesh))
@@ -90,50 +74,19 @@ def person(rng: np.random.Generator, x: float, y: float, z: float = 0.0) -> Grou
         parts.append(body(elbow, hand, 0.05, 0.038, **(flesh if rng.random() < 0.5 else shirt)))
         parts.append(make("sphere", at(*hand), np.array([0.05, 0.05, 0.06]) * size, **flesh))
     if gesture == "phone":
-        parts.append(
-            make(
-                "box",
-                at(0.41, 0, 1.58),
-                np.array([0.01, 0.05, 0.08]) * size,
-                "skin",
-                rotation=turn,
-                colour=(0.02, 0.02, 0.02),
-            )
-        )
+        parts.append(make("box", at(0.41, 0, 1.58), np.array([0.01, 0.05, 0.08]) * size, "skin", rotation=turn, colour=(0.02, 0.02, 0.02)))
     extra = rng.random()
     if extra < 0.25:
         parts.append(
             make(
-                "sphere",
-                at(-0.2, 0, 1.22),
-                np.array([0.14, 0.17, 0.24]) * size,
-                rotation=turn,
-                **{**shirt, "colour": _dye(rng), "pattern": "plain"},
+                "sphere", at(-0.2, 0, 1.22), np.array([0.14, 0.17, 0.24]) * size, rotation=turn, **{**shirt, "colour": _dye(rng), "pattern": "plain"}
             )
         )
     elif extra < 0.38:
         parts.append(
-            make(
-                "frustum",
-                at(0, 0, 1.74),
-                np.array([0.24, 0.24, 0.015]) * size,
-                "cloth",
-                colour=_dye(rng),
-                other=(0, 0, 0),
-                pattern="plain",
-            )
+            make("frustum", at(0, 0, 1.74), np.array([0.24, 0.24, 0.015]) * size, "cloth", colour=_dye(rng), other=(0, 0, 0), pattern="plain")
         )
-        parts.append(
-            make(
-                "sphere",
-                at(0, 0, 1.76),
-                np.array([0.11, 0.11, 0.09]) * size,
-                "cloth",
-                colour=_dye(rng),
-                other=(0, 0, 0),
-                pattern="plain",
-            )
-        )
+        parts.append(make("sphere", at(0, 0, 1.76), np.array([0.11, 0.11, 0.09]) * size, "cloth", colour=_dye(rng), other=(0, 0, 0), pattern="plain"))
     elif extra < 0.44:
         parts.append(body((0.2, 0.16, 1.2), (0.08, 0.1, 2.15), 0.012, 0.012, material="skin", colour=(0.1, 0.1, 0.1)))
         canopy = make(
@@ -154,14 +107,7 @@ def _wheels(x, y, c, s, places, radius, width):
     """Wheels at (forward, left) places of a vehicle that heads along (c, s)."""
     axle = np.array([[c, s, 0], [0, 0, 1], [s, -c, 0]])
     return [
-        make(
-            "frustum",
-            (x + f * c - a * s, y + f * s + a * c, radius),
-            (radius, radius, width),
-            "tyre",
-            rotation=axle,
-            radius=radius,
-        )
+        make("frustum", (x + f * c - a * s, y + f * s + a * c, radius), (radius, radius, width), "tyre", rotation=axle, radius=radius)
         for f, a in places
     ]
 
@@ -185,17 +131,7 @@ def car(rng: np.random.Generator, x: float, y: float, heading: float) -> Group:
         pane=1.3,
     )
     parts = [
-        make(
-            "box",
-            (x, y, 0.62),
-            (long, wide, 0.26),
-            "paint",
-            yaw=degrees,
-            colour=paint,
-            half=(long, wide, 0.26),
-            panes=(5.0, 6.0),
-            pane=9.0,
-        ),
+        make("box", (x, y, 0.62), (long, wide, 0.26), "paint", yaw=degrees, colour=paint, half=(long, wide, 0.26), panes=(5.0, 6.0), pane=9.0),
         make(
             "sphere",
             (x + 0.66 * long * c, y + 0.66 * long * s, 0.78),

@@ -133,10 +133,7 @@ def drum(point, normal, footprint, params):
     radius, count = params["radius"], params["windows"]
     across = ((angle * count / (2 * np.pi)) % 1 - 0.5) * 2 * np.pi * radius / count
     surface = ashlar(
-        np.stack([angle * radius, -np.full_like(angle, radius), point[2]]),
-        np.stack([0 * angle, -1 + 0 * angle, 0 * angle]),
-        footprint,
-        {},
+        np.stack([angle * radius, -np.full_like(angle, radius), point[2]]), np.stack([0 * angle, -1 + 0 * angle, 0 * angle]), footprint, {}
     )
     top = point[2] - params["sill"] - 1.7
     distance = np.where(top > 0, np.hypot(across, top), np.maximum(np.abs(across), -(point[2] - params["sill"]) + 0.55))
@@ -166,9 +163,7 @@ def bronze_door(point, normal, footprint, params):
     boss = np.clip((0.17 - np.hypot((u / 0.8 % 1 - 0.5) * 0.8, (v / 0.9 % 1 - 0.5) * 0.9)) / np.maximum(footprint, 1e-3), 0, 1)
     patina = fractal(u * 4, v * 2, 101, 4)
     albedo = mix(
-        mix(colour(0.20, 0.13, 0.07), colour(0.13, 0.22, 0.17), np.clip(2 * patina - 0.6, 0, 1)),
-        colour(0.36, 0.24, 0.1),
-        np.maximum(frame, boss),
+        mix(colour(0.20, 0.13, 0.07), colour(0.13, 0.22, 0.17), np.clip(2 * patina - 0.6, 0, 1)), colour(0.36, 0.24, 0.1), np.maximum(frame, boss)
     )
     return Surface(albedo, None, None, 0.12)
 

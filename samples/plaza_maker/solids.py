@@ -56,16 +56,7 @@ def make(kind, centre, size, material, yaw=0.0, rotation=None, taper=1.0, holes=
         angle = np.radians(yaw)
         c, s = np.cos(angle), np.sin(angle)
         rotation = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    return Solid(
-        kind,
-        np.asarray(centre, float),
-        np.asarray(size, float),
-        np.asarray(rotation, float),
-        material,
-        params,
-        taper,
-        tuple(holes),
-    )
+    return Solid(kind, np.asarray(centre, float), np.asarray(size, float), np.asarray(rotation, float), material, params, taper, tuple(holes))
 
 
 def limb(start, end, start_radius, end_radius, material, **params) -> Solid:
@@ -152,10 +143,7 @@ def _arch_interval(solid, o, d):
     boxed, rounded = enter <= leave, round_enter <= round_leave
     # The union of the two is convex, so its interval runs from the earlier entry to the later exit.
     enter, leave = np.where(boxed, enter, MISS), np.where(boxed, leave, -MISS)
-    return (
-        np.where(rounded, np.minimum(enter, round_enter), enter),
-        np.where(rounded, np.maximum(leave, round_leave), leave),
-    )
+    return (np.where(rounded, np.minimum(enter, round_enter), enter), np.where(rounded, np.maximum(leave, round_leave), leave))
 
 
 def interval(solid: Solid, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -211,16 +199,7 @@ def normals(solid: Solid, local: np.ndarray) -> np.ndarray:
         return np.where(cap < flank, result, side)
     if solid.kind == "prism":
         lean = np.hypot(size[0], size[2])
-        planes = np.array(
-            [
-                [size[2] / lean, 0, size[0] / lean],
-                [-size[2] / lean, 0, size[0] / lean],
-                [0, 1, 0],
-                [0, -1, 0],
-                [0, 0, -1],
-            ],
-            np.float32,
-        )
+        planes = np.array([[size[2] / lean, 0, size[0] / lean], [-size[2] / lean, 0, size[0] / lean], [0, 1, 0], [0, -1, 0], [0, 0, -1]], np.float32)
         offsets = np.array([size[0] * size[2] / lean] * 2 + [size[1]] * 2 + [0], np.float32)
         return planes[(planes @ local - offsets[:, None]).argmax(axis=0)].T.copy()
     above = local[2] > size[2]

@@ -135,11 +135,7 @@ def paint(point, normal, footprint, params):
     low, high = params["panes"]
     z = point[2]
     posts = stripe(point[0], params["pane"], 0.11, footprint) * side
-    across = np.where(
-        side,
-        within(np.abs(point[0]), -1, length * 0.94, footprint),
-        within(np.abs(point[1]), -1, width * 0.86, footprint),
-    )
+    across = np.where(side, within(np.abs(point[0]), -1, length * 0.94, footprint), within(np.abs(point[1]), -1, width * 0.86, footprint))
     pane = within(z, low, high, footprint) * (side | front) * across * (1 - posts)
     if "band" in params:
         albedo = mix(albedo, np.asarray(params["band"], np.float32), within(z, low - 0.55, low - 0.2, footprint))

@@ -34,13 +34,7 @@ def wall_coordinates(point: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray,
 def wall_tilt(along: np.ndarray, up: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """A tilt from slopes along u and v of `wall_coordinates`."""
     zero = np.zeros_like(along)
-    return np.stack(
-        [
-            np.where(axis == 0, zero, along),
-            np.where(axis == 0, along, np.where(axis == 2, up, zero)),
-            np.where(axis == 2, zero, up),
-        ]
-    )
+    return np.stack([np.where(axis == 0, zero, along), np.where(axis == 0, along, np.where(axis == 2, up, zero)), np.where(axis == 2, zero, up)])
 
 
 def sample(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:

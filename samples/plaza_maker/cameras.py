@@ -56,9 +56,9 @@ def look_at(centre, target, focal_px: float, width: int, height: int, roll: floa
 
 
 def draw_view(rng: np.random.Generator, azimuth: float) -> View:
-    """A view from about an azimuth (degrees; 0 = square in front, positive = from the right).
+    """A random view from about an azimuth (degrees; 0 = right in front, positive = from the right).
 
-    Mostly at eye level, some from balconies and drones; wide or long lens; upright or across.
+    Most are at eye level, some from balconies and drones; lenses are wide or long, pictures upright or across.
     """
     portrait = rng.random() < 0.3
     width, height = (240, 320) if portrait else (320, 240)

@@ -12,7 +12,7 @@ SHRINK = 4  # shares are counted in a picture this many times smaller
 
 
 def _spot(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Where everybody stands: before and on the steps, round the fountain, at the statue. (x, y, z) metres."""
+    """A random place (x, y, z; metres) where tourists like to stand: before and on the steps, round the fountain, at the statue."""
     kind = rng.choice(["front", "steps", "porch", "fountain", "statue"], p=[0.38, 0.14, 0.10, 0.25, 0.13])
     if kind == "front":
         return rng.uniform(-12, 12), rng.uniform(-14, -9.9), 0.0
@@ -27,7 +27,7 @@ def _spot(rng: np.random.Generator) -> tuple[float, float, float]:
 
 
 def _ahead(rng, view: View, near: float, far: float) -> tuple[float, float]:
-    """A place on the ground in the camera's field of view, between two distances in metres."""
+    """A random place on the ground in the camera's field of view, between two distances in metres."""
     forward = view.world_to_camera[2, :2] / np.linalg.norm(view.world_to_camera[2, :2])
     side = np.array([forward[1], -forward[0]])
     distance = np.exp(rng.uniform(np.log(near), np.log(far)))
@@ -37,7 +37,7 @@ def _ahead(rng, view: View, near: float, far: float) -> tuple[float, float]:
 
 
 def _newcomer(rng: np.random.Generator, view: View, mood: str) -> Group | None:
-    """One passer-by, or a group of friends, as the mood of the photo has them; None where there is no room."""
+    """A random person, vehicle or parasol, as befits the mood of the photo; None if there is no room where it would stand."""
     chance = rng.random()
     # From a raised camera the ground begins only where its lower edge meets it.
     nearest = max(1.9, (view.centre[2] - 1.5) / max(np.tan(view.dip), 0.05))

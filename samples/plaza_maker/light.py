@@ -7,7 +7,7 @@ import numpy as np
 from samples.plaza_maker.cameras import View
 from samples.plaza_maker.looks import Look
 from samples.plaza_maker.materials import MATERIALS
-from samples.plaza_maker.rays import World, cast, lit
+from samples.plaza_maker.rays import World, cast, way_is_open
 from samples.plaza_maker.sky import ambient, sky
 from samples.plaza_maker.solids import MISS, normals
 from samples.plaza_maker.square import lamps
@@ -17,8 +17,8 @@ SKY_RAYS = 6  # a sub-sample's share of the sky: with 2 x 2 of them a pixel sees
 
 @dataclass(frozen=True)
 class Picture:
-    """What a camera records, each (H, W): linear radiance (with RGB as third axis), the share of the
-    pixel that passers-by cover, and the depth of one sub-sample near its middle (metres along the axis; inf: sky).
+    """What a camera records. radiance: (H, W, 3), linear. transient: (H, W), the share of the pixel that passers-by cover. depth: (H, W), of one
+    sub-sample near the pixel's middle (metres along the axis; inf: sky).
     """
 
     radiance: np.ndarray
@@ -34,8 +34,19 @@ def _spread(count: int, turn: float) -> np.ndarray:
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), z]).astype(np.float32)
 
 
-def _surfaces(world, look, origin, directions, hits, spread):
-    """Albedo, normal, emission and gloss at every hit, solid by solid."""
+@dataclass(frozen=True)
+class _Surfaces:
+    """What N rays hit. albedo, emission: (3, N). normal: (3, N), with the relief of the material; flat: without. gloss: (N,)."""
+
+    albedo: np.ndarray
+    normal: np.ndarray
+    flat: np.ndarray
+    emission: np.ndarray
+    gloss: np.ndarray
+
+
+def _surfaces(world, look, origin, directions, hits, spread) -> _Surfaces:
+    """The surfaces at all hits, computed solid by solid. spread: how much wider a ray gets per metre."""
     count = directions.shape[1]
     albedo, normal = np.zeros((3, count), np.float32), np.zeros((3, count), np.float32)
     flat = np.zeros((3, count), np.float32)
@@ -66,13 +77,13 @@ def _surfaces(world, look, origin, directions, hits, spread):
         gloss[rows] = surface.gloss
         if surface.emission is not None:
             emission[:, rows] = surface.emission * look.lamps
-    return albedo, normal, flat, emission, gloss
+    return _Surfaces(*(values[..., hits.number >= 0] for values in (albedo, normal, flat, emission, gloss)))
 
 
 def _irradiance(world, look, points, normal, turn, turns):
-    """Radiance of white walls at points, as (3, N): sun, sky, the ground's bounce, lamps, with shadow rays.
+    """The radiance that white walls would have at N points, (3, N): of sun, sky, the ground's reflection and lamps, with shadow rays.
 
-    Sub-sample `turn` of `turns` looks at its own point of the sun's disc and its own directions of the sky.
+    Each of the `turns` sub-samples looks at another point of the sun's disc and at other directions of the sky.
     """
     total = np.zeros_like(points)
     jitter = np.array([np.cos(turn * 2.4), np.sin(turn * 2.4), np.sin(turn * 5.1)]) * look.sun_width * np.sqrt((turn + 0.5) / turns)
@@ -81,14 +92,14 @@ def _irradiance(world, look, points, normal, turn, turns):
     if max(look.sun) > 0 and toward[2] > 0:
         slant = normal.T @ toward
         rows = np.flatnonzero(slant > 0)
-        open_way = lit(world, points[:, rows], toward)
+        open_way = way_is_open(world, points[:, rows], toward)
         total[:, rows] += np.float32(look.sun)[:, None] * (slant[rows] * open_way)
     directions = _spread(SKY_RAYS, 1.7 * turn)
     light = ambient(look, directions)
     for number in range(SKY_RAYS):
         slant = normal.T @ directions[:, number]
         rows = np.flatnonzero(slant > 0)
-        open_way = lit(world, points[:, rows], directions[:, number], 30.0)
+        open_way = way_is_open(world, points[:, rows], directions[:, number], 30.0)
         total[:, rows] += light[:, number, None] * (2 / SKY_RAYS * slant[rows] * (0.15 + 0.85 * open_way))
     ground = 0.25 * (np.float32(look.sun) * max(toward[2], 0) + light.mean(axis=1))
     total += ground[:, None] * (0.5 - 0.5 * normal[2]) * np.float32(0.9)
@@ -99,19 +110,34 @@ def _irradiance(world, look, points, normal, turn, turns):
             direction = offset / np.maximum(distance, 1e-3)
             slant = (normal * direction).sum(0)
             rows = np.flatnonzero((slant > 0) & (distance < lamp.reach))
-            open_way = lit(world, points[:, rows], direction[:, rows], distance[rows] - 0.35)
+            open_way = way_is_open(world, points[:, rows], direction[:, rows], distance[rows] - 0.35)
             fall = (1 - (distance[rows] / lamp.reach) ** 2) ** 2 / (0.4 + distance[rows] ** 2)
             total[:, rows] += (lamp.power.astype(np.float32) * look.lamps)[:, None] * (slant[rows] * open_way * fall)
     return total
 
 
+def _radiance(world, look, rays, distance, points, surfaces, turn, turns) -> np.ndarray:
+    """What N rays (3, N) bring from the surfaces that they hit, (3, N): their own light, the sky mirrored in them, and the haze before them."""
+    radiance = surfaces.albedo * _irradiance(world, look, points, surfaces.normal, turn, turns) + surfaces.emission
+    shiny = np.flatnonzero(surfaces.gloss > 0)
+    normal = surfaces.normal[:, shiny]
+    slant = (rays[:, shiny] * normal).sum(0)
+    mirrored = rays[:, shiny] - 2 * slant * normal
+    grazing = (1 - np.clip(-slant, 0, 1)) ** 4
+    share = np.clip(surfaces.gloss[shiny] * (0.35 + 1.5 * grazing), 0, 0.85)
+    radiance[:, shiny] = radiance[:, shiny] * (1 - share) + ambient(look, mirrored) * share
+    fog = 1 - np.exp(-look.haze * np.maximum(distance - 12, 0))
+    low = rays.copy()
+    low[2] = np.abs(low[2]) * 0.3
+    return radiance * (1 - fog) + ambient(look, low) * fog
+
+
 def render(world: World, look: Look, view: View, grid: int) -> Picture:
-    """The picture of a world through a camera, with grid x grid samples a pixel."""
+    """The picture of a world that a camera takes, with grid x grid samples per pixel."""
     samples = grid * grid
     radiance = np.zeros((view.height * view.width, 3), np.float32)
     transient = np.zeros(view.height * view.width, np.float32)
     depth = None
-    moves = world.transient
     for turn in range(samples):
         directions = view.rays((turn % grid + 0.5) / grid, (turn // grid + 0.5) / grid)
         origin = view.centre.astype(np.float32)
@@ -119,23 +145,13 @@ def render(world: World, look: Look, view: View, grid: int) -> Picture:
         seen = hits.number >= 0
         picture = np.zeros_like(directions)
         picture[:, ~seen] = sky(look, directions[:, ~seen])
-        spread = 0.8 / (view.focal_px * grid)
-        albedo, normal, flat, emission, gloss = (a[..., seen] for a in _surfaces(world, look, origin, directions, hits, spread))
-        towards = directions[:, seen]
-        points = origin[:, None] + towards * hits.distance[seen] + flat * np.float32(0.012)
-        value = albedo * _irradiance(world, look, points, normal, turn, samples) + emission
-        shiny = np.flatnonzero(gloss > 0)
-        mirrored = towards[:, shiny] - 2 * (towards[:, shiny] * normal[:, shiny]).sum(0) * normal[:, shiny]
-        grazing = (1 - np.clip(-(towards[:, shiny] * normal[:, shiny]).sum(0), 0, 1)) ** 4
-        share = np.clip(gloss[shiny] * (0.35 + 1.5 * grazing), 0, 0.85)
-        value[:, shiny] = value[:, shiny] * (1 - share) + ambient(look, mirrored) * share
-        fog = 1 - np.exp(-look.haze * np.maximum(hits.distance[seen] - 12, 0))
-        low = towards.copy()
-        low[2] = np.abs(low[2]) * 0.3
-        picture[:, seen] = value * (1 - fog) + ambient(look, low) * fog
+        surfaces = _surfaces(world, look, origin, directions, hits, 0.8 / (view.focal_px * grid))
+        rays, distance = directions[:, seen], hits.distance[seen]
+        points = origin[:, None] + rays * distance + surfaces.flat * np.float32(0.012)  # clear of the surface, so that it does not shade itself
+        picture[:, seen] = _radiance(world, look, rays, distance, points, surfaces, turn, samples)
         radiance += np.minimum(picture.T, 8.0) / samples
         passing = np.zeros(seen.shape, bool)
-        passing[seen] = moves[hits.number[seen]]
+        passing[seen] = world.transient[hits.number[seen]]
         transient += passing / np.float32(samples)
         if turn == samples // 2:
             along = view.world_to_camera[2].astype(np.float32) @ directions

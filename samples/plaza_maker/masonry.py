@@ -1,6 +1,6 @@
-"""The building's materials: stone, brick, tiles, glass, relief, each a map to a Surface.
+"""The building's materials: stone, brick, tiles, glass, relief. Each is a function of points on a solid that returns their Surface.
 
-point, normal: (3, N), in the solid's local metres. footprint: (N,) metres a sample spans.
+point, normal: (3, N), in the solid's local metres. footprint: (N,) metres that a sample spans. params: those of the solid.
 """
 
 from functools import cache

@@ -69,16 +69,16 @@ def _sees(taken: Taken, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return inside & close & ~taken.transient[rows, columns], pixels
 
 
-def _alive(taken: Taken) -> float:
-    """How readily a photo matches, 0.35 to 1: a dark or hazy one does less."""
+def _matchable(taken: Taken) -> float:
+    """How readily a photo is matched, 0.35 to 1: dark and hazy ones less than others."""
     contrast = cv2.Laplacian(cv2.cvtColor(taken.photo, cv2.COLOR_RGB2GRAY), cv2.CV_32F)
     return np.clip(np.abs(contrast).mean() / 12, 0.35, 1)
 
 
 def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track]:
-    """Tracks of three and more on the landmark and the square."""
+    """Tracks of three or more observations, without noise, on the landmark and the square."""
     tracks = []
-    alive = [_alive(taken) for taken in photos]
+    matchable = [_matchable(taken) for taken in photos]
     for number, taken in enumerate(photos):
         pixels = _features(taken)
         points = _lifted(taken, pixels)
@@ -92,7 +92,7 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
             away = points - witness.view.centre
             cosine = (towards * away).sum(1) / (np.linalg.norm(towards, axis=1) * np.linalg.norm(away, axis=1))
             ratio = witness.view.focal_px / np.linalg.norm(away, axis=1) / size
-            chance = 0.55 * alive[other] * np.clip((cosine - 0.6) / 0.3, 0, 1) * np.exp(-((np.log2(ratio) / 1.1) ** 2))
+            chance = 0.55 * matchable[other] * np.clip((cosine - 0.6) / 0.3, 0, 1) * np.exp(-((np.log2(ratio) / 1.1) ** 2))
             for index in np.flatnonzero(seen & (rng.random(len(points)) < chance)):
                 own[index].append((other, where[index]))
         tracks += [track for track in own if len(track) >= 3]
@@ -101,7 +101,7 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
 
 
 def _loose_tracks(photos: list[Taken], rng: np.random.Generator, count: int, on_passers_by: bool) -> list[tuple[_Track, np.ndarray]]:
-    """Short tracks with the (wrong) place they stand for: on passers-by, or matches far off in depth."""
+    """Short tracks, each with the (wrong) place that it is taken for: on passers-by, or of matches far off in depth."""
     result = []
     while len(result) < count:
         number = int(rng.integers(len(photos)))
@@ -142,6 +142,7 @@ class _Camera:
 
 
 def _believed(view: View, rng: np.random.Generator) -> _Camera:
+    """The camera of a view, with errors as of SfM."""
     wobble = cv2.Rodrigues(np.radians(rng.normal(0, POSE_NOISE_DEGREES, 3)))[0]
     centre = to_model((view.centre + rng.normal(0, CENTRE_NOISE, 3))[None])[0]
     focal = view.focal_px * (1 + rng.normal(0, FOCAL_NOISE))
@@ -149,7 +150,7 @@ def _believed(view: View, rng: np.random.Generator) -> _Camera:
 
 
 def _triangulate(cameras: list[_Camera], pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The point nearest to all rays, weighted by its depth; its errors (px), and its widest angle (degrees)."""
+    """The point nearest to all rays, the nearer cameras weighing more; its errors (px), and the widest angle between two rays (degrees)."""
     rays = np.stack([np.append((pixel - camera.middle) / camera.focal_px, 1.0) @ camera.world_to_camera for camera, pixel in zip(cameras, pixels)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     centres = np.stack([camera.centre for camera in cameras])
@@ -164,53 +165,72 @@ def _triangulate(cameras: list[_Camera], pixels: np.ndarray) -> tuple[np.ndarray
     return point, errors, float(angle)
 
 
-def write_model(photos: list[Taken], folder: Path, seed: int) -> dict:
-    """Write the photos' model as binary files into a folder; returns its figures (counts, mean error in px)."""
-    rng = np.random.default_rng(seed)
-    cameras = [_believed(taken.view, rng) for taken in photos]
-    points = []  # (position, track, errors)
+@dataclass(frozen=True)
+class _Point:
+    """A point of the model. place: model units. errors: px, of each observation of its track."""
+
+    place: np.ndarray
+    track: _Track
+    errors: np.ndarray
+
+
+def _points(photos: list[Taken], cameras: list[_Camera], rng: np.random.Generator) -> list[_Point]:
+    """The triangulated points, then the wrong ones and those on passers-by."""
+    points = []
     for exact in _static_tracks(photos, rng):
-        track = [(n, pixel + rng.normal(0, FEATURE_NOISE_PX, 2)) for n, pixel in exact[:12]]
-        point, errors, angle = _triangulate([cameras[n] for n, _ in track], np.array([p for _, p in track]))
+        track = [(number, pixel + rng.normal(0, FEATURE_NOISE_PX, 2)) for number, pixel in exact[:12]]
+        place, errors, angle = _triangulate([cameras[number] for number, _ in track], np.array([pixel for _, pixel in track]))
         if errors.max() < 4.0 and angle > 1.5:
-            points.append((point, track, errors))
+            points.append(_Point(place, track, errors))
         if len(points) == POINTS:
             break
     loose = _loose_tracks(photos, rng, WRONG, False)
     if any(taken.transient.any() for taken in photos):
         loose += _loose_tracks(photos, rng, ON_PASSERS_BY, True)
-    for track, place in loose:
-        point = to_model(place[None])[0]
-        errors = np.array([np.linalg.norm(cameras[n].project(point[None])[0] - pixel) for n, pixel in track])
-        points.append((point, track, errors))
+    for track, metres in loose:
+        place = to_model(metres[None])[0]
+        errors = np.array([np.linalg.norm(cameras[number].project(place[None])[0] - pixel) for number, pixel in track])
+        points.append(_Point(place, track, errors))
+    return points
 
+
+def _reconstruction(photos: list[Taken], cameras: list[_Camera], points: list[_Point], rng: np.random.Generator) -> pycolmap.Reconstruction:
+    """The model as COLMAP has it. Each photo also has a few features that matched nothing."""
     features = [[] for _ in photos]
-    elements = []
-    for point, track, errors in points:
-        elements.append([])
-        for number, pixel in track:
-            elements[-1].append(pycolmap.TrackElement(number + 1, len(features[number])))
+    tracks = []
+    for point in points:
+        track = pycolmap.Track()
+        for number, pixel in point.track:
+            track.add_element(number + 1, len(features[number]))
             features[number].append(pixel)
-    for found, taken in zip(features, photos):  # what was detected and matched nothing
+        tracks.append(track)
+    for found, taken in zip(features, photos):
         found += list(rng.uniform(2, [taken.view.width - 2, taken.view.height - 2], (12, 2)))
 
-    reconstruction = pycolmap.Reconstruction()
+    model = pycolmap.Reconstruction()
     for number, (taken, camera, found) in enumerate(zip(photos, cameras, features), start=1):
         params = [camera.focal_px, camera.focal_px, *camera.middle]
-        reconstruction.add_camera_with_trivial_rig(
-            pycolmap.Camera(model="PINHOLE", width=taken.view.width, height=taken.view.height, params=params, camera_id=number)
-        )
+        size = {"width": taken.view.width, "height": taken.view.height}
+        model.add_camera_with_trivial_rig(pycolmap.Camera(model="PINHOLE", **size, params=params, camera_id=number))
         image = pycolmap.Image(name=taken.name, keypoints=np.array(found), camera_id=number, image_id=number)
         pose = np.column_stack([camera.world_to_camera, -camera.world_to_camera @ camera.centre])
-        reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
-    for (point, track, errors), track_elements in zip(points, elements):
-        shades = [photos[n].photo[int(pixel[1]), int(pixel[0])] for n, pixel in track]
-        made = reconstruction.add_point3D(point, pycolmap.Track(track_elements), np.mean(shades, axis=0).round().astype(np.uint8))
-        reconstruction.points3D[made].error = float(errors.mean())
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose))
+    for point, track in zip(points, tracks):
+        shades = [photos[number].photo[int(pixel[1]), int(pixel[0])] for number, pixel in point.track]
+        made = model.add_point3D(point.place, track, np.mean(shades, axis=0).round().astype(np.uint8))
+        model.points3D[made].error = float(point.errors.mean())
+    return model
+
+
+def write_model(photos: list[Taken], folder: Path, seed: int) -> dict:
+    """Write the photos' model as binary files into a folder; returns its figures (counts, mean error in px)."""
+    rng = np.random.default_rng(seed)
+    cameras = [_believed(taken.view, rng) for taken in photos]
+    points = _points(photos, cameras, rng)
     folder.mkdir(parents=True, exist_ok=True)
-    reconstruction.write_binary(str(folder))
+    _reconstruction(photos, cameras, points, rng).write_binary(str(folder))
     return {
         "points": len(points),
-        "observations": sum(len(track) for _, track, _ in points),
-        "mean_reprojection_error_px": round(float(np.mean(np.concatenate([errors for *_, errors in points]))), 3),
+        "observations": sum(len(point.track) for point in points),
+        "mean_reprojection_error_px": round(float(np.mean(np.concatenate([point.errors for point in points]))), 3),
     }

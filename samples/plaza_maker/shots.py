@@ -26,7 +26,7 @@ class Shot:
     seed: int
 
     def passers_by(self) -> tuple[Group, ...]:
-        """Those in this photo; the same at every call."""
+        """The passers-by in this photo; the same at every call."""
         return populate(np.random.default_rng(self.seed), World(static_groups()), self.view, self.share)
 
 
@@ -55,7 +55,7 @@ def _test_names(shots: list[Shot]) -> set[str]:
 
 
 def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
-    """All shots of the collection in order of name, and the names of the test photos. times: COUNTS as often as that."""
+    """All shots of the collection by ascending name, and the names of the test photos. times: how often there are COUNTS of each light."""
     rng = np.random.default_rng(SEED)
     groups = static_groups()
     sizes = np.cumsum([len(one.solids) for one in groups])
@@ -77,7 +77,7 @@ def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
 
 
 def styles() -> list[Shot]:
-    """Photos from outside the collection, whose light others are to take on."""
+    """Photos from outside the collection, whose light its scene is to take on."""
     dusk = draw_look("dusk", np.random.default_rng(21), clouds=0.45)
     noon = draw_look("noon", np.random.default_rng(35), clouds=0.3)
     return [
@@ -94,7 +94,7 @@ VARIANTS = {
 
 
 def variant(shots: list[Shot], name: str) -> list[Shot]:
-    """The same views with less in them, a key of VARIANTS: what needs no model of looks, of light or of passers-by."""
+    """The same views with less in them, so that a part of the method is not needed. name: a key of VARIANTS."""
     look = draw_look("afternoon", np.random.default_rng(SEED + 2), clouds=0.2)
     camera = {"gamma": 1.0, "contrast": 0.2, "saturation": 1.0, "lift": 0.0, "vignette": 0.0, "grain": 0.8}
     made = []

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from samples.plaza_maker.church import church
+from samples.plaza_maker.church import GILT, TOWER, church
 from samples.plaza_maker.rays import Group, group
 from samples.plaza_maker.solids import limb, make
 
@@ -18,7 +18,7 @@ FLOODLIGHTS = ((-9.0, -8.6), (-3.0, -9.0), (3.0, -9.0), (9.0, -8.6), (12.4, -1.5
 
 @dataclass(frozen=True)
 class Lamp:
-    """A light of the night. place: (3,) metres. power: (3,) radiance of a white wall at one metre. reach: metres."""
+    """A lamp that is lit by night. place: (3,) metres. power: (3,) radiance of a white wall at one metre. reach: metres."""
 
     place: np.ndarray
     power: np.ndarray
@@ -41,14 +41,15 @@ def fountain() -> list[Group]:
     for number in range(4):
         angle = np.pi / 4 + number * np.pi / 2
         c, s = np.cos(angle), np.sin(angle)
-        basin.append(make("sphere", (x + 1.35 * c, y + 1.35 * s, 1.0), (0.42, 0.42, 0.5), "metal", colour=(0.2, 0.3, 0.24)))
-        basin.append(limb((x + 1.6 * c, y + 1.6 * s, 1.35), (x + 1.85 * c, y + 1.85 * s, 0.9), 0.2, 0.1, "metal", colour=(0.2, 0.3, 0.24)))
+        bronze = {"material": "metal", "colour": (0.2, 0.3, 0.24)}
+        basin.append(make("sphere", (x + 1.35 * c, y + 1.35 * s, 1.0), (0.42, 0.42, 0.5), **bronze))
+        basin.append(limb((x + 1.6 * c, y + 1.6 * s, 1.35), (x + 1.85 * c, y + 1.85 * s, 0.9), 0.2, 0.1, **bronze))
     signs = ("A Y", "+ o", "V =", "N *", "T #", "o X", "= Z", "W +", "* H", "Y V")
     carving = {"lines": signs, "shape": (640, 96), "scale": 1.15, "thickness": 3, "ink": np.float32([0.16, 0.09, 0.07])}
     shaft = [
         make("box", (x, y, 6.7), (0.46, 0.46, 3.1), "inscription", area=(-0.4, -3.0, 0.8, 6.0), tone=(1.0, 0.72, 0.62), **carving),
-        make("frustum", (x, y, 10.15), (0.62, 0.62, 0.35), "metal", colour=(0.75, 0.52, 0.16), taper=0.05),
-        make("sphere", (x, y, 10.75), (0.22, 0.22, 0.22), "metal", colour=(0.75, 0.52, 0.16)),
+        make("frustum", (x, y, 10.15), (0.62, 0.62, 0.35), "metal", colour=GILT, taper=0.05),
+        make("sphere", (x, y, 10.75), (0.22, 0.22, 0.22), "metal", colour=GILT),
     ]
     return [group(basin), group(shaft)]
 
@@ -174,7 +175,7 @@ def lamps() -> tuple[Lamp, ...]:
     floods = [Lamp(np.array([x, y, 0.5]), np.array([1.0, 0.74, 0.42]) * 9.0, 24.0) for x, y in FLOODLIGHTS]
     inner = [Lamp(np.array([x, -3.0, 7.6]), np.array([1.0, 0.6, 0.25]) * 4.0, 12.0) for x in (-5.0, 0.0, 5.0)]
     crown = [Lamp(np.array([x, y, 14.2]), np.array([0.75, 0.85, 1.0]) * 6.0, 16.0) for x, y in ((-7.5, 5.0), (7.5, 5.0), (0.0, 3.0))]
-    belfry = [Lamp(np.array([14.6, 5.0, 21.0]), np.array([1.0, 0.6, 0.25]) * 3.0, 8.0)]
+    belfry = [Lamp(np.array([*TOWER, 21.0]), np.array([1.0, 0.6, 0.25]) * 3.0, 8.0)]
     arcade = [Lamp(np.array([x, 6.0, 3.8]), np.array([1.0, 0.6, 0.25]) * 2.0, 10.0) for x in (-19.5, -14.5)]
     return (*posts, *floods, *inner, *crown, *belfry, *arcade)
 

@@ -1,4 +1,4 @@
-"""Materials of the plaza, its trees, houses, people and vehicles. Signature as in masonry."""
+"""Materials of the plaza, its trees, houses, people and vehicles: functions like those in masonry.py."""
 
 import numpy as np
 
